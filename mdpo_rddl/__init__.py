@@ -1,0 +1,30 @@
+"""Model-driven policy optimization for RDDL: JaxPlan with adaptive noise on the actions."""
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.evaluation import Evaluation, evaluate
+from mdpo_rddl.jaxplan.config import load_config, load_config_from_string
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.jaxplan.upstream import JaxDeepReactivePolicy, JaxStraightLinePlan
+from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
+from mdpo_rddl.problem import Problem, load_problem, make_environment
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ActionNoise",
+    "AdaptiveNoise",
+    "ConstantNoise",
+    "Evaluation",
+    "InputError",
+    "JaxDeepReactivePolicy",
+    "JaxStraightLinePlan",
+    "MDPOPlanner",
+    "NoNoise",
+    "NoiseProfile",
+    "Problem",
+    "evaluate",
+    "load_config",
+    "load_config_from_string",
+    "load_problem",
+    "make_environment",
+]

@@ -1,0 +1,35 @@
+"""What the noise and the projection must know of an action fluent: kind, shape and box."""
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+
+class ActionKind(enum.Enum):
+    """How an action fluent is relaxed, which decides the law of its noise."""
+
+    REAL = "real"
+    INTEGER = "integer"  # int and enum fluents: real-valued in the relaxed model
+    BOOL = "bool"  # a probability in (0, 1) in the relaxed model
+
+
+@dataclass(frozen=True)
+class ActionSpec:
+    """One action fluent.
+
+    Attributes:
+      name: the lifted fluent's name.
+      shape: shape of the fluent's tensor, one axis per RDDL parameter; () if it has none.
+      kind: real, integer or bool.
+      lower: lower bounds [*shape], -inf where there is none; unused for bools.
+      upper: upper bounds [*shape], inf where there is none; unused for bools.
+      squashed: whether the plan squashes raw values into the box instead of clipping them.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    kind: ActionKind
+    lower: np.ndarray
+    upper: np.ndarray
+    squashed: bool = False

@@ -1,0 +1,83 @@
+"""`mdpo-bench`: the measurements that the project reports."""
+
+import argparse
+import logging
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from mdpo_rddl.cli.options import OneLineParser, number, positive_int
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
+from mdpo_rddl.experiments.paper_preset import paper_preset_table, run_paper_preset
+from mdpo_rddl.experiments.settings import DOMAIN_FILES
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Returns:
+      The exit status: 0, 2 for bad input, 130 after an interrupt.
+    """
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    warnings.simplefilter("ignore")
+    try:
+        table = options.run(options)
+        (options.out / "table.md").write_text(table, encoding="utf-8")
+    except InputError as error:
+        print(f"mdpo-bench: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("mdpo-bench: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    print(table, end="")
+    return 0
+
+
+def _parser() -> OneLineParser:
+    parser = OneLineParser(prog="mdpo-bench", description="Measure what the project reports.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=OneLineParser)
+
+    noise = commands.add_parser("noise-sweep", help="alpha and sigma_max of the paper preset")
+    noise.add_argument("--alphas", nargs="+", type=number(above=0), default=[0.25, 0.5, 1, 2, 4])
+    noise.add_argument("--sigma-maxes", nargs="+", type=number(at_least=0), default=[10])
+    noise.set_defaults(run=_noise_sweep, out=Path("results/noise_sweep"))
+
+    paper = commands.add_parser("paper-preset", help="the paper preset, with and without noise")
+    paper.set_defaults(run=_paper_preset, out=Path("results/paper_preset"))
+
+    for command in (noise, paper):
+        command.add_argument(
+            "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(DOMAIN_FILES)
+        )
+        command.add_argument("--seeds", type=positive_int, default=5)
+        command.add_argument("--iterations", type=positive_int, default=3000)
+        command.add_argument("--episodes", type=positive_int, default=20)
+        command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
+    return parser
+
+
+def _noise_sweep(options: argparse.Namespace) -> str:
+    records = sweep(
+        options.out,
+        options.settings,
+        options.alphas,
+        options.sigma_maxes,
+        options.seeds,
+        options.iterations,
+        options.episodes,
+    )
+    return sweep_table(records)
+
+
+def _paper_preset(options: argparse.Namespace) -> str:
+    records = run_paper_preset(
+        options.out, options.settings, options.seeds, options.iterations, options.episodes
+    )
+    return paper_preset_table(records)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

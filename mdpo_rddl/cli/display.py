@@ -1,0 +1,98 @@
+"""What the commands show: a progress bar on standard error, a table on standard output."""
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from mdpo_rddl.training import Progress as TrainingProgress
+
+
+class ProgressBar:
+    """A reporter that draws a progress bar on standard error; for use in a `with` block."""
+
+    def __init__(self, shown: bool) -> None:
+        self._bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description:<10}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>3.0f}%"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[note]}"),
+            console=Console(stderr=True),
+            disable=not shown,
+        )
+        self._task: Any = None
+
+    def __enter__(self) -> "ProgressBar":
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def stage(self, name: str) -> None:
+        """Starts a new bar under the finished ones."""
+        self._finish()
+        self._task = self._bar.add_task(name, total=None, note="")
+
+    def training(self, progress: TrainingProgress) -> None:
+        """Moves the bar of the training stage, which follows compilation by itself."""
+        if progress.iteration == 0:
+            self.stage("training")
+        self._bar.update(
+            self._task,
+            total=1.0,
+            completed=progress.fraction,
+            note=f"iteration {progress.iteration + 1:,}  test {progress.test_return:,.0f}"
+            f"  best {progress.best_return:,.0f}",
+        )
+
+    def episode(self, done: int, of: int) -> None:
+        """Moves the bar of the evaluation stage."""
+        self._bar.update(self._task, total=of, completed=done, note=f"episode {done} of {of}")
+
+    def _finish(self) -> None:
+        if self._task is not None:
+            total = self._bar.tasks[-1].total or 1.0
+            self._bar.update(self._task, total=total, completed=total)
+
+
+def print_summary(console: Console, summary: Mapping[str, Any], where: str | None) -> None:
+    """Prints the summary's figures as a table."""
+    table = Table(
+        title=f"{summary['label']}, horizon {summary['horizon']}", min_width=60, show_header=False
+    )
+    table.add_column("", no_wrap=True)
+    table.add_column("", justify="right")
+    table.add_row("policy", summary["policy"])
+    numbers = ", ".join(f"{key} {value}" for key, value in summary["noise_parameters"].items())
+    table.add_row("action noise", summary["noise"] + (f" ({numbers})" if numbers else ""))
+    table.add_row("seed", str(summary["seed"]))
+    table.add_section()
+    table.add_row("episodes, exact environment", str(summary["episodes"]))
+    table.add_row("mean return", f"[bold]{summary['mean_return']:,.2f}[/bold]")
+    if summary["ci95"] is not None:
+        low, high = summary["ci95"]
+        table.add_row("95% interval", f"[{low:,.2f}, {high:,.2f}]".replace("[", r"\["))
+    table.add_row("standard deviation", f"{summary['std_return']:,.2f}")
+    if summary["illegal_actions"]:
+        table.add_row("[red]steps with an illegal action[/red]", str(summary["illegal_actions"]))
+    if "last_iterate" in summary:
+        table.add_row("mean return, last iterate", f"{summary['last_iterate']['mean_return']:,.2f}")
+        table.add_section()
+        table.add_row("iterations", f"{summary['iterations']:,} ({summary['status']})")
+        table.add_row("best iterate", f"{summary['best_iteration']:,}")
+        table.add_row("training", f"{summary['train_seconds']:.1f} s")
+        table.add_row("compilation", f"{summary['compile_seconds']:.1f} s")
+    console.print(table)
+    if where is not None:
+        console.print(f"written to {where}", highlight=False, soft_wrap=True)

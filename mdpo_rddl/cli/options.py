@@ -1,0 +1,214 @@
+"""Options of the commands: parsing them, and what they change in a configuration."""
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser whose complaint is one line on standard error, with exit status 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Prints the complaint and exits."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def positive_int(text: str) -> int:
+    """An integer of at least 1."""
+    value = int(text) if text.isascii() and text.isdecimal() else 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be a positive integer, got {text!r}")
+    return value
+
+
+def seed_int(text: str) -> int:
+    """An integer from 0 to 2**31 - 1, which every generator accepts."""
+    value = int(text) if text.isascii() and text.isdecimal() else -1
+    if not 0 <= value < 2**31:
+        raise argparse.ArgumentTypeError(f"must be an integer from 0 to {2**31 - 1}, got {text!r}")
+    return value
+
+
+def number(
+    *, at_least: float | None = None, above: float | None = None, at_most: float | None = None
+) -> Callable[[str], float]:
+    """A type for finite numbers within limits."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        limits = []
+        if at_least is not None:
+            limits.append((value >= at_least, f"at least {at_least:g}"))
+        if above is not None:
+            limits.append((value > above, f"above {above:g}"))
+        if at_most is not None:
+            limits.append((value <= at_most, f"at most {at_most:g}"))
+        if not math.isfinite(value) or not all(held for held, _ in limits):
+            wanted = " and ".join(name for _, name in limits) or "finite"
+            raise argparse.ArgumentTypeError(f"must be a number {wanted}, got {text!r}")
+        return value
+
+    return parse
+
+
+def plan_parser() -> OneLineParser:
+    """The parser of `mdpo-plan`."""
+    parser = OneLineParser(
+        prog="mdpo-plan",
+        description="Plan an RDDL problem by gradient through its relaxed model, with adaptive "
+        "noise on the actions, and evaluate the policy on the exact environment.",
+        epilog="Bad input ends with one line on standard error and status 2.",
+    )
+    parser.add_argument("domain", help="domain file, or a problem name of rddlrepository")
+    parser.add_argument("instance", help="instance file, or an instance of that problem")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument(
+        "--preset", choices=["paper"], help="defaults to start from (default: paper)"
+    )
+    source.add_argument(
+        "--config", metavar="FILE", type=Path, help="a JaxPlan .cfg, with an optional [Noise]"
+    )
+    source.add_argument(
+        "--load",
+        metavar="DIR",
+        type=Path,
+        help="evaluate the policy saved in this run folder instead of training",
+    )
+    _add_noise_options(parser.add_argument_group("noise on the actions"))
+    _add_training_options(parser.add_argument_group("training"))
+    run = parser.add_argument_group("the run")
+    run.add_argument("--horizon", type=positive_int, help="replaces the instance's horizon")
+    run.add_argument(
+        "--seed",
+        type=seed_int,
+        help="of training and evaluation (default: 0; with --load, its run's)",
+    )
+    run.add_argument(
+        "--episodes",
+        type=positive_int,
+        default=20,
+        help="evaluation episodes on the exact environment (default: %(default)s)",
+    )
+    run.add_argument(
+        "--out", metavar="DIR", type=Path, help="run folder (default: a new one under runs/)"
+    )
+    run.add_argument(
+        "--json", action="store_true", help="the summary as one JSON line, last on standard output"
+    )
+    run.add_argument("--quiet", action="store_true", help="nothing but that")
+    return parser
+
+
+def _add_noise_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--noise", choices=["adaptive", "constant", "none"])
+    group.add_argument(
+        "--sigma", type=number(at_least=0), help="constant noise: standard deviation, action units"
+    )
+    group.add_argument(
+        "--sigma-min", type=number(at_least=0), help="adaptive: at the least sensitive steps"
+    )
+    group.add_argument(
+        "--sigma-max", type=number(at_least=0), help="adaptive: at the most sensitive steps"
+    )
+    group.add_argument("--alpha", type=number(above=0), help="adaptive: shape of the map")
+    group.add_argument(
+        "--quantile",
+        type=number(above=0, at_most=1),
+        help="adaptive: quantile of the sensitivities that counts as most sensitive",
+    )
+
+
+def _add_training_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--policy", choices=["drp", "slp"], help="deep reactive policy or straight-line plan"
+    )
+    group.add_argument("--weight", type=number(above=0), help="all relaxation weights")
+    group.add_argument("--iterations", type=positive_int, help="largest number of iterations")
+    group.add_argument(
+        "--seconds", type=number(above=0), help="largest training time, without compilation"
+    )
+    group.add_argument(
+        "--restarts", type=positive_int, help="policies trained side by side; the best is kept"
+    )
+    group.add_argument("--batch", type=positive_int, help="rollouts an iteration")
+
+
+TRAINING_ONLY = [
+    "noise",
+    "sigma",
+    "sigma_min",
+    "sigma_max",
+    "alpha",
+    "quantile",
+    "policy",
+    "weight",
+    "iterations",
+    "seconds",
+    "restarts",
+    "batch",
+]
+"""Options that make no sense for a policy that is loaded."""
+
+
+def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
+    """The configuration with the options applied to it.
+
+    Args:
+      config: what to start from.
+      options: what `plan_parser` parsed.
+
+    Raises:
+      InputError: if an option does not go with the noise that was chosen, or a value is one
+        that the configuration refuses.
+    """
+    config = _configure_noise(config, options)
+    if options.policy is not None:
+        method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[options.policy]
+        if config.section("Planner").get("method") != method:
+            # one plan's arguments mean nothing to another
+            config = config.with_values("Planner", method=method, method_kwargs={})
+    if options.weight is not None:
+        names = sorted(relaxation_weights(config.compiler_class()))
+        config = config.with_values("Compiler", **dict.fromkeys(names, options.weight))
+    changes = {
+        "Planner": {"parallel_updates": options.restarts, "batch_size_train": options.batch},
+        "Optimize": {"epochs": options.iterations, "train_seconds": options.seconds},
+    }
+    for section, values in changes.items():
+        given = {key: value for key, value in values.items() if value is not None}
+        config = config.with_values(section, **given)
+    return config
+
+
+_NOISE_METHODS = {"adaptive": "AdaptiveNoise", "constant": "ConstantNoise", "none": "NoNoise"}
+_NOISE_NUMBERS = {
+    "sigma": ("ConstantNoise",),
+    "sigma_min": ("AdaptiveNoise",),
+    "sigma_max": ("AdaptiveNoise",),
+    "alpha": ("AdaptiveNoise",),
+    "quantile": ("AdaptiveNoise",),
+}
+
+
+def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
+    values = config.section("Noise")
+    values.setdefault("method", "AdaptiveNoise")
+    if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
+        values = {"method": _NOISE_METHODS[options.noise]}
+    for name, methods in _NOISE_NUMBERS.items():
+        value = getattr(options, name)
+        if value is None:
+            continue
+        if values["method"] not in methods:
+            option = "--" + name.replace("_", "-")
+            raise InputError(f"{option} does not apply to {values['method']}")
+        values[name] = value
+    return config.with_section("Noise", values)

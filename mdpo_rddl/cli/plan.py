@@ -1,0 +1,105 @@
+"""`mdpo-plan`: plan an RDDL problem from its files."""
+
+import argparse
+import contextlib
+import json
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from mdpo_rddl.cli.display import ProgressBar, print_summary
+from mdpo_rddl.cli.options import TRAINING_ONLY, configure, plan_parser
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
+from mdpo_rddl.problem import load_problem
+from mdpo_rddl.report.run_folder import free_name
+from mdpo_rddl.session import LoadRequest, PlanRequest, evaluate_saved, plan
+
+RUNS = Path("runs")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Returns:
+      The exit status: 0, 2 for bad input, 130 after an interrupt.
+    """
+    options = plan_parser().parse_args(arguments)
+    logging.basicConfig(
+        level=logging.ERROR if options.quiet else logging.WARNING,
+        format="mdpo-plan: %(levelname)s: %(message)s",
+    )
+    try:
+        summary, where = _run(options)
+    except InputError as error:
+        print(f"mdpo-plan: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("mdpo-plan: interrupted before anything was trained", file=sys.stderr)
+        return 130
+    _show(options, summary, where)
+    return 0
+
+
+def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
+    if options.load is not None:
+        for name in TRAINING_ONLY:
+            if getattr(options, name) is not None:
+                option = "--" + name.replace("_", "-")
+                raise InputError(f"{option} does not go with --load, which trains nothing")
+    with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:
+        if options.load is None:
+            request = _plan_request(options)
+            return plan(request, bar), request.out
+        load = LoadRequest(
+            domain=options.domain,
+            instance=options.instance,
+            folder=options.load,
+            episodes=options.episodes,
+            seed=options.seed,
+            horizon=options.horizon,
+            out=options.out,
+        )
+        return evaluate_saved(load, bar), options.out
+
+
+def _plan_request(options: argparse.Namespace) -> PlanRequest:
+    problem = load_problem(options.domain, options.instance, options.horizon)
+    if options.config is not None:
+        name, config = str(options.config), PlannerConfig.from_file(options.config)
+    else:
+        name = options.preset or DEFAULT_PRESET
+        config = PRESETS[name](problem.domain_name)
+    config = configure(config, options)
+    seed = config.section("Optimize").get("key", 0) if options.seed is None else options.seed
+    out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
+    return PlanRequest(problem, config, name, seed, options.episodes, out)
+
+
+@contextlib.contextmanager
+def _silenced(quiet: bool) -> Iterator[None]:
+    """Keeps what the libraries print off standard output, which is the command's own."""
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore")
+        sink = stack.enter_context(open(os.devnull, "w")) if quiet else sys.stderr
+        stack.enter_context(contextlib.redirect_stdout(sink))
+        yield
+
+
+def _show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:
+    if not options.quiet:
+        print_summary(Console(), summary, None if where is None else str(where))
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

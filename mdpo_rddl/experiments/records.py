@@ -1,0 +1,50 @@
+"""Results as rows of a CSV file, written one by one so that a stopped run goes on."""
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.errors import InputError
+
+
+class Records:
+    """Rows with named columns, of which the first few identify a row.
+
+    Attributes:
+      path: the CSV file.
+      columns: names of all columns.
+      keys: names of the columns that identify a row.
+    """
+
+    def __init__(self, path: Path, columns: Iterable[str], keys: Iterable[str]) -> None:
+        """Opens the file, or starts it.
+
+        Raises:
+          InputError: if it cannot be written or holds other columns.
+        """
+        self.path, self.columns, self.keys = path, tuple(columns), tuple(keys)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                path.write_text(",".join(self.columns) + "\n")
+            with path.open(newline="") as file:
+                reader = csv.DictReader(file)
+                found = tuple(reader.fieldnames or ())
+                self.rows: list[dict[str, str]] = list(reader)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        if found != self.columns:
+            raise InputError(f"{path}: holds other results (columns {', '.join(found)})")
+
+    def has(self, *key: Any) -> bool:
+        """Whether a row with these key values is there."""
+        wanted = tuple(str(value) for value in key)
+        return any(tuple(row[name] for name in self.keys) == wanted for row in self.rows)
+
+    def add(self, *values: Any) -> None:
+        """Appends one row and writes it at once."""
+        row = {name: str(value) for name, value in zip(self.columns, values, strict=True)}
+        with self.path.open("a", newline="") as file:
+            csv.DictWriter(file, self.columns).writerow(row)
+        self.rows.append(row)

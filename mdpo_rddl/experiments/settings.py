@@ -1,0 +1,27 @@
+"""The paper's six settings: IPC 2023 instances 4 and 5 of three domains, horizon 120."""
+
+from pathlib import Path
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem import Problem, load_problem
+
+DOMAIN_FILES = {
+    "hvac10": "hvac.rddl",
+    "hvac20": "hvac.rddl",
+    "powergen7": "powergen.rddl",
+    "powergen11": "powergen.rddl",
+    "reservoir15": "reservoir.rddl",
+    "reservoir30": "reservoir.rddl",
+}
+
+
+def load_setting(name: str, root: Path = Path()) -> Problem:
+    """Loads one setting from the folders `domains` and `instances` under `root`.
+
+    Raises:
+      InputError: if there is no such setting or its files are missing.
+    """
+    if name not in DOMAIN_FILES:
+        raise InputError(f"unknown setting {name!r}, known are {', '.join(DOMAIN_FILES)}")
+    domain = root / "domains" / DOMAIN_FILES[name]
+    return load_problem(str(domain), str(root / "instances" / f"{name}.rddl"))

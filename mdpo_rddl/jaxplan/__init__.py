@@ -1,0 +1,1 @@
+"""The one folder that touches JaxPlan: its import, its hooks and its configuration files."""

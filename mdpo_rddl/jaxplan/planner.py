@@ -1,0 +1,226 @@
+"""MDPO as a subclass of JaxPlan's planner."""
+
+import inspect
+from collections.abc import Callable, Generator, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, random
+
+from mdpo_rddl.actions import ActionSpec
+from mdpo_rddl.jaxplan.perturbed_policy import (
+    action_specs,
+    compile_raw_policy,
+    copy_uncompiled,
+    perturbed_policy,
+)
+from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_perturbed_rollouts
+from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner
+from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
+from mdpo_rddl.noise.draws import draw_perturbation, zero_perturbation
+
+# folded into JaxPlan's key of an iteration, so that the model draws what it draws in JaxPlan
+_ANALYSIS_STREAM = 0x616E61
+_UPDATE_STREAM = 0x757064
+
+
+class MDPOPlanner(JaxBackpropPlanner):
+    """JaxPlan's planner with noise on the actions during optimisation.
+
+    Each iteration makes up to two passes over the relaxed model, for every parallel update:
+
+    1. an analysis rollout without action noise, whose return is differentiated with respect
+       to the raw action at every step (later actions answer through the policy);
+    2. an update rollout, whose raw actions carry noise of the profile that `noise` makes of
+       that gradient, and from which JaxPlan's own update takes the parameters' gradient.
+
+    The loop, the optimiser, the callbacks and the stopping rules are JaxPlan's. With
+    `NoNoise` the parameters equal JaxPlan's bit for bit for the same key.
+    """
+
+    def __init__(self, *args: Any, noise: ActionNoise | None = None, **kwargs: Any) -> None:
+        """Takes every argument of `JaxBackpropPlanner`, and:
+
+        Args:
+          noise: the rule for the action noise; `AdaptiveNoise()` if None.
+
+        Raises:
+          TypeError: if `noise` is not an `ActionNoise`.
+        """
+        if noise is None:
+            noise = AdaptiveNoise()
+        if not isinstance(noise, ActionNoise):
+            raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
+        self.noise = noise
+        self.action_specs: dict[str, ActionSpec] = {}
+        given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
+        if "pgpe" not in given.arguments:
+            # JaxPlan's default is one object shared by all planners, which the second breaks
+            kwargs["pgpe"] = GaussianPGPE()
+        super().__init__(*args, **kwargs)
+
+    # JaxPlan's compilation hooks, in the order in which it calls them
+
+    def _jax_compile_policy(self) -> None:
+        raw_plan = copy_uncompiled(self.plan)
+        super()._jax_compile_policy()
+        self.action_specs = action_specs(self.plan, self.rddl)
+        raw_policy = compile_raw_policy(raw_plan, self.compiled, self.horizon, self.preprocessor)
+        self._perturbed_policy = perturbed_policy(raw_policy, self.action_specs)
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether anything is perturbed at all; if not, the planner is JaxPlan's."""
+        return bool(self.action_specs) and not self.noise.silent
+
+    def _jax_compile_rollouts(self) -> None:
+        super()._jax_compile_rollouts()
+        if not self.is_noisy:
+            return
+        perturbed_rollouts = compile_perturbed_rollouts(
+            self.compiled,
+            self._perturbed_policy,
+            self.horizon,
+            history_dependent=self.plan.history_dependent,
+            cache_path_info=self.preprocessor is not None or self.dashboard is not None,
+        )
+        plain_rollouts = self.train_rollouts
+
+        def rollouts(key, params, hyperparams, fluents, nonfluents, model):
+            chosen = perturbed_rollouts if isinstance(model, PerturbedModel) else plain_rollouts
+            return chosen(key, params, hyperparams, fluents, nonfluents, model)
+
+        self.train_rollouts = rollouts
+
+    def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
+        initialize, init_optimizer = super()._jax_init_optimizer()
+        if not self.is_noisy:
+            return initialize, init_optimizer
+
+        def with_noise(opt_aux):
+            noise_and_state = (self.noise, self.noise.initial_state(self.horizon))
+            return {**opt_aux, "noise": self._broadcast_pytree(noise_and_state)}
+
+        def initialize_with_noise(key, policy_hyperparams, fluents):
+            params, opt_state, opt_aux = initialize(key, policy_hyperparams, fluents)
+            return params, opt_state, with_noise(opt_aux)
+
+        def init_optimizer_with_noise(policy_params):
+            opt_state, opt_aux = init_optimizer(policy_params)
+            return opt_state, with_noise(opt_aux)
+
+        return initialize_with_noise, init_optimizer_with_noise
+
+    def _jax_update(self, loss: Callable) -> Callable:
+        plain_update = super()._jax_update(loss)
+        if not self.is_noisy:
+            return plain_update
+        analyse = self._jax_analysis()
+        dtype = self.compiled.REAL
+
+        def draw(key, params, hyperparams, fluents, nonfluents, model, critic, noise_and_state):
+            noise, state = noise_and_state
+            gradients = None
+            if noise.analysis_samples:
+                analysis_key = random.fold_in(key, _ANALYSIS_STREAM)
+                gradients = analyse(
+                    analysis_key, params, hyperparams, fluents, nonfluents, model, critic
+                )
+            profile, state = noise.profile(gradients, state, self.horizon)
+            update_key = random.fold_in(key, _UPDATE_STREAM)
+            perturbation = draw_perturbation(
+                update_key, profile.sigma, self.action_specs, self.batch_size_train, dtype
+            )
+            return perturbation, profile, (noise, state)
+
+        batched_draw = jax.vmap(draw, in_axes=(0, 0, None, None, None, 0, None, 0))
+
+        def update(
+            key, params, hyperparams, fluents, nonfluents, model, critic, opt_state, opt_aux
+        ):
+            perturbation, profile, noise_and_state = batched_draw(
+                random.split(key, self.parallel_updates),
+                params,
+                hyperparams,
+                fluents,
+                nonfluents,
+                model,
+                critic,
+                opt_aux["noise"],
+            )
+            opt_aux = {**opt_aux, "noise": noise_and_state}
+            model = PerturbedModel(model, perturbation)
+            result = plain_update(
+                key, params, hyperparams, fluents, nonfluents, model, critic, opt_state, opt_aux
+            )
+            log = {**result[5], "sigma": profile.sigma, "sensitivity": profile.sensitivity}
+            return (*result[:5], log, *result[6:])
+
+        return jax.jit(update)
+
+    def _jax_analysis(self) -> Callable[..., dict[str, Array]]:
+        """The analysis pass: the mean return's gradient with respect to each raw action.
+
+        Returns:
+          A function of a key, the policy's parameters and hyperparameters, the initial
+          fluents [B, ...], the non-fluents, the model's and the critic's parameters, that
+          gives per action fluent the gradient [H, *action shape] in return per unit of
+          action, averaged over the noise's `analysis_samples` draws of the exogenous noise.
+        """
+        loss = self._jax_mean_loss()
+        samples = self.noise.analysis_samples
+
+        def analyse(key, params, hyperparams, fluents, nonfluents, model, critic):
+            # all rollouts of a batch start in the same state
+            start = jax.tree.map(
+                lambda f: jnp.broadcast_to(f[:1], (samples, *f.shape[1:])), fluents
+            )
+
+            def negative_return(perturbation):
+                perturbed = PerturbedModel(model, perturbation)
+                return loss(key, params, hyperparams, start, nonfluents, perturbed, critic)[0]
+
+            silence = zero_perturbation(
+                self.horizon, self.action_specs, samples, self.compiled.REAL
+            )
+            gradients = jax.grad(negative_return)(silence)
+            return {name: -jnp.sum(gradient, axis=0) for name, gradient in gradients.items()}
+
+        return analyse
+
+    def _jax_mean_loss(self) -> Callable:
+        """JaxPlan's training loss with the mean as its utility, as the sensitivity is defined."""
+        utility, utility_kwargs = self.utility, self.utility_kwargs
+        self.utility, self.utility_kwargs = jnp.mean, {}
+        try:
+            return self._jax_loss(self.train_rollouts)
+        finally:
+            self.utility, self.utility_kwargs = utility, utility_kwargs
+
+    def params_structure(self, policy_hyperparams: Mapping[str, Any]) -> Any:
+        """Shapes and types of one policy's parameters, as a tree of `jax.ShapeDtypeStruct`."""
+        (fluents, _), _ = self._batched_init_subs(self.test_compiled.init_values)
+        key = random.PRNGKey(0)
+        return jax.eval_shape(self.plan.initializer, key, dict(policy_hyperparams), fluents)
+
+    def optimize_generator(
+        self, *args: Any, **kwargs: Any
+    ) -> Generator[dict[str, Any], None, None]:
+        """JaxPlan's generator; each callback also holds the noise's own figures.
+
+        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`
+        [parallel updates, H] the return's sensitivity behind it (zeros where no analysis
+        was made). The `policy_hyperparams` that the caller passes are left as they are.
+        """
+        signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
+        given = signature.bind(self, *args, **kwargs)
+        hyperparams = given.arguments.get("policy_hyperparams")
+        if isinstance(hyperparams, dict):
+            given.arguments["policy_hyperparams"] = dict(hyperparams)
+        silence = jnp.zeros((self.parallel_updates, self.horizon))
+        for callback in super().optimize_generator(*given.args[1:], **given.kwargs):
+            log = callback["train_log"]
+            callback["sigma"] = log.get("sigma", silence)
+            callback["sensitivity"] = log.get("sensitivity", silence)
+            yield callback

@@ -1,0 +1,66 @@
+"""What every action noise has in common."""
+
+import abc
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from jax import Array
+
+
+class NoiseProfile(NamedTuple):
+    """How strongly to perturb each step of one update rollout.
+
+    Attributes:
+      sigma: standard deviation of the unit noise's multiplier per step [H], in the unit of
+        the raw action (of the log-odds for bools).
+      sensitivity: the raw sensitivity score s_t per step [H], in return per unit of action;
+        zeros where no analysis rollout was made.
+    """
+
+    sigma: Array
+    sensitivity: Array
+
+
+class ActionNoise(abc.ABC):
+    """A rule that turns what the analysis rollout found into a noise profile.
+
+    Implementations are frozen dataclasses registered with
+    `jax.tree_util.register_dataclass`, so that their numbers are arguments of the compiled
+    update rather than constants in it. A user's own rule needs no more than `profile`:
+
+        @jax.tree_util.register_dataclass
+        @dataclass(frozen=True)
+        class FrontLoaded(ActionNoise):
+            sigma: float = 1.0
+
+            def profile(self, gradients, state, horizon):
+                sigma = self.sigma * jnp.linspace(1.0, 0.0, horizon)
+                return NoiseProfile(sigma, jnp.zeros(horizon)), state
+    """
+
+    analysis_samples = 0
+    """Noise-free rollouts to differentiate before each update; 0 skips the analysis."""
+
+    silent: ClassVar[bool] = False
+    """Whether the rule never perturbs anything, so that the plain planner can run instead."""
+
+    def initial_state(self, horizon: int) -> Any:
+        """State that the rule carries from one iteration to the next: a pytree, here empty."""
+        del horizon
+        return ()
+
+    @abc.abstractmethod
+    def profile(
+        self, gradients: Mapping[str, Array] | None, state: Any, horizon: int
+    ) -> tuple[NoiseProfile, Any]:
+        """The next update rollout's profile, as a pure function.
+
+        Args:
+          gradients: per action fluent, the gradient of the return with respect to the raw
+            action at each step [H, *action shape]; None if `analysis_samples` is 0.
+          state: the state that the last call returned, or `initial_state`.
+          horizon: number of steps H.
+
+        Returns:
+          The profile and the next state.
+        """

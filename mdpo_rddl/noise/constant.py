@@ -1,0 +1,52 @@
+"""Noise that knows nothing of the model: none, or the same at every step."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
+from mdpo_rddl.noise.checks import require_number
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class NoNoise(ActionNoise):
+    """No noise: MDPO is then JaxPlan itself, bit for bit."""
+
+    silent: ClassVar[bool] = True
+
+    def profile(
+        self, gradients: Mapping[str, Array] | None, state: Any, horizon: int
+    ) -> tuple[NoiseProfile, Any]:
+        """Zeros [H]."""
+        zeros = jnp.zeros(horizon)
+        return NoiseProfile(sigma=zeros, sensitivity=zeros), state
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ConstantNoise(ActionNoise):
+    """The same noise at every step.
+
+    Attributes:
+      sigma: standard deviation, in the unit of the raw action; at least 0.
+
+    Raises:
+      ValueError: if sigma is out of range.
+    """
+
+    sigma: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_number("sigma", self.sigma, at_least=0.0)
+
+    def profile(
+        self, gradients: Mapping[str, Array] | None, state: Any, horizon: int
+    ) -> tuple[NoiseProfile, Any]:
+        """`sigma` at every step [H]."""
+        sigma = jnp.full(horizon, self.sigma)
+        return NoiseProfile(sigma=sigma, sensitivity=jnp.zeros_like(sigma)), state

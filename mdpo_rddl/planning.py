@@ -1,0 +1,57 @@
+"""From a problem and a configuration to a planner and a policy that can be played."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.evaluation import Policy
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.problem import Problem
+
+
+def build_planner(problem: Problem, config: PlannerConfig) -> tuple[MDPOPlanner, dict[str, Any]]:
+    """Compiles a planner.
+
+    Args:
+      problem: the parsed problem; its horizon is the rollouts' unless the configuration
+        names a `rollout_horizon`.
+      config: the planner's configuration.
+
+    Returns:
+      The planner, and the keyword arguments that the configuration has for `optimize`.
+
+    Raises:
+      InputError: if JaxPlan refuses the problem or the configuration.
+    """
+    quiet = config.with_values("Compiler", print_warnings=False)
+    planner_args, _, optimize_args = quiet.jaxplan_arguments()
+    try:
+        planner = MDPOPlanner(problem.model, **planner_args, noise=config.noise())
+    except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
+        cause = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{problem.instance_path}: JaxPlan cannot compile it: {cause}") from error
+    return planner, optimize_args
+
+
+def playable(
+    planner: MDPOPlanner, params: Any, policy_hyperparams: Mapping[str, Any], seed: int
+) -> Policy:
+    """The policy with the given parameters, as `mdpo_rddl.evaluation` plays it.
+
+    Args:
+      planner: the planner that the parameters belong to.
+      params: parameters of one policy.
+      policy_hyperparams: JaxPlan's policy hyperparameters.
+      seed: of a policy that draws random numbers; step t uses the t-th key.
+    """
+    steps = max(planner.horizon, planner.rddl.horizon)
+    keys = jax.random.split(jax.random.PRNGKey(seed), steps)
+    hyperparams = dict(policy_hyperparams)
+
+    def policy(step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
+        return planner.get_action(keys[step], params, step, dict(state), hyperparams)
+
+    return policy

@@ -1,0 +1,91 @@
+"""From a raw, perturbed action to one that the relaxed model accepts.
+
+The noise must enter *before* these functions: a component that sits on its bound has no
+gradient after a clip, and only a perturbation ahead of the clip can wake it.
+"""
+
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from mdpo_rddl.actions import ActionKind, ActionSpec
+
+
+def clip_to_box(raw: Array, spec: ActionSpec) -> Array:
+    """Clips raw values [*shape], in the action's own unit, to the action's box.
+
+    A value on a bound keeps its whole gradient (`jnp.clip` would halve it): the parameters
+    of a straight-line plan sit exactly there after each projected step.
+    """
+    lower, upper = spec.lower.astype(raw.dtype), spec.upper.astype(raw.dtype)
+    return jnp.where(raw < lower, lower, jnp.where(raw > upper, upper, raw))
+
+
+def squash_to_box(raw: Array, spec: ActionSpec) -> Array:
+    """Maps raw values [*shape] smoothly into the action's box, component by component.
+
+    A sigmoid between two finite bounds, a softplus at a single one, the identity at none,
+    as Bueno et al. (2019) do; raw values have no unit here.
+    """
+    has_lower, has_upper = jnp.isfinite(spec.lower), jnp.isfinite(spec.upper)
+    lower = jnp.where(has_lower, spec.lower, 0.0).astype(raw.dtype)
+    upper = jnp.where(has_upper, spec.upper, 0.0).astype(raw.dtype)
+    one_sided = jnp.where(
+        has_lower,
+        lower + jax.nn.softplus(raw),
+        jnp.where(has_upper, upper - jax.nn.softplus(-raw), raw),
+    )
+    return jnp.where(
+        has_lower & has_upper, lower + (upper - lower) * jax.nn.sigmoid(raw), one_sided
+    )
+
+
+def shift_logit(probability: Array, shift: Array) -> Array:
+    """Adds `shift` to the log-odds of a probability: sigmoid(logit(p) + shift).
+
+    Written without the logit, so that p = 0 and p = 1 stay finite, keep a gradient with
+    respect to p, and a zero shift returns p. With a logistic shift this is the binary
+    concrete relaxation of Maddison et al. (2017), https://arxiv.org/abs/1611.00712, with
+    temperature 1 and the shift's scale in place of the unit logistic's.
+    """
+    odds = jnp.exp(-jnp.abs(shift))  # at most 1: never overflows
+    complement = 1.0 - probability
+    raised = probability / (probability + complement * odds)
+    lowered = probability * odds / (probability * odds + complement)
+    # p = 0 raised and p = 1 lowered divide by odds alone, which underflows at a huge shift
+    raised = jnp.where(probability > 0.0, raised, 0.0)
+    lowered = jnp.where(complement > 0.0, lowered, 1.0)
+    moved = jnp.where(shift > 0.0, raised, lowered)
+    return jnp.where(shift == 0.0, probability, moved)
+
+
+def perturb_and_project(
+    raw: Mapping[str, Array],
+    perturbation: Mapping[str, Array],
+    specs: Mapping[str, ActionSpec],
+) -> dict[str, Array]:
+    """The actions that the relaxed model sees: raw action plus perturbation, then projected.
+
+    Args:
+      raw: per fluent, the plan's output [*shape] before any box: in the action's unit for
+        plans that clip, before the squashing function for plans that squash, and the
+        probability of true for bools.
+      perturbation: per fluent, what to add [*shape], for bools to the log-odds. Fluents
+        without an entry keep their raw value.
+      specs: per perturbed fluent, its kind and box.
+
+    Returns:
+      Per fluent of `raw`, the action [*shape] within its box.
+    """
+    actions = dict(raw)
+    for name, shift in perturbation.items():
+        spec = specs[name]
+        if spec.kind is ActionKind.BOOL:
+            actions[name] = shift_logit(raw[name], shift)
+        elif spec.squashed:
+            actions[name] = squash_to_box(raw[name] + shift, spec)
+        else:
+            actions[name] = clip_to_box(raw[name] + shift, spec)
+    return actions

@@ -1,0 +1,1 @@
+"""What a run leaves behind: its policy, its figures and its folder."""

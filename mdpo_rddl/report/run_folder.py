@@ -1,0 +1,104 @@
+"""The folder that a run leaves behind, complete or not there at all."""
+
+import csv
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.report.figures import draw_learning_curve, draw_noise
+from mdpo_rddl.report.policy_file import SavedPolicy, save_policy
+from mdpo_rddl.training import Record, TrainingResult
+
+SUMMARY = "summary.json"
+POLICY = "policy.safetensors"
+
+
+class RunFolder:
+    """A run folder under construction, for use in a `with` block.
+
+    Files go to a hidden folder beside the target, which takes the target's name in one step
+    when `commit` is called; without it, nothing is left. An earlier run at the target is
+    replaced by `commit` and not touched before.
+
+    Attributes:
+      target: where the run folder will be.
+      staging: where to write its files meanwhile.
+    """
+
+    def __init__(self, target: Path) -> None:
+        """Claims a place for the run.
+
+        Raises:
+          InputError: if it cannot be written, or holds something that is not a run.
+        """
+        self.target = target
+        if target.exists() and not target.is_dir():
+            raise InputError(f"{target}: cannot write the run there: it is a file")
+        if target.is_dir() and any(target.iterdir()) and not (target / SUMMARY).is_file():
+            raise InputError(f"{target}: not overwritten: it is not empty and holds no run")
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            staging = tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent)
+        except OSError as error:
+            raise InputError(f"{target}: cannot write the run there: {error.strerror}") from error
+        self.staging = Path(staging)
+        self.staging.chmod(0o755)
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        shutil.rmtree(self.staging, ignore_errors=True)
+
+    def commit(self) -> None:
+        """Puts the finished folder in its place."""
+        if self.target.exists():
+            replaced = Path(tempfile.mkdtemp(prefix=".replaced-", dir=self.target.parent))
+            os.replace(self.target, replaced / self.target.name)
+            os.replace(self.staging, self.target)
+            shutil.rmtree(replaced, ignore_errors=True)
+        else:
+            os.replace(self.staging, self.target)
+
+
+def free_name(parent: Path, stem: str) -> Path:
+    """The first of `stem`, `stem-2`, `stem-3`, ... under `parent` that is not taken."""
+    candidate, number = parent / stem, 1
+    while candidate.exists():
+        number += 1
+        candidate = parent / f"{stem}-{number}"
+    return candidate
+
+
+def write_training(
+    folder: Path, result: TrainingResult, policy: SavedPolicy, config: Mapping[str, Any], title: str
+) -> None:
+    """Writes everything about a training run but its summary."""
+    save_policy(folder / POLICY, policy)
+    write_json(folder / "config.json", config)
+    with (folder / "history.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Record._fields)
+        writer.writerows(result.history)
+    np.save(folder / "noise.npy", result.sigma)
+    draw_learning_curve(folder / "learning_curve.png", result.history, result.best_iteration, title)
+    recorded = [record.iteration for record in result.history]
+    draw_noise(folder / "noise.png", result.sigma, recorded, title)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Writes readable JSON; NaN, which JSON does not have, is refused."""
+    path.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,0 +1,195 @@
+"""Running a planner to the end of its budget and keeping what it found."""
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+
+logger = logging.getLogger(__name__)
+
+_RECORDS = 300
+
+
+class Record(NamedTuple):
+    """One recorded iteration of the restart that was chosen in the end.
+
+    Attributes:
+      iteration: counted from 0.
+      train_return: utility of the relaxed, perturbed rollouts.
+      test_return: exact, noise-free return, averaged over JaxPlan's rolling window.
+      mean_sigma: the noise's scale averaged over the horizon.
+    """
+
+    iteration: int
+    train_return: float
+    test_return: float
+    mean_sigma: float
+
+
+class Progress(NamedTuple):
+    """What is worth showing while training goes on: the budget used and the returns."""
+
+    fraction: float
+    iteration: int
+    test_return: float
+    best_return: float
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What a training run found.
+
+    Attributes:
+      best_params: parameters of the iterate with the best smoothed exact test return.
+      last_params_by_restart: parameters of the last iterate of every restart, with a
+        leading axis [restarts, ...].
+      policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
+      iterations: iterations done.
+      best_iteration: iteration of `best_params`.
+      restart: the restart whose last iterate tested best; the records are of it.
+      status: JaxPlan's status at the end, in lower case, or "interrupted".
+      history: the recorded iterations.
+      sigma: the noise's scale per recorded iteration and step [recorded, H].
+      compile_seconds: compilation, with the one iteration that forces it.
+      train_seconds: training without compilation.
+    """
+
+    best_params: Any
+    last_params_by_restart: Any
+    policy_hyperparams: Mapping[str, Any]
+    iterations: int
+    best_iteration: int
+    restart: int
+    status: str
+    history: tuple[Record, ...]
+    sigma: np.ndarray
+    compile_seconds: float
+    train_seconds: float
+
+    @property
+    def last_params(self) -> Any:
+        """Parameters of the last iterate of the restart that ended best."""
+        return select_restart(self.last_params_by_restart, self.restart)
+
+
+def select_restart(params_by_restart: Any, restart: int) -> Any:
+    """The parameters of one restart out of a tree with a leading axis [restarts, ...]."""
+    return jax.tree.map(lambda leaf: leaf[restart], params_by_restart)
+
+
+def train(
+    planner: MDPOPlanner,
+    *,
+    key: Any,
+    iterations: int,
+    seconds: float,
+    optimize_kwargs: Mapping[str, Any] | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> TrainingResult:
+    """Trains until the iterations, the seconds or the planner's own stopping rule end it.
+
+    A keyboard interrupt after the first iteration ends it likewise, with what was found.
+
+    Args:
+      planner: the compiled planner; all its parallel updates are restarts of one search.
+      key: JAX random key.
+      iterations: largest number of iterations, at least 1.
+      seconds: largest training time, compilation not counted.
+      optimize_kwargs: further arguments of `JaxBackpropPlanner.optimize_generator`.
+      on_progress: called after each iteration.
+
+    Raises:
+      InputError: if no restart ever reached a finite test return.
+    """
+    # JaxPlan divides by epochs - 1
+    arguments = {
+        **(optimize_kwargs or {}),
+        "key": key,
+        "epochs": max(iterations, 2),
+        "print_summary": False,
+        "print_progress": False,
+        "print_hyperparams": False,
+    }
+    started = time.perf_counter()
+    warm_up = planner.optimize_generator(**{**arguments, "dashboard_id": None})
+    next(warm_up)
+    warm_up.close()
+    compile_seconds = time.perf_counter() - started
+
+    started = time.perf_counter()
+    every = max(1, iterations // _RECORDS)
+    kept: list[dict[str, Any]] = []
+    callback: dict[str, Any] = {}
+    interrupted = False
+    try:
+        for callback in planner.optimize_generator(**arguments, train_seconds=seconds):
+            iteration = callback["iteration"]
+            final = iteration + 1 >= iterations or callback["status"].is_terminal()
+            if iteration % every == 0 or final:
+                kept.append({name: callback[name] for name in _KEPT})
+            done = max((iteration + 1) / iterations, (time.perf_counter() - started) / seconds)
+            test_return = float(np.max(callback["test_return"]))
+            best_return = float(callback["best_return"])
+            on_progress(Progress(min(1.0, done), iteration, test_return, best_return))
+            if final:
+                break
+    except KeyboardInterrupt:
+        # the iterates so far are worth keeping
+        if not kept:
+            raise
+        interrupted = True
+    train_seconds = time.perf_counter() - started
+    status = "interrupted" if interrupted else callback["status"].name.lower()
+    return _result(callback, kept, status, compile_seconds, train_seconds)
+
+
+_KEPT = ("iteration", "train_return", "test_return", "sigma")
+
+
+def _result(
+    callback: Mapping[str, Any],
+    kept: list[dict[str, Any]],
+    status: str,
+    compile_seconds: float,
+    train_seconds: float,
+) -> TrainingResult:
+    if not np.isfinite(callback["best_return"]):
+        raise InputError(
+            f"training diverged: no finite return in {callback['iteration'] + 1} iterations "
+            "(try a smaller step size, weight or sigma)"
+        )
+    logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)
+    restart = int(callback["best_index"])
+    history = tuple(
+        Record(
+            iteration=entry["iteration"],
+            train_return=float(entry["train_return"][restart]),
+            test_return=float(entry["test_return"][restart]),
+            mean_sigma=float(np.mean(entry["sigma"][restart])),
+        )
+        for entry in kept
+    )
+    return TrainingResult(
+        best_params=_to_numpy(callback["best_params"]),
+        last_params_by_restart=_to_numpy(callback["params"]),
+        policy_hyperparams=_to_numpy(dict(callback["policy_hyperparams"])),
+        iterations=callback["iteration"] + 1,
+        best_iteration=callback["last_iteration_improved"],
+        restart=restart,
+        status=status,
+        history=history,
+        sigma=np.stack([np.asarray(entry["sigma"][restart]) for entry in kept]),
+        compile_seconds=compile_seconds,
+        train_seconds=train_seconds,
+    )
+
+
+def _to_numpy(tree: Any) -> Any:
+    return jax.tree.map(np.asarray, tree)
