@@ -1,5 +1,6 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -78,7 +79,9 @@ def evaluate(
     """
     if not env.vectorized:
         raise ValueError("the environment must be made with vectorized=True")
-    bounds = RDDLConstraints(env.sampler, vectorized=True).bounds
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is no box, already said when `env` was made
+        bounds = RDDLConstraints(env.sampler, vectorized=True).bounds
     reals = [name for name, kind in env.model.action_ranges.items() if kind == "real"]
     box = {name: bounds[name] for name in reals}
     returns, lengths, illegal = [], [], 0

@@ -32,7 +32,10 @@ def build_planner(problem: Problem, config: PlannerConfig) -> tuple[MDPOPlanner,
         planner = MDPOPlanner(problem.model, **planner_args, noise=config.noise())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
         cause = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{problem.instance_path}: JaxPlan cannot compile it: {cause}") from error
+        raise InputError(
+            f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
+            f"(configured by {config.source})"
+        ) from error
     return planner, optimize_args
 
 

@@ -45,20 +45,16 @@ def squash_to_box(raw: Array, spec: ActionSpec) -> Array:
 def shift_logit(probability: Array, shift: Array) -> Array:
     """Adds `shift` to the log-odds of a probability: sigmoid(logit(p) + shift).
 
-    Written without the logit, so that p = 0 and p = 1 stay finite, keep a gradient with
-    respect to p, and a zero shift returns p. With a logistic shift this is the binary
-    concrete relaxation of Maddison et al. (2017), https://arxiv.org/abs/1611.00712, with
-    temperature 1 and the shift's scale in place of the unit logistic's.
+    Written without the logit, so that p = 0 and p = 1 stay finite and keep a gradient with
+    respect to p. With a logistic shift this is the binary concrete relaxation of Maddison et
+    al. (2017), https://arxiv.org/abs/1611.00712, with temperature 1 and the shift's scale in
+    place of the unit logistic's. Shifts beyond +-40, which leave odds of less than 1e-17,
+    count as +-40.
     """
-    odds = jnp.exp(-jnp.abs(shift))  # at most 1: never overflows
-    complement = 1.0 - probability
-    raised = probability / (probability + complement * odds)
-    lowered = probability * odds / (probability * odds + complement)
-    # p = 0 raised and p = 1 lowered divide by odds alone, which underflows at a huge shift
-    raised = jnp.where(probability > 0.0, raised, 0.0)
-    lowered = jnp.where(complement > 0.0, lowered, 1.0)
-    moved = jnp.where(shift > 0.0, raised, lowered)
-    return jnp.where(shift == 0.0, probability, moved)
+    shift = jnp.clip(shift, -40.0, 40.0)  # the square of exp(-40) is still a normal number
+    true = probability * jnp.exp(jnp.minimum(shift, 0.0))
+    false = (1.0 - probability) * jnp.exp(-jnp.maximum(shift, 0.0))
+    return true / (true + false)
 
 
 def perturb_and_project(

@@ -1,6 +1,9 @@
 """One planning session: train and evaluate, or evaluate what an earlier one saved."""
 
+import contextlib
 import importlib.metadata
+import logging
+import math
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,6 +27,8 @@ from mdpo_rddl.report.run_folder import (
     write_training,
 )
 from mdpo_rddl.training import Progress, TrainingResult, train
+
+logger = logging.getLogger(__name__)
 
 # JaxPlan's own defaults for a configuration that names no budget
 _JAXPLAN_EPOCHS = 999999
@@ -87,13 +92,18 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         }
         for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
             optimize_args.pop(name, None)
-        result = train(
-            planner,
-            key=jax.random.PRNGKey(request.seed),
-            **budget,
-            optimize_kwargs=optimize_args,
-            on_progress=reporter.training,
-        )
+        try:
+            result = train(
+                planner,
+                key=jax.random.PRNGKey(request.seed),
+                **budget,
+                optimize_kwargs=optimize_args,
+                on_progress=reporter.training,
+            )
+        except InputError as error:
+            raise InputError(
+                f"{request.problem.instance_path}: {error} (configured by {request.config.source})"
+            ) from error
         saved = SavedPolicy(
             params=result.best_params,
             policy_hyperparams=dict(result.policy_hyperparams),
@@ -117,8 +127,9 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "seed": request.seed,
             "episodes": request.episodes,
         }
-        write_training(folder.staging, result, saved, config, _title(summary))
-        write_json(folder.staging / SUMMARY, summary)
+        with folder.writing():
+            write_training(folder.staging, result, saved, config, _title(summary))
+            write_json(folder.staging / SUMMARY, summary)
         folder.commit()
     return summary
 
@@ -148,11 +159,14 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
     """Evaluates a saved policy exactly, with the same returns for the same seed.
 
     Raises:
-      InputError: if the folder is missing, damaged or of another problem.
+      InputError: if the folder is missing, damaged or of another problem, or the new one
+        cannot be written.
     """
     path = request.folder / POLICY
     if not request.folder.is_dir():
         raise InputError(f"{request.folder}: no such run folder")
+    if request.out is not None and request.out.resolve() == request.folder.resolve():
+        raise InputError(f"{request.out}: not overwritten: the policy is loaded from it")
     saved = load_policy(path)
     horizon = saved.problem["horizon"] if request.horizon is None else request.horizon
     problem = load_problem(request.domain, request.instance, horizon)
@@ -160,23 +174,25 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
     config = PlannerConfig.from_text(saved.config, str(path))
     seed = saved.seed if request.seed is None else request.seed
 
-    reporter.stage("compiling")
-    planner, _ = build_planner(problem, config)
-    _require_params(path, planner, saved)
-    played = PlanRequest(
-        problem, config, str(path), seed, request.episodes, request.out or request.folder
-    )
-    reporter.stage("evaluating")
-    evaluator = _Evaluator(played, planner, saved.policy_hyperparams, reporter)
-    summary = {
-        **_identity(played, planner),
-        **_figures(evaluator.run(saved.params)),
-        "loaded_from": str(request.folder),
-        "versions": _versions(),
-    }
-    if request.out is not None:
-        with RunFolder(request.out) as folder:
-            write_json(folder.staging / SUMMARY, summary)
+    with contextlib.ExitStack() as stack:
+        folder = None if request.out is None else stack.enter_context(RunFolder(request.out))
+        reporter.stage("compiling")
+        planner, _ = build_planner(problem, config)
+        _require_params(path, planner, saved)
+        played = PlanRequest(
+            problem, config, str(path), seed, request.episodes, request.out or request.folder
+        )
+        reporter.stage("evaluating")
+        evaluator = _Evaluator(played, planner, saved.policy_hyperparams, reporter)
+        summary = {
+            **_identity(played, planner),
+            **_figures(evaluator.run(saved.params)),
+            "loaded_from": str(request.folder),
+            "versions": _versions(),
+        }
+        if folder is not None:
+            with folder.writing():
+                write_json(folder.staging / SUMMARY, summary)
             folder.commit()
     return summary
 
@@ -221,14 +237,20 @@ def _identity(request: PlanRequest, planner: MDPOPlanner) -> dict[str, Any]:
 
 
 def _figures(evaluation: Evaluation) -> dict[str, Any]:
+    interval = evaluation.ci95
     return {
-        "mean_return": evaluation.mean,
-        "std_return": evaluation.std,
-        "ci95": None if evaluation.ci95 is None else list(evaluation.ci95),
-        "returns": evaluation.returns.tolist(),
+        "mean_return": _finite(evaluation.mean),
+        "std_return": _finite(evaluation.std),
+        "ci95": None if interval is None else [_finite(bound) for bound in interval],
+        "returns": [_finite(value) for value in evaluation.returns.tolist()],
         "episode_lengths": evaluation.lengths.tolist(),
         "illegal_actions": evaluation.illegal_actions,
     }
+
+
+def _finite(value: float) -> float | None:
+    """None for what JSON has no number for."""
+    return value if math.isfinite(value) else None
 
 
 def _training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
-_RECORDS = 300
+# at most so many iterations are recorded, and the last one
+_RECORDS = 600
 
 
 class Record(NamedTuple):
@@ -106,7 +107,8 @@ def train(
       on_progress: called after each iteration.
 
     Raises:
-      InputError: if no restart ever reached a finite test return.
+      InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
+        the problem with the planner's configuration.
     """
     # JaxPlan divides by epochs - 1
     arguments = {
@@ -118,55 +120,97 @@ def train(
         "print_hyperparams": False,
     }
     started = time.perf_counter()
-    warm_up = planner.optimize_generator(**{**arguments, "dashboard_id": None})
-    next(warm_up)
-    warm_up.close()
+    _force_compilation(planner, arguments)
     compile_seconds = time.perf_counter() - started
 
     started = time.perf_counter()
-    every = max(1, iterations // _RECORDS)
-    kept: list[dict[str, Any]] = []
-    callback: dict[str, Any] = {}
-    interrupted = False
+    found = _Found()
+    status = "iter_budget_reached"
     try:
         for callback in planner.optimize_generator(**arguments, train_seconds=seconds):
+            found.add(callback)
             iteration = callback["iteration"]
-            final = iteration + 1 >= iterations or callback["status"].is_terminal()
-            if iteration % every == 0 or final:
-                kept.append({name: callback[name] for name in _KEPT})
             done = max((iteration + 1) / iterations, (time.perf_counter() - started) / seconds)
-            test_return = float(np.max(callback["test_return"]))
-            best_return = float(callback["best_return"])
-            on_progress(Progress(min(1.0, done), iteration, test_return, best_return))
-            if final:
+            on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
+            if callback["status"].is_terminal():
+                status = callback["status"].name.lower()
+            if iteration + 1 >= iterations:
                 break
     except KeyboardInterrupt:
         # the iterates so far are worth keeping
-        if not kept:
+        if not found.callback:
             raise
-        interrupted = True
+        status = "interrupted"
     train_seconds = time.perf_counter() - started
-    status = "interrupted" if interrupted else callback["status"].name.lower()
-    return _result(callback, kept, status, compile_seconds, train_seconds)
+    return _result(found, status, compile_seconds, train_seconds)
+
+
+def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> None:
+    generator = planner.optimize_generator(**{**arguments, "dashboard_id": None})
+    try:
+        next(generator)
+    except Exception as error:  # whatever the problem and the values make JAX raise
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
+    generator.close()
 
 
 _KEPT = ("iteration", "train_return", "test_return", "sigma")
 
 
+class _Found:
+    """What the iterations so far have found.
+
+    JaxPlan's own best iterate is not used: once a restart's return is not a number, JaxPlan
+    takes that restart for the best one and no longer sees the others.
+    """
+
+    def __init__(self) -> None:
+        self.callback: Mapping[str, Any] = {}
+        self.restart = 0
+        self.test_return = -np.inf
+        self.best_return, self.best_iteration = -np.inf, 0
+        self._best_params_by_restart, self._best_restart = None, 0
+        self._kept: list[dict[str, Any]] = []
+        self._every = 1
+
+    def add(self, callback: Mapping[str, Any]) -> None:
+        returns = np.asarray(callback["test_return"])
+        returns = np.where(np.isfinite(returns), returns, -np.inf)
+        self.restart = int(np.argmax(returns))
+        self.test_return = float(returns[self.restart])
+        if self.test_return > self.best_return:
+            self.best_return, self.best_iteration = self.test_return, callback["iteration"]
+            self._best_params_by_restart = callback["params"]
+            self._best_restart = self.restart
+        # how many iterations the seconds allow is not known before
+        if callback["iteration"] % self._every == 0:
+            self._kept.append({name: callback[name] for name in _KEPT})
+        if len(self._kept) > _RECORDS:
+            self._kept, self._every = self._kept[::2], 2 * self._every
+        self.callback = callback
+
+    @property
+    def best_params(self) -> Any:
+        return select_restart(self._best_params_by_restart, self._best_restart)
+
+    @property
+    def kept(self) -> list[dict[str, Any]]:
+        last = {name: self.callback[name] for name in _KEPT}
+        is_kept = self._kept[-1]["iteration"] == last["iteration"]
+        return self._kept if is_kept else [*self._kept, last]
+
+
 def _result(
-    callback: Mapping[str, Any],
-    kept: list[dict[str, Any]],
-    status: str,
-    compile_seconds: float,
-    train_seconds: float,
+    found: _Found, status: str, compile_seconds: float, train_seconds: float
 ) -> TrainingResult:
-    if not np.isfinite(callback["best_return"]):
+    callback, kept, restart = found.callback, found.kept, found.restart
+    if not np.isfinite(found.best_return):
         raise InputError(
             f"training diverged: no finite return in {callback['iteration'] + 1} iterations "
             "(try a smaller step size, weight or sigma)"
         )
     logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)
-    restart = int(callback["best_index"])
     history = tuple(
         Record(
             iteration=entry["iteration"],
@@ -177,11 +221,11 @@ def _result(
         for entry in kept
     )
     return TrainingResult(
-        best_params=_to_numpy(callback["best_params"]),
+        best_params=_to_numpy(found.best_params),
         last_params_by_restart=_to_numpy(callback["params"]),
         policy_hyperparams=_to_numpy(dict(callback["policy_hyperparams"])),
         iterations=callback["iteration"] + 1,
-        best_iteration=callback["last_iteration_improved"],
+        best_iteration=found.best_iteration,
         restart=restart,
         status=status,
         history=history,

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.simplefilter("ignore")
     try:
         table = options.run(options)
-        (options.out / "table.md").write_text(table, encoding="utf-8")
+        _write(options.out / "table.md", table)
     except InputError as error:
         print(f"mdpo-bench: error: {error}", file=sys.stderr)
         return 2
@@ -34,6 +34,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     print(table, end="")
     return 0
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _parser() -> OneLineParser:

@@ -5,6 +5,7 @@ from types import TracebackType
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -37,6 +38,8 @@ class ProgressBar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        # what went wrong is all that there is to say then
+        self._bar.live.transient = error is not None
         self._bar.stop()
 
     def stage(self, name: str) -> None:
@@ -69,7 +72,9 @@ class ProgressBar:
 def print_summary(console: Console, summary: Mapping[str, Any], where: str | None) -> None:
     """Prints the summary's figures as a table."""
     table = Table(
-        title=f"{summary['label']}, horizon {summary['horizon']}", min_width=60, show_header=False
+        title=escape(f"{summary['label']}, horizon {summary['horizon']}"),
+        min_width=60,
+        show_header=False,
     )
     table.add_column("", no_wrap=True)
     table.add_column("", justify="right")
@@ -79,15 +84,15 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
     table.add_row("seed", str(summary["seed"]))
     table.add_section()
     table.add_row("episodes, exact environment", str(summary["episodes"]))
-    table.add_row("mean return", f"[bold]{summary['mean_return']:,.2f}[/bold]")
+    table.add_row("mean return", f"[bold]{_number(summary['mean_return'])}[/bold]")
     if summary["ci95"] is not None:
         low, high = summary["ci95"]
-        table.add_row("95% interval", f"[{low:,.2f}, {high:,.2f}]".replace("[", r"\["))
-    table.add_row("standard deviation", f"{summary['std_return']:,.2f}")
+        table.add_row("95% interval", f"\\[{_number(low)}, {_number(high)}]")
+    table.add_row("standard deviation", _number(summary["std_return"]))
     if summary["illegal_actions"]:
         table.add_row("[red]steps with an illegal action[/red]", str(summary["illegal_actions"]))
     if "last_iterate" in summary:
-        table.add_row("mean return, last iterate", f"{summary['last_iterate']['mean_return']:,.2f}")
+        table.add_row("mean return, last iterate", _number(summary["last_iterate"]["mean_return"]))
         table.add_section()
         table.add_row("iterations", f"{summary['iterations']:,} ({summary['status']})")
         table.add_row("best iterate", f"{summary['best_iteration']:,}")
@@ -95,4 +100,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         table.add_row("compilation", f"{summary['compile_seconds']:.1f} s")
     console.print(table)
     if where is not None:
-        console.print(f"written to {where}", highlight=False, soft_wrap=True)
+        console.print(f"written to {where}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _number(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:,.2f}"

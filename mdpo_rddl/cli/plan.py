@@ -2,9 +2,9 @@
 
 import argparse
 import contextlib
+import io
 import json
 import logging
-import os
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -39,10 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         summary, where = _run(options)
     except InputError as error:
-        print(f"mdpo-plan: error: {error}", file=sys.stderr)
+        print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("mdpo-plan: interrupted before anything was trained", file=sys.stderr)
+        print("mdpo-plan: interrupted, nothing was written", file=sys.stderr)
         return 130
     _show(options, summary, where)
     return 0
@@ -78,20 +78,24 @@ def _plan_request(options: argparse.Namespace) -> PlanRequest:
         name = options.preset or DEFAULT_PRESET
         config = PRESETS[name](problem.domain_name)
     config = configure(config, options)
-    seed = config.section("Optimize").get("key", 0) if options.seed is None else options.seed
+    own_seed = config.section("Optimize").get("key") or 0
+    seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
     return PlanRequest(problem, config, name, seed, options.episodes, out)
 
 
 @contextlib.contextmanager
 def _silenced(quiet: bool) -> Iterator[None]:
-    """Keeps what the libraries print off standard output, which is the command's own."""
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(warnings.catch_warnings())
+    """Keeps what the libraries print off standard output, which is the command's own.
+
+    It follows on standard error, unless an error is all that is to be said there.
+    """
+    printed = io.StringIO()
+    with warnings.catch_warnings(), contextlib.redirect_stdout(printed):
         warnings.simplefilter("ignore")
-        sink = stack.enter_context(open(os.devnull, "w")) if quiet else sys.stderr
-        stack.enter_context(contextlib.redirect_stdout(sink))
         yield
+    if not quiet:
+        sys.stderr.write(printed.getvalue())
 
 
 def _show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:

@@ -11,13 +11,14 @@ import jax
 import numpy as np
 
 from mdpo_rddl.evaluation import evaluate
+from mdpo_rddl.experiments.full_training import train_fully
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.settings import load_setting
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.problem import make_environment
-from mdpo_rddl.training import select_restart, train
+from mdpo_rddl.training import select_restart
 
 logger = logging.getLogger(__name__)
 
@@ -67,9 +68,7 @@ def sweep(
         for alpha, sigma_max in open_points:
             # the noise's numbers are arguments of the compiled update: nothing is recompiled
             planner.noise = AdaptiveNoise(alpha=alpha, sigma_max=sigma_max)
-            result = train(
-                planner, key=jax.random.PRNGKey(0), iterations=iterations, seconds=86400.0
-            )
+            result = train_fully(planner, jax.random.PRNGKey(0), iterations)
             for seed in range(seeds):
                 params = select_restart(result.last_params_by_restart, seed)
                 policy = playable(planner, params, result.policy_hyperparams, seed)

@@ -8,12 +8,12 @@ import jax
 import numpy as np
 
 from mdpo_rddl.evaluation import evaluate
+from mdpo_rddl.experiments.full_training import train_fully
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.settings import load_setting
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.problem import make_environment
-from mdpo_rddl.training import train
 
 logger = logging.getLogger(__name__)
 
@@ -57,8 +57,7 @@ def run_paper_preset(
             config = preset if section is None else preset.with_section("Noise", section)
             planner, _ = build_planner(problem, config)
             for seed in open_seeds:
-                key = jax.random.PRNGKey(seed)
-                result = train(planner, key=key, iterations=iterations, seconds=86400.0)
+                result = train_fully(planner, jax.random.PRNGKey(seed), iterations)
                 returns = [
                     evaluate(
                         make_environment(problem),

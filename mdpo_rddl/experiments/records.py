@@ -21,21 +21,28 @@ class Records:
         """Opens the file, or starts it.
 
         Raises:
-          InputError: if it cannot be written or holds other columns.
+          InputError: if it cannot be written or holds anything but rows of these columns.
         """
         self.path, self.columns, self.keys = path, tuple(columns), tuple(keys)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                path.write_text(",".join(self.columns) + "\n")
-            with path.open(newline="") as file:
-                reader = csv.DictReader(file)
-                found = tuple(reader.fieldnames or ())
-                self.rows: list[dict[str, str]] = list(reader)
+                path.write_text(",".join(self.columns) + "\n", encoding="utf-8")
+            with path.open("r+", encoding="utf-8", newline="") as file:
+                text = file.read()
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-        if found != self.columns:
+        except UnicodeDecodeError as error:
+            raise InputError(f"{path}: is not a CSV file of results") from error
+        found, *rows = list(csv.reader(text.splitlines())) or [[]]
+        if tuple(found) != self.columns:
             raise InputError(f"{path}: holds other results (columns {', '.join(found)})")
+        for line, row in enumerate(rows, start=2):
+            if len(row) != len(self.columns):
+                raise InputError(f"{path}:{line}: is not a whole row; delete the line")
+        if not text.endswith("\n"):
+            raise InputError(f"{path}:{len(rows) + 1}: the line has no end; delete or end it")
+        self.rows = [dict(zip(self.columns, row, strict=True)) for row in rows]
 
     def has(self, *key: Any) -> bool:
         """Whether a row with these key values is there."""
@@ -45,6 +52,6 @@ class Records:
     def add(self, *values: Any) -> None:
         """Appends one row and writes it at once."""
         row = {name: str(value) for name, value in zip(self.columns, values, strict=True)}
-        with self.path.open("a", newline="") as file:
-            csv.DictWriter(file, self.columns).writerow(row)
+        with self.path.open("a", encoding="utf-8", newline="") as file:
+            csv.DictWriter(file, self.columns, lineterminator="\n").writerow(row)
         self.rows.append(row)

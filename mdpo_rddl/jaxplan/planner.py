@@ -52,13 +52,32 @@ class MDPOPlanner(JaxBackpropPlanner):
             noise = AdaptiveNoise()
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
-        self.noise = noise
+        self._noise = noise
         self.action_specs: dict[str, ActionSpec] = {}
         given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
         if "pgpe" not in given.arguments:
             # JaxPlan's default is one object shared by all planners, which the second breaks
             kwargs["pgpe"] = GaussianPGPE()
         super().__init__(*args, **kwargs)
+
+    @property
+    def noise(self) -> ActionNoise:
+        """The rule for the action noise.
+
+        A rule of the same kind with other numbers can be assigned, and takes effect at the
+        next `optimize` without a recompilation.
+
+        Raises:
+          ValueError: on assignment of a rule that the planner was not compiled for.
+        """
+        return self._noise
+
+    @noise.setter
+    def noise(self, noise: ActionNoise) -> None:
+        kinds = [str(jax.tree.structure(rule)) for rule in (noise, self._noise)]
+        if kinds[0] != kinds[1] or noise.silent != self._noise.silent:
+            raise ValueError(f"compiled for {self._noise}, cannot change to {noise}")
+        self._noise = noise
 
     # JaxPlan's compilation hooks, in the order in which it calls them
 

@@ -59,6 +59,11 @@ class AdaptiveNoise(ActionNoise):
             raise ValueError(f"analysis_samples must be an integer, got {self.analysis_samples!r}")
         require_number("analysis_samples", self.analysis_samples, at_least=1)
 
+    @property
+    def silent(self) -> bool:
+        """Whether sigma_max is the number 0."""
+        return isinstance(self.sigma_max, numbers.Real) and self.sigma_max == 0
+
     def profile(
         self, gradients: Mapping[str, Array] | None, state: Any, horizon: int
     ) -> tuple[NoiseProfile, Any]:

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from jax import Array
 
@@ -41,8 +41,10 @@ class ActionNoise(abc.ABC):
     analysis_samples = 0
     """Noise-free rollouts to differentiate before each update; 0 skips the analysis."""
 
-    silent: ClassVar[bool] = False
-    """Whether the rule never perturbs anything, so that the plain planner can run instead."""
+    @property
+    def silent(self) -> bool:
+        """Whether the rule never perturbs anything, so that the plain planner can run instead."""
+        return False
 
     def initial_state(self, horizon: int) -> Any:
         """State that the rule carries from one iteration to the next: a pytree, here empty."""

@@ -1,8 +1,9 @@
 """Noise that knows nothing of the model: none, or the same at every step."""
 
+import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,10 @@ from mdpo_rddl.noise.checks import require_number
 class NoNoise(ActionNoise):
     """No noise: MDPO is then JaxPlan itself, bit for bit."""
 
-    silent: ClassVar[bool] = True
+    @property
+    def silent(self) -> bool:
+        """True."""
+        return True
 
     def profile(
         self, gradients: Mapping[str, Array] | None, state: Any, horizon: int
@@ -43,6 +47,11 @@ class ConstantNoise(ActionNoise):
 
     def __post_init__(self) -> None:
         require_number("sigma", self.sigma, at_least=0.0)
+
+    @property
+    def silent(self) -> bool:
+        """Whether sigma is the number 0."""
+        return isinstance(self.sigma, numbers.Real) and self.sigma == 0
 
     def profile(
         self, gradients: Mapping[str, Array] | None, state: Any, horizon: int

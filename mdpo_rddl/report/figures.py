@@ -41,7 +41,8 @@ def draw_learning_curve(
     axes.axvline(
         best_iteration, color=BEST_COLOUR, linestyle="--", linewidth=1.0, label="best iterate"
     )
-    axes.set(xlabel="iteration", ylabel="return", title=title)
+    axes.set(xlabel="iteration", ylabel="return")
+    axes.set_title(title, parse_math=False)  # a file's name may hold dollar signs
     axes.yaxis.set_major_formatter(EngFormatter())
     axes.grid(alpha=0.25)
     axes.legend(frameon=False)
@@ -74,7 +75,7 @@ def draw_noise(path: Path, sigma: np.ndarray, iterations: Sequence[int], title: 
     mesh = heat.pcolormesh(edges, np.arange(sigma.shape[1] + 1), sigma.T, cmap="viridis", vmin=0.0)
     heat.set(xlabel="iteration", ylabel="time step", title="noise per step and iteration")
     figure.colorbar(mesh, ax=heat, label="sigma (action units)")
-    figure.suptitle(title)
+    figure.suptitle(title, parse_math=False)
     _save(figure, path)
 
 

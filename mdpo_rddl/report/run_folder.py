@@ -1,11 +1,12 @@
 """The folder that a run leaves behind, complete or not there at all."""
 
+import contextlib
 import csv
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -25,8 +26,8 @@ class RunFolder:
     """A run folder under construction, for use in a `with` block.
 
     Files go to a hidden folder beside the target, which takes the target's name in one step
-    when `commit` is called; without it, nothing is left. An earlier run at the target is
-    replaced by `commit` and not touched before.
+    when `commit` is called; without it, nothing is left, not even the folders made on the way
+    there. An earlier run at the target is replaced by `commit` and not touched before.
 
     Attributes:
       target: where the run folder will be.
@@ -40,17 +41,18 @@ class RunFolder:
           InputError: if it cannot be written, or holds something that is not a run.
         """
         self.target = target
-        if target.exists() and not target.is_dir():
-            raise InputError(f"{target}: cannot write the run there: it is a file")
-        if target.is_dir() and any(target.iterdir()) and not (target / SUMMARY).is_file():
-            raise InputError(f"{target}: not overwritten: it is not empty and holds no run")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            staging = tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent)
-        except OSError as error:
-            raise InputError(f"{target}: cannot write the run there: {error.strerror}") from error
-        self.staging = Path(staging)
-        self.staging.chmod(0o755)
+        self._made: list[Path] = []
+        with self.writing():
+            self._check_target()
+            self._made = [folder for folder in target.parents if not os.path.lexists(folder)]
+            try:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                staging = tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent)
+            except OSError:
+                self._remove_made()
+                raise
+            self.staging = Path(staging)
+            self.staging.chmod(0o755)
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -62,22 +64,61 @@ class RunFolder:
         trace: TracebackType | None,
     ) -> None:
         shutil.rmtree(self.staging, ignore_errors=True)
+        if not os.path.lexists(self.target):
+            self._remove_made()
 
     def commit(self) -> None:
-        """Puts the finished folder in its place."""
-        if self.target.exists():
+        """Puts the finished folder in its place.
+
+        Raises:
+          InputError: if that has become impossible meanwhile.
+        """
+        with self.writing():
+            if not os.path.lexists(self.target):
+                os.replace(self.staging, self.target)
+                return
             replaced = Path(tempfile.mkdtemp(prefix=".replaced-", dir=self.target.parent))
-            os.replace(self.target, replaced / self.target.name)
-            os.replace(self.staging, self.target)
-            shutil.rmtree(replaced, ignore_errors=True)
-        else:
-            os.replace(self.staging, self.target)
+            try:
+                os.replace(self.target, replaced / self.target.name)
+                os.replace(self.staging, self.target)
+            except OSError:
+                with contextlib.suppress(OSError):
+                    os.replace(replaced / self.target.name, self.target)
+                raise
+            finally:
+                shutil.rmtree(replaced, ignore_errors=True)
+
+    def _check_target(self) -> None:
+        target = self.target
+        if not target.is_dir():
+            if os.path.lexists(target):
+                raise InputError(f"{target}: cannot write the run there: it is a file")
+            return
+        if os.path.ismount(target) or Path.cwd().is_relative_to(target.resolve()):
+            # it cannot be replaced, or not under the feet of who is in it
+            raise InputError(f"{target}: cannot write the run there: name a folder inside it")
+        if any(target.iterdir()) and not (target / SUMMARY).is_file():
+            raise InputError(f"{target}: not overwritten: it is not empty and holds no run")
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Turns what the file system refuses into an `InputError` that names the folder."""
+        try:
+            yield
+        except OSError as error:
+            cause = error.strerror or str(error)
+            raise InputError(f"{self.target}: cannot write the run there: {cause}") from error
+
+    def _remove_made(self) -> None:
+        with contextlib.suppress(OSError):  # another run may be in there by now
+            for folder in self._made:
+                folder.rmdir()
 
 
 def free_name(parent: Path, stem: str) -> Path:
     """The first of `stem`, `stem-2`, `stem-3`, ... under `parent` that is not taken."""
     candidate, number = parent / stem, 1
-    while candidate.exists():
+    while os.path.lexists(candidate):
         number += 1
         candidate = parent / f"{stem}-{number}"
     return candidate
@@ -101,4 +142,10 @@ def write_training(
 
 def write_json(path: Path, value: Any) -> None:
     """Writes readable JSON; NaN, which JSON does not have, is refused."""
-    path.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    text = json.dumps(value, indent=2, allow_nan=False, default=_plain)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """What stands for the literals of a configuration that JSON does not have."""
+    return sorted(value, key=repr) if isinstance(value, set) else repr(value)
