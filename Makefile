@@ -9,7 +9,7 @@ plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
 
 test: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

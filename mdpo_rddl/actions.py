@@ -12,6 +12,7 @@ class ActionKind(enum.Enum):
     REAL = "real"
     INTEGER = "integer"  # int and enum fluents: real-valued in the relaxed model
     BOOL = "bool"  # a probability in (0, 1) in the relaxed model
+    CHOICE = "choice"  # bools that share a softmax or top-k, since few of them may be true
 
 
 @dataclass(frozen=True)
@@ -21,9 +22,9 @@ class ActionSpec:
     Attributes:
       name: the lifted fluent's name.
       shape: shape of the fluent's tensor, one axis per RDDL parameter; () if it has none.
-      kind: real, integer or bool.
-      lower: lower bounds [*shape], -inf where there is none; unused for bools.
-      upper: upper bounds [*shape], inf where there is none; unused for bools.
+      kind: which decides the law of its noise.
+      lower: lower bounds [*shape], -inf where there is none; unused for bools and choices.
+      upper: upper bounds [*shape], inf where there is none; unused likewise.
       squashed: whether the plan squashes raw values into the box instead of clipping them.
     """
 

@@ -1,14 +1,14 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
-from pyRDDLGym.core.constraints import RDDLConstraints
 from scipy import stats
+
+from mdpo_rddl.legality import Referee
 
 Policy = Callable[[int, Mapping[str, Any]], Mapping[str, Any]]
 """(step, observation per fluent) -> action tensor per fluent."""
@@ -22,12 +22,15 @@ class Evaluation:
       returns: discounted return of each episode [episodes].
       lengths: number of steps of each episode [episodes]; below the horizon where a
         termination condition or a violated state invariant ended it.
-      illegal_actions: steps, over all episodes, whose action broke a precondition.
+      illegal_actions: steps, over all episodes, at which the policy's action broke a
+        precondition or the limit on actions.
+      fallback_actions: how many of them played the do-nothing action instead, which was legal.
     """
 
     returns: np.ndarray
     lengths: np.ndarray
     illegal_actions: int
+    fallback_actions: int
 
     @property
     def mean(self) -> float:
@@ -68,8 +71,7 @@ def evaluate(
 
     Args:
       env: an environment with the numpy backend and `vectorized=True`.
-      policy: maps step and observation to an action; clipped to the action box in 64 bit,
-        since a bound rounded to 32 bit can lie outside.
+      policy: maps step and observation to an action, which a `Referee` rules on.
       episodes: number of episodes.
       seed: of the run; each episode gets its own, derived from it.
       on_episode: called after each episode.
@@ -79,37 +81,27 @@ def evaluate(
     """
     if not env.vectorized:
         raise ValueError("the environment must be made with vectorized=True")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what is no box, already said when `env` was made
-        bounds = RDDLConstraints(env.sampler, vectorized=True).bounds
-    reals = [name for name, kind in env.model.action_ranges.items() if kind == "real"]
-    box = {name: bounds[name] for name in reals}
-    returns, lengths, illegal = [], [], 0
+    referee = Referee(env)
+    played = []
     for episode_seed in episode_seeds(seed, episodes):
-        total, length, broken = _play(env, policy, box, episode_seed)
-        returns.append(total)
-        lengths.append(length)
-        illegal += broken
+        played.append(_play(env, policy, referee, episode_seed))
         on_episode()
-    return Evaluation(np.array(returns), np.array(lengths), illegal)
+    returns, lengths, illegal, fallback = zip(*played, strict=True)
+    return Evaluation(np.array(returns), np.array(lengths), sum(illegal), sum(fallback))
 
 
-def _play(
-    env: RDDLEnv, policy: Policy, box: Mapping[str, tuple[np.ndarray, np.ndarray]], seed: int
-) -> tuple[float, int, int]:
+def _play(env: RDDLEnv, policy: Policy, referee: Referee, seed: int) -> tuple[float, int, int, int]:
     state, _ = env.reset(seed=seed)
-    total, discount, illegal = 0.0, 1.0, 0
-    step, done = 0, env.done
+    total, discount = 0.0, 1.0
+    step = illegal = fallback = 0
+    done = env.done
     while not done:
-        actions = dict(policy(step, state))
-        for name, (lower, upper) in box.items():
-            if name in actions:
-                actions[name] = np.clip(np.asarray(actions[name], np.float64), lower, upper)
-        prepared = env.sampler.prepare_actions_for_sim(actions)
-        illegal += not env.sampler.check_action_preconditions(prepared, silent=True)
-        state, reward, terminated, truncated, _ = env.step(actions)
+        verdict = referee.rule(policy(step, state))
+        illegal += verdict.illegal
+        fallback += verdict.fallback
+        state, reward, terminated, truncated, _ = env.step(verdict.actions)
         total += discount * float(reward)
         discount *= env.discount
         step += 1
         done = terminated or truncated
-    return total, step, illegal
+    return total, step, illegal, fallback

@@ -29,7 +29,7 @@ def build_planner(problem: Problem, config: PlannerConfig) -> tuple[MDPOPlanner,
     quiet = config.with_values("Compiler", print_warnings=False)
     planner_args, _, optimize_args = quiet.jaxplan_arguments()
     try:
-        planner = MDPOPlanner(problem.model, **planner_args, noise=config.noise())
+        planner = MDPOPlanner(problem.model, **planner_args, **config.mdpo_arguments())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
         cause = " ".join(str(error).split()) or type(error).__name__
         raise InputError(

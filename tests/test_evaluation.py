@@ -255,11 +255,13 @@ def test_real_actions_outside_the_box_are_clipped_before_they_are_played(tmp_pat
     assert beyond.illegal_actions == 0
 
 
-def test_other_actions_are_played_as_they_are(tmp_path):
+def test_an_illegal_action_is_counted_and_the_do_nothing_action_played(tmp_path):
     env = make_environment(cart(tmp_path))
     found = evaluate(env, constant(gear=5), 1, seed=0)
-    assert found.returns.tolist() == [sum(5 * (t + 1) / 2**t for t in range(8))]
-    assert found.illegal_actions == 8
+    idle = evaluate(env, constant(), 1, seed=0)
+    assert found.returns.tolist() == idle.returns.tolist()
+    assert (found.illegal_actions, found.fallback_actions) == (8, 8)
+    assert (idle.illegal_actions, idle.fallback_actions) == (0, 0)
     braked = evaluate(env, constant(gear=3, brake=True), 1, seed=0)
     assert braked.returns.tolist() == [0.0]
     assert braked.illegal_actions == 0
@@ -270,9 +272,9 @@ def test_actions_that_break_a_precondition_which_is_no_box_are_counted(tmp_path)
         return {"drive": np.array([2.0, 2.0 if step % 4 == 1 else 1.0])}  # sum 4 at steps 1, 5
 
     found = evaluate(make_environment(cart(tmp_path)), policy, episodes=3, seed=0)
-    assert found.illegal_actions == 3 * 2
-    # they are played all the same: x grows by 3, and by 4 at steps 1 and 5
-    x = np.cumsum([4 if step % 4 == 1 else 3 for step in range(8)])
+    assert (found.illegal_actions, found.fallback_actions) == (3 * 2, 3 * 2)
+    # nothing is done instead: x grows by 3, and by 0 at steps 1 and 5
+    x = np.cumsum([0 if step % 4 == 1 else 3 for step in range(8)])
     assert found.returns.tolist() == [sum(x[t] / 2**t for t in range(8))] * 3
 
 
@@ -282,7 +284,15 @@ def test_a_precondition_that_is_no_box_warns_once_not_at_each_evaluation(tmp_pat
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = evaluate(env, constant(push=2.0), 1, seed=0)
-    assert found.illegal_actions == 1  # x is 0, then 2, 4, ...
+    assert found.illegal_actions == 8  # nothing is done, so x stays 0
+
+
+def test_where_doing_nothing_is_illegal_too_the_proposal_is_played(tmp_path):
+    problem = cart(tmp_path, {"push >= -1.0": "push + gear >= 1.0"})
+    env = make_environment(problem)
+    found = evaluate(env, constant(push=0.5), 1, seed=0)
+    assert (found.illegal_actions, found.fallback_actions) == (8, 0)
+    assert found.returns.tolist() == [sum(0.5 * (t + 1) / 2**t for t in range(8))]
 
 
 def test_an_environment_that_is_not_vectorized_is_refused(tmp_path):
@@ -302,7 +312,8 @@ def test_every_episode_is_reported_once(tmp_path):
 
 
 def figures(*returns: float) -> Evaluation:
-    return Evaluation(np.array(returns), np.full(len(returns), 8), illegal_actions=0)
+    lengths = np.full(len(returns), 8)
+    return Evaluation(np.array(returns), lengths, illegal_actions=0, fallback_actions=0)
 
 
 def test_figures_worked_by_hand():

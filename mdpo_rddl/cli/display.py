@@ -38,9 +38,12 @@ class ProgressBar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        # what went wrong is all that there is to say then
-        self._bar.live.transient = error is not None
-        self._bar.stop()
+        if error is None:
+            self._bar.stop()
+            return
+        # what went wrong is all that there is to say
+        self._bar.live.transient = True
+        self._bar.live.stop()
 
     def stage(self, name: str) -> None:
         """Starts a new bar under the finished ones."""
@@ -90,7 +93,10 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         table.add_row("95% interval", f"\\[{_number(low)}, {_number(high)}]")
     table.add_row("standard deviation", _number(summary["std_return"]))
     if summary["illegal_actions"]:
-        table.add_row("[red]steps with an illegal action[/red]", str(summary["illegal_actions"]))
+        counts = (
+            f"{summary['illegal_actions']:,}, of which {summary['fallback_actions']:,} fell back"
+        )
+        table.add_row("[red]steps with an illegal action[/red]", counts)
     if "last_iterate" in summary:
         table.add_row("mean return, last iterate", _number(summary["last_iterate"]["mean_return"]))
         table.add_section()
@@ -98,6 +104,14 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         table.add_row("best iterate", f"{summary['best_iteration']:,}")
         table.add_row("training", f"{summary['train_seconds']:.1f} s")
         table.add_row("compilation", f"{summary['compile_seconds']:.1f} s")
+    if summary.get("mode") == "replan":
+        table.add_section()
+        table.add_row("decisions", f"{summary['decisions']:,}, {summary['lookahead']} steps ahead")
+        table.add_row("budget of a decision", f"{summary['decision_seconds']:g} s")
+        used = f"{summary['mean_seconds']:.2f} s (longest {summary['max_seconds']:.2f} s)"
+        table.add_row("used, on average", used)
+        table.add_row("iterations, on average", f"{summary['mean_iterations']:,.0f}")
+        table.add_row("compilation, before", f"{summary['compile_seconds']:.1f} s")
     console.print(table)
     if where is not None:
         console.print(f"written to {where}", highlight=False, markup=False, soft_wrap=True)

@@ -4,7 +4,7 @@ import argparse
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
@@ -12,6 +12,10 @@ from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
 
 class OneLineParser(argparse.ArgumentParser):
     """A parser whose complaint is one line on standard error, with exit status 2."""
+
+    def __init__(self, **arguments: Any) -> None:
+        # an abbreviation that is unique today is ambiguous, or another option, tomorrow
+        super().__init__(**{"allow_abbrev": False, **arguments})
 
     def error(self, message: str) -> NoReturn:
         """Prints the complaint and exits."""
@@ -86,6 +90,17 @@ def plan_parser() -> OneLineParser:
     _add_noise_options(parser.add_argument_group("noise on the actions"))
     _add_training_options(parser.add_argument_group("training"))
     run = parser.add_argument_group("the run")
+    run.add_argument(
+        "--replan",
+        action="store_true",
+        help="plan anew at every decision of the evaluation, with --seconds (default: 1) and "
+        "--iterations for each",
+    )
+    run.add_argument(
+        "--lookahead",
+        type=positive_int,
+        help="steps that a plan looks ahead (default: the horizon, or the --config file's)",
+    )
     run.add_argument("--horizon", type=positive_int, help="replaces the instance's horizon")
     run.add_argument(
         "--seed",
@@ -155,6 +170,7 @@ TRAINING_ONLY = [
     "seconds",
     "restarts",
     "batch",
+    "lookahead",
 ]
 """Options that make no sense for a policy that is loaded."""
 
@@ -171,8 +187,13 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
         that the configuration refuses.
     """
     config = _configure_noise(config, options)
-    if options.policy is not None:
-        method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[options.policy]
+    policy = options.policy
+    if options.replan and options.config is None:
+        # a preset's budget is for one long training, and its policy for all states
+        config = config.with_values("Optimize", epochs=999999, train_seconds=1.0)
+        policy = policy or "slp"
+    if policy is not None:
+        method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[policy]
         if config.section("Planner").get("method") != method:
             # one plan's arguments mean nothing to another
             config = config.with_values("Planner", method=method, method_kwargs={})
@@ -180,7 +201,11 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
         names = sorted(relaxation_weights(config.compiler_class()))
         config = config.with_values("Compiler", **dict.fromkeys(names, options.weight))
     changes = {
-        "Planner": {"parallel_updates": options.restarts, "batch_size_train": options.batch},
+        "Planner": {
+            "parallel_updates": options.restarts,
+            "batch_size_train": options.batch,
+            "rollout_horizon": options.lookahead,
+        },
         "Optimize": {"epochs": options.iterations, "train_seconds": options.seconds},
     }
     for section, values in changes.items():

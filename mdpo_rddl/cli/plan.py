@@ -20,7 +20,7 @@ from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.problem import load_problem
 from mdpo_rddl.report.run_folder import free_name
-from mdpo_rddl.session import LoadRequest, PlanRequest, evaluate_saved, plan
+from mdpo_rddl.session import LoadRequest, PlanRequest, evaluate_saved, plan, replan
 
 RUNS = Path("runs")
 
@@ -57,7 +57,10 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
     with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:
         if options.load is None:
             request = _plan_request(options)
-            return plan(request, bar), request.out
+            run = replan if options.replan else plan
+            return run(request, bar), request.out
+        if options.replan:
+            raise InputError("--replan does not go with --load, which plans nothing")
         load = LoadRequest(
             domain=options.domain,
             instance=options.instance,

@@ -50,7 +50,9 @@ def sweep(
       iterations: training iterations.
       episodes: evaluation episodes per seed on the exact environment.
     """
-    records = Records(out / "sweep.csv", COLUMNS, KEYS)
+    base = PRESETS["paper"]("any domain").to_text(for_jaxplan=True)
+    conditions = {"iterations": iterations, "episodes": episodes, "preset": base}
+    records = Records(out / "sweep.csv", COLUMNS, KEYS, conditions)
     grid = [(float(a), float(s)) for a in alphas for s in sigma_maxes]
     for setting in settings:
         open_points = [

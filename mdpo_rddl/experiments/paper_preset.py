@@ -13,6 +13,7 @@ from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.settings import load_setting
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
+from mdpo_rddl.presets.paper import NOISE_BY_DOMAIN
 from mdpo_rddl.problem import make_environment
 
 logger = logging.getLogger(__name__)
@@ -46,7 +47,9 @@ def run_paper_preset(
       iterations: training iterations.
       episodes: evaluation episodes per seed on the exact environment.
     """
-    records = Records(out / "runs.csv", COLUMNS, KEYS)
+    presets = {name: PRESETS["paper"](name).to_text() for name in NOISE_BY_DOMAIN}
+    conditions = {"iterations": iterations, "episodes": episodes, "preset": presets}
+    records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
     for setting in settings:
         problem = load_setting(setting)
         preset = PRESETS["paper"](problem.domain_name)

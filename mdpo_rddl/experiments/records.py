@@ -1,7 +1,8 @@
 """Results as rows of a CSV file, written one by one so that a stopped run goes on."""
 
 import csv
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,29 @@ class Records:
     """Rows with named columns, of which the first few identify a row.
 
     Attributes:
-      path: the CSV file.
+      path: the CSV file; its conditions stand beside it, in a JSON file of the same name.
       columns: names of all columns.
       keys: names of the columns that identify a row.
     """
 
-    def __init__(self, path: Path, columns: Iterable[str], keys: Iterable[str]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        columns: Iterable[str],
+        keys: Iterable[str],
+        conditions: Mapping[str, Any] | None = None,
+    ) -> None:
         """Opens the file, or starts it.
 
+        Args:
+          path: the CSV file.
+          columns: names of all columns.
+          keys: names of the columns that identify a row.
+          conditions: what all rows have in common, as JSON can hold it.
+
         Raises:
-          InputError: if it cannot be written or holds anything but rows of these columns.
+          InputError: if it cannot be written, holds anything but rows of these columns, or
+            rows that were made under other conditions.
         """
         self.path, self.columns, self.keys = path, tuple(columns), tuple(keys)
         try:
@@ -43,6 +57,23 @@ class Records:
         if not text.endswith("\n"):
             raise InputError(f"{path}:{len(rows) + 1}: the line has no end; delete or end it")
         self.rows = [dict(zip(self.columns, row, strict=True)) for row in rows]
+        self._keep(dict(conditions or {}))
+
+    def _keep(self, conditions: dict[str, Any]) -> None:
+        path = self.path.with_suffix(".json")
+        if not self.rows or not path.exists():
+            path.write_text(json.dumps(conditions, indent=2) + "\n", encoding="utf-8")
+            return
+        try:
+            kept = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise InputError(f"{path}: is not a file of conditions: {error}") from error
+        for name, value in conditions.items():
+            if kept.get(name) != value:
+                raise InputError(
+                    f"{self.path}: holds results made with another {name} (see {path}); "
+                    "use another --out"
+                )
 
     def has(self, *key: Any) -> bool:
         """Whether a row with these key values is there."""

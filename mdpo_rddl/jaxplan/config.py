@@ -1,31 +1,30 @@
-"""JaxPlan's `.cfg` files, with an optional section `[Noise]`.
+"""JaxPlan's `.cfg` files, with two optional sections.
 
 The format is JaxPlan's: sections `[Compiler]`, `[Planner]`, `[Optimize]`, each value a
 Python literal. `[Noise]` names a rule of `mdpo_rddl.noise` as its `method` and that rule's
-numbers. JaxPlan itself ignores the section, so one file serves both.
+numbers; `[MDPO]` holds the switches of `MDPOPlanner`. JaxPlan itself ignores both, so one
+file serves both planners.
 """
 
-import ast
-import configparser
 import dataclasses
 import inspect
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import jax
-import numpy as np
 import optax
-from flax.linen import initializers as flax_initializers
 
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.config_text import one_line, parse_sections
 from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner, JaxPlan, logic, planner
 from mdpo_rddl.noise import ActionNoise
 
-_SECTIONS = ("Compiler", "Planner", "Optimize", "Noise")
+_JAXPLAN_SECTIONS = ("Compiler", "Planner", "Optimize")
+_SECTIONS = (*_JAXPLAN_SECTIONS, "Noise", "MDPO")
+_SWITCHES = {"stop_at_termination", "keep_group_limits"}
 _DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
 _DEFAULT_NOISE = "AdaptiveNoise"
 
@@ -75,20 +74,7 @@ class PlannerConfig:
             section or key is unknown, a value is not a literal, or a name or number is one
             that neither JaxPlan nor the noise rule accepts.
         """
-        parser = configparser.RawConfigParser()
-        parser.optionxform = str  # type: ignore[assignment,method-assign]  # keys keep their case
-        try:
-            parser.read_string(text)
-        except configparser.Error as error:
-            raise _syntax_error(source, error) from error
-        sections = {
-            section: {
-                key: _literal(value, text, source, section, key)
-                for key, value in parser.items(section)
-            }
-            for section in parser.sections()
-        }
-        config = cls(sections, source)
+        config = cls(parse_sections(text, source), source)
         config._check()
         return config
 
@@ -114,11 +100,15 @@ class PlannerConfig:
         """
         return self.with_section(name, {**self.section(name), **values})
 
-    def to_text(self, without_noise: bool = False) -> str:
-        """The configuration as a file's text, which `from_text` reads back."""
+    def to_text(self, for_jaxplan: bool = False) -> str:
+        """The configuration as a file's text, which `from_text` reads back.
+
+        Args:
+          for_jaxplan: leave out the sections that JaxPlan does not know.
+        """
         blocks = []
-        for section in _SECTIONS:
-            if section not in self.sections or (without_noise and section == "Noise"):
+        for section in _JAXPLAN_SECTIONS if for_jaxplan else _SECTIONS:
+            if section not in self.sections:
                 continue
             lines = [f"{key}={value!r}" for key, value in self.sections[section].items()]
             blocks.append("\n".join([f"[{section}]", *lines]))
@@ -137,9 +127,13 @@ class PlannerConfig:
           InputError: if JaxPlan refuses the values.
         """
         try:
-            return planner.load_config_from_string(self.to_text(without_noise=True))
+            return planner.load_config_from_string(self.to_text(for_jaxplan=True))
         except Exception as error:  # JaxPlan raises whatever the values make Python raise
-            raise InputError(f"{self.source}: JaxPlan refuses it: {_one_line(error)}") from error
+            raise InputError(f"{self.source}: JaxPlan refuses it: {one_line(error)}") from error
+
+    def mdpo_arguments(self) -> dict[str, Any]:
+        """What `MDPOPlanner` takes beside JaxPlan's arguments: the noise and the switches."""
+        return {"noise": self.noise(), **self.section("MDPO")}
 
     def compiler_class(self) -> type:
         """The class that compiles the relaxed model."""
@@ -149,13 +143,14 @@ class PlannerConfig:
         for section in self.sections:
             if section not in _SECTIONS:
                 raise self._error(f"unknown section [{section}], known are {', '.join(_SECTIONS)}")
-        for section in ("Compiler", "Planner", "Optimize"):
+        for section in _JAXPLAN_SECTIONS:
             if section not in self.sections:
                 raise self._error(f"section [{section}] is missing")
         self._check_compiler()
         self._check_planner()
         self._check_optimize()
         self._check_noise()
+        self._check_switches()
         for section, keys in _POSITIVE_INTEGERS.items():
             self._check_positive(section, *keys, integer=True)
         for section, keys in _POSITIVE_NUMBERS.items():
@@ -193,7 +188,7 @@ class PlannerConfig:
                 raise self._error(
                     f"[Planner] method_kwargs: unknown key {key!r}, known are {known_keys}"
                 )
-        modules = (jax.nn.initializers, flax_initializers)
+        modules = (planner.initializers, planner.nn.initializers)
         self._check_function("method_kwargs: initializer", plan_values.get("initializer"), modules)
         modules = (jax.nn, jax.numpy)
         self._check_function("method_kwargs: activation", plan_values.get("activation"), modules)
@@ -253,6 +248,12 @@ class PlannerConfig:
         except ValueError as error:
             raise self._error(f"[Noise] {error}") from error
 
+    def _check_switches(self) -> None:
+        self._check_keys("MDPO", _SWITCHES)
+        for key, value in self.section("MDPO").items():
+            if not isinstance(value, bool):
+                raise self._error(f"[MDPO] {key}: must be True or False, got {value!r}")
+
     def _check_keys(self, section: str, known: set[str]) -> None:
         for key in self.section(section):
             if key not in known:
@@ -278,7 +279,7 @@ def relaxation_weights(compiler: type) -> set[str]:
 
 
 def load_config(path: str | Path) -> JaxPlanArguments:
-    """JaxPlan's `load_config`, with `[Noise]` read into the planner's arguments as `noise`.
+    """JaxPlan's `load_config`, with `[Noise]` and `[MDPO]` read into the planner's arguments.
 
     Returns:
       The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`.
@@ -286,17 +287,17 @@ def load_config(path: str | Path) -> JaxPlanArguments:
     Raises:
       InputError: naming file, section and key.
     """
-    return _with_noise(PlannerConfig.from_file(path))
+    return _arguments(PlannerConfig.from_file(path))
 
 
 def load_config_from_string(value: str) -> JaxPlanArguments:
     """As `load_config`, from the file's contents."""
-    return _with_noise(PlannerConfig.from_text(value))
+    return _arguments(PlannerConfig.from_text(value))
 
 
-def _with_noise(config: PlannerConfig) -> JaxPlanArguments:
+def _arguments(config: PlannerConfig) -> JaxPlanArguments:
     planner_args, plan_args, train_args = config.jaxplan_arguments()
-    return {**planner_args, "noise": config.noise()}, plan_args, train_args
+    return {**planner_args, **config.mdpo_arguments()}, plan_args, train_args
 
 
 def _parameters(function: Any) -> set[str]:
@@ -313,50 +314,3 @@ def _concrete_class(module: ModuleType, name: object, base: type) -> type | None
 
 def _is_number(value: object, kind: Any) -> bool:
     return isinstance(value, kind) and not isinstance(value, bool)
-
-
-def _literal(value: str, text: str, source: str, section: str, key: str) -> Any:
-    try:
-        literal = ast.literal_eval(value)
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
-        start = re.escape(value.partition("\n")[0])
-        line_of_it = rf"^[ \t]*{re.escape(key)}[ \t]*[=:][ \t]*{start}[ \t]*$"
-        found = re.search(line_of_it, text, flags=re.MULTILINE)
-        line = "" if found is None else ":" + str(text.count("\n", 0, found.end()) + 1)
-        raise InputError(
-            f"{source}{line}: [{section}] {key}: {value!r} is not a Python literal "
-            "(is a quote missing?)"
-        ) from error
-    if not _is_finite(literal):
-        raise InputError(f"{source}: [{section}] {key}: must be finite, got {literal}")
-    return literal
-
-
-def _is_finite(literal: Any) -> bool:
-    if isinstance(literal, dict):
-        return all(map(_is_finite, [*literal.keys(), *literal.values()]))
-    if isinstance(literal, list | tuple | set):
-        return all(map(_is_finite, literal))
-    try:
-        return not isinstance(literal, int | float) or bool(np.isfinite(float(literal)))
-    except OverflowError:
-        return False
-
-
-def _syntax_error(source: str, error: configparser.Error) -> InputError:
-    line = getattr(error, "lineno", None)
-    if isinstance(error, configparser.DuplicateOptionError):
-        cause = f"[{error.section}] {error.option}: given twice"
-    elif isinstance(error, configparser.DuplicateSectionError):
-        cause = f"section [{error.section}] begins twice"
-    elif isinstance(error, configparser.MissingSectionHeaderError):
-        cause = "no section header, such as [Planner], comes before this line"
-    elif isinstance(error, configparser.ParsingError) and error.errors:
-        line, cause = error.errors[0][0], "neither a section header nor key=value"
-    else:
-        cause = _one_line(error)
-    return InputError(f"{source}{'' if line is None else f':{line}'}: {cause}")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -2,14 +2,16 @@
 
 import copy
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jax import Array
 
 from mdpo_rddl.actions import ActionKind, ActionSpec
+from mdpo_rddl.jaxplan.limited_bools import is_softmax, limited_bools, shift_for
 from mdpo_rddl.jaxplan.upstream import JaxPlan
+from mdpo_rddl.limits import GroupLimit, choose_within_limits, scale_to_limits
 from mdpo_rddl.projection import perturb_and_project
 
 logger = logging.getLogger(__name__)
@@ -17,38 +19,33 @@ logger = logging.getLogger(__name__)
 PerturbedPolicy = Callable[..., dict[str, Array]]
 
 
-def action_specs(plan: JaxPlan, rddl: Any) -> dict[str, ActionSpec]:
+def action_specs(plan: JaxPlan, compiled: Any) -> dict[str, ActionSpec]:
     """The action fluents that take noise, as a compiled plan bounds them.
 
-    Bools under a concurrency limit (`max-nondef-actions` below their number) take none:
-    JaxPlan enforces the limit on logits that no caller can reach.
+    Bools whose number `max-nondef-actions` limits take none under a plan that is neither of
+    JaxPlan's own, since only those say where their logits are.
     """
-    limited = _bools_are_limited(rddl)
+    rddl = compiled.rddl
+    limited = limited_bools(rddl)
     specs = {}
-    for name, values in rddl.action_fluents.items():
+    for name in rddl.action_fluents:
         prange = rddl.variable_ranges[name]
-        shape = np.shape(values)
+        shape = np.shape(compiled.init_values[name])
         if prange == "bool":
-            if limited:
-                logger.warning("no noise on %s: its number of true values is limited", name)
-                continue
+            kind = ActionKind.BOOL
+            if name in limited:
+                if shift_for(plan, limited) is None:
+                    logger.warning("no noise on %s: unknown kind of plan", name)
+                    continue
+                kind = ActionKind.CHOICE if is_softmax(plan) else ActionKind.BOOL
             nothing = np.full(shape, np.nan)
-            specs[name] = ActionSpec(name, shape, ActionKind.BOOL, nothing, nothing)
+            specs[name] = ActionSpec(name, shape, kind, nothing, nothing)
             continue
         kind = ActionKind.REAL if prange == "real" else ActionKind.INTEGER
         lower, upper = (np.broadcast_to(bound, shape) for bound in plan.bounds[name])
         squashed = bool(getattr(plan, "_wrap_non_bool", False))
         specs[name] = ActionSpec(name, shape, kind, lower, upper, squashed)
     return specs
-
-
-def _bools_are_limited(rddl: Any) -> bool:
-    bools = sum(
-        np.size(values)
-        for name, values in rddl.action_fluents.items()
-        if rddl.variable_ranges[name] == "bool"
-    )
-    return rddl.max_allowed_actions < bools
 
 
 def copy_uncompiled(plan: JaxPlan) -> JaxPlan:
@@ -76,9 +73,9 @@ def compile_raw_policy(
     """
     rddl = compiled.rddl
     unbounded = {}
-    for name, values in rddl.action_fluents.items():
+    for name in rddl.action_fluents:
         if rddl.variable_ranges[name] != "bool":
-            shape = np.shape(values)
+            shape = np.shape(compiled.init_values[name])
             unbounded[name] = (np.full(shape, -np.inf), np.full(shape, np.inf))
     warned, compiled.print_warnings = compiled.print_warnings, False
     try:
@@ -89,12 +86,47 @@ def compile_raw_policy(
 
 
 def perturbed_policy(
-    raw_policy: Callable[..., dict[str, Array]], specs: Mapping[str, ActionSpec]
+    raw_policy: Callable[..., dict[str, Array]],
+    plan: JaxPlan,
+    rddl: Any,
+    specs: Mapping[str, ActionSpec],
+    limits: Sequence[GroupLimit],
 ) -> PerturbedPolicy:
-    """`raw_policy` with one more argument, the step's perturbation per fluent [*shape]."""
+    """`raw_policy` with one more argument, the step's perturbation per fluent [*shape].
+
+    Args:
+      raw_policy: the plan's policy without a box.
+      plan: the compiled plan.
+      rddl: pyRDDLGym's lifted model.
+      specs: the fluents that take noise.
+      limits: the groups of bools of which few may be true.
+    """
+    limited = [name for name in limited_bools(rddl) if name in specs]
+    shift_limited = shift_for(plan, limited) if limited else None
 
     def policy(key, params, hyperparams, step, fluents, history, perturbation):
+        if shift_limited is not None:
+            params, step = shift_limited(params, hyperparams, step, perturbation)
         raw = raw_policy(key, params, hyperparams, step, fluents, history)
-        return perturb_and_project(raw, perturbation, specs)
+        rest = {name: value for name, value in perturbation.items() if name not in limited}
+        return scale_to_limits(perturb_and_project(raw, rest, specs), limits)
 
     return policy
+
+
+def limited_policies(
+    plan: JaxPlan, limits: Sequence[GroupLimit]
+) -> tuple[Callable[..., dict[str, Array]], Callable[..., dict[str, Array]]]:
+    """A compiled plan's training and test policies, made to keep the groups' limits."""
+    train_policy, test_policy = plan.train_policy, plan.test_policy
+    names = sorted({name for limit in limits for name in limit.groups})
+
+    def train(*arguments):
+        return scale_to_limits(train_policy(*arguments), limits)
+
+    def test(*arguments):
+        probabilities = train_policy(*arguments)
+        grouped = {name: probabilities[name] for name in names}
+        return {**test_policy(*arguments), **choose_within_limits(grouped, limits)}
+
+    return train, test

@@ -6,19 +6,24 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array, random
+import numpy as np
+from jax import random
 
 from mdpo_rddl.actions import ActionSpec
+from mdpo_rddl.jaxplan.analysis import compile_analysis
 from mdpo_rddl.jaxplan.perturbed_policy import (
     action_specs,
     compile_raw_policy,
     copy_uncompiled,
+    limited_policies,
     perturbed_policy,
 )
 from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_perturbed_rollouts
+from mdpo_rddl.jaxplan.termination import stop_at_termination
 from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner
+from mdpo_rddl.limits import group_limits
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
-from mdpo_rddl.noise.draws import draw_perturbation, zero_perturbation
+from mdpo_rddl.noise.draws import draw_perturbation
 
 # folded into JaxPlan's key of an iteration, so that the model draws what it draws in JaxPlan
 _ANALYSIS_STREAM = 0x616E61
@@ -39,11 +44,22 @@ class MDPOPlanner(JaxBackpropPlanner):
     `NoNoise` the parameters equal JaxPlan's bit for bit for the same key.
     """
 
-    def __init__(self, *args: Any, noise: ActionNoise | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        noise: ActionNoise | None = None,
+        stop_at_termination: bool = False,
+        keep_group_limits: bool = True,
+        **kwargs: Any,
+    ) -> None:
         """Takes every argument of `JaxBackpropPlanner`, and:
 
         Args:
           noise: the rule for the action noise; `AdaptiveNoise()` if None.
+          stop_at_termination: whether rewards after a termination condition count for
+            nothing, as in the exact environment; JaxPlan counts them.
+          keep_group_limits: whether preconditions of the form "at most k of these bools" hold
+            in training and in play (`mdpo_rddl.limits`); JaxPlan ignores them.
 
         Raises:
           TypeError: if `noise` is not an `ActionNoise`.
@@ -53,6 +69,9 @@ class MDPOPlanner(JaxBackpropPlanner):
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
         self._noise = noise
+        self._noise_state: Any = None
+        self.stop_at_termination = stop_at_termination
+        self.keep_group_limits = keep_group_limits
         self.action_specs: dict[str, ActionSpec] = {}
         given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
         if "pgpe" not in given.arguments:
@@ -84,9 +103,16 @@ class MDPOPlanner(JaxBackpropPlanner):
     def _jax_compile_policy(self) -> None:
         raw_plan = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
-        self.action_specs = action_specs(self.plan, self.rddl)
+        limits = group_limits(self.rddl)[0] if self.keep_group_limits else []
+        if limits:
+            self.plan.train_policy, self.plan.test_policy = limited_policies(self.plan, limits)
+            self.train_policy = jax.jit(self.plan.train_policy)
+            self.test_policy = jax.jit(self.plan.test_policy)
+        self.action_specs = action_specs(self.plan, self.compiled)
         raw_policy = compile_raw_policy(raw_plan, self.compiled, self.horizon, self.preprocessor)
-        self._perturbed_policy = perturbed_policy(raw_policy, self.action_specs)
+        self._perturbed_policy = perturbed_policy(
+            raw_policy, self.plan, self.rddl, self.action_specs, limits
+        )
 
     @property
     def is_noisy(self) -> bool:
@@ -95,6 +121,9 @@ class MDPOPlanner(JaxBackpropPlanner):
 
     def _jax_compile_rollouts(self) -> None:
         super()._jax_compile_rollouts()
+        stopping = self.stop_at_termination and bool(self.rddl.terminations)
+        if stopping:
+            self._jax_compile_stopping_rollouts()
         if not self.is_noisy:
             return
         perturbed_rollouts = compile_perturbed_rollouts(
@@ -102,8 +131,11 @@ class MDPOPlanner(JaxBackpropPlanner):
             self._perturbed_policy,
             self.horizon,
             history_dependent=self.plan.history_dependent,
+            check_constraints=stopping,
             cache_path_info=self.preprocessor is not None or self.dashboard is not None,
         )
+        if stopping:
+            perturbed_rollouts = stop_at_termination(perturbed_rollouts)
         plain_rollouts = self.train_rollouts
 
         def rollouts(key, params, hyperparams, fluents, nonfluents, model):
@@ -112,22 +144,48 @@ class MDPOPlanner(JaxBackpropPlanner):
 
         self.train_rollouts = rollouts
 
+    def _jax_compile_stopping_rollouts(self) -> None:
+        """JaxPlan's rollouts once more, with the ends of episodes noted and heeded."""
+        watched = self.dashboard is not None
+        shared = {
+            "n_steps": self.horizon,
+            "history_dependent": self.plan.history_dependent,
+            "check_constraints": True,
+        }
+        train_rollouts = self.compiled.compile_rollouts(
+            policy=self.plan.train_policy,
+            n_batch=self.batch_size_train,
+            cache_path_info=self.preprocessor is not None or watched,
+            **shared,
+        )
+        test_rollouts = self.test_compiled.compile_rollouts(
+            policy=self.plan.test_policy,
+            n_batch=self.batch_size_test,
+            cache_path_info=watched,
+            **shared,
+        )
+        self.train_rollouts = stop_at_termination(train_rollouts)
+        self.test_rollouts = jax.jit(stop_at_termination(test_rollouts))
+
     def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
         initialize, init_optimizer = super()._jax_init_optimizer()
         if not self.is_noisy:
             return initialize, init_optimizer
 
-        def with_noise(opt_aux):
-            noise_and_state = (self.noise, self.noise.initial_state(self.horizon))
-            return {**opt_aux, "noise": self._broadcast_pytree(noise_and_state)}
-
         def initialize_with_noise(key, policy_hyperparams, fluents):
             params, opt_state, opt_aux = initialize(key, policy_hyperparams, fluents)
-            return params, opt_state, with_noise(opt_aux)
+            noise_and_state = (self.noise, self.noise.initial_state(self.horizon))
+            return params, opt_state, {**opt_aux, "noise": self._broadcast_pytree(noise_and_state)}
 
         def init_optimizer_with_noise(policy_params):
+            # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
-            return opt_state, with_noise(opt_aux)
+            noise = self._broadcast_pytree(self.noise)
+            if self._noise_state is None:
+                state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
+            else:
+                state = jax.vmap(lambda rule, state: rule.advance(state))(noise, self._noise_state)
+            return opt_state, {**opt_aux, "noise": (noise, state)}
 
         return initialize_with_noise, init_optimizer_with_noise
 
@@ -176,37 +234,23 @@ class MDPOPlanner(JaxBackpropPlanner):
             log = {**result[5], "sigma": profile.sigma, "sensitivity": profile.sensitivity}
             return (*result[:5], log, *result[6:])
 
-        return jax.jit(update)
+        compiled_update = jax.jit(update)
 
-    def _jax_analysis(self) -> Callable[..., dict[str, Array]]:
-        """The analysis pass: the mean return's gradient with respect to each raw action.
+        def update_and_remember(*arguments):
+            result = compiled_update(*arguments)
+            self._noise_state = result[3]["noise"][1]
+            return result
 
-        Returns:
-          A function of a key, the policy's parameters and hyperparameters, the initial
-          fluents [B, ...], the non-fluents, the model's and the critic's parameters, that
-          gives per action fluent the gradient [H, *action shape] in return per unit of
-          action, averaged over the noise's `analysis_samples` draws of the exogenous noise.
-        """
-        loss = self._jax_mean_loss()
-        samples = self.noise.analysis_samples
+        return update_and_remember
 
-        def analyse(key, params, hyperparams, fluents, nonfluents, model, critic):
-            # all rollouts of a batch start in the same state
-            start = jax.tree.map(
-                lambda f: jnp.broadcast_to(f[:1], (samples, *f.shape[1:])), fluents
-            )
-
-            def negative_return(perturbation):
-                perturbed = PerturbedModel(model, perturbation)
-                return loss(key, params, hyperparams, start, nonfluents, perturbed, critic)[0]
-
-            silence = zero_perturbation(
-                self.horizon, self.action_specs, samples, self.compiled.REAL
-            )
-            gradients = jax.grad(negative_return)(silence)
-            return {name: -jnp.sum(gradient, axis=0) for name, gradient in gradients.items()}
-
-        return analyse
+    def _jax_analysis(self) -> Callable:
+        return compile_analysis(
+            self._jax_mean_loss(),
+            self.action_specs,
+            self.horizon,
+            self.noise.analysis_samples,
+            self.compiled.REAL,
+        )
 
     def _jax_mean_loss(self) -> Callable:
         """JaxPlan's training loss with the mean as its utility, as the sensitivity is defined."""
@@ -216,6 +260,29 @@ class MDPOPlanner(JaxBackpropPlanner):
             return self._jax_loss(self.train_rollouts)
         finally:
             self.utility, self.utility_kwargs = utility, utility_kwargs
+
+    def get_action(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        """JaxPlan's action, with reals clipped to the RDDL's box in 64 bit.
+
+        A bound rounded to 32 bit can lie outside the box, which an environment with
+        `enforce_action_constraints=True` refuses.
+        """
+        actions = dict(super().get_action(*args, **kwargs))
+        for name, prange in self.rddl.action_ranges.items():
+            if prange == "real" and name in actions:
+                bounds = self.test_compiled.constraints.bounds[name]
+                actions[name] = np.clip(np.asarray(actions[name], np.float64), *bounds)
+        return actions
+
+    def summarize_hyperparameters(self) -> str:
+        """JaxPlan's summary, and the noise's."""
+        return super().summarize_hyperparameters() + (
+            "[INFO] action noise hyper-parameters:\n"
+            f"    noise              ={self.noise}\n"
+            f"    perturbed actions  ={', '.join(self.action_specs) or 'none'}\n"
+            f"    stop_at_termination={self.stop_at_termination}\n"
+            f"    keep_group_limits  ={self.keep_group_limits}\n"
+        )
 
     def params_structure(self, policy_hyperparams: Mapping[str, Any]) -> Any:
         """Shapes and types of one policy's parameters, as a tree of `jax.ShapeDtypeStruct`."""

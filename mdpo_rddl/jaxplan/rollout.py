@@ -31,6 +31,7 @@ def compile_perturbed_rollouts(
     horizon: int,
     *,
     history_dependent: bool = False,
+    check_constraints: bool = False,
     cache_path_info: bool = False,
 ) -> Callable[..., tuple[dict[str, Any], Any]]:
     """Compiles rollouts that take a `PerturbedModel` where JaxPlan's take model parameters.
@@ -45,6 +46,7 @@ def compile_perturbed_rollouts(
       policy: the perturbed policy.
       horizon: number of steps H.
       history_dependent: whether the policy reads the fluents' history.
+      check_constraints: whether the log tells preconditions, invariants and termination.
       cache_path_info: whether the log keeps every fluent at every step.
 
     Returns:
@@ -52,7 +54,9 @@ def compile_perturbed_rollouts(
       leading batch axis B on the fluents, giving JaxPlan's log [B, H, ...] and the model
       parameters.
     """
-    transition = compiled.compile_transition(cache_path_info=cache_path_info)
+    transition = compiled.compile_transition(
+        check_constraints=check_constraints, cache_path_info=cache_path_info
+    )
 
     def one_step(key, perturbation, fluents, history, params, hyperparams, step, nonfluents, model):
         key, model_key = random.split(key)

@@ -11,6 +11,8 @@ with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
 
 JaxBackpropPlanner = planner.JaxBackpropPlanner
 JaxDeepReactivePolicy = planner.JaxDeepReactivePolicy
+JaxOfflineController = planner.JaxOfflineController
+JaxOnlineController = planner.JaxOnlineController
 JaxPlan = planner.JaxPlan
 JaxStraightLinePlan = planner.JaxStraightLinePlan
 GaussianPGPE = planner.GaussianPGPE
@@ -19,6 +21,8 @@ __all__ = [
     "GaussianPGPE",
     "JaxBackpropPlanner",
     "JaxDeepReactivePolicy",
+    "JaxOfflineController",
+    "JaxOnlineController",
     "JaxPlan",
     "JaxStraightLinePlan",
     "logic",

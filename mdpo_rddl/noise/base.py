@@ -51,6 +51,10 @@ class ActionNoise(abc.ABC):
         del horizon
         return ()
 
+    def advance(self, state: Any) -> Any:
+        """The state for a replan one decision later; here the same."""
+        return state
+
     @abc.abstractmethod
     def profile(
         self, gradients: Mapping[str, Array] | None, state: Any, horizon: int

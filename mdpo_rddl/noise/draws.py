@@ -10,13 +10,18 @@ from mdpo_rddl.actions import ActionKind, ActionSpec
 
 
 def unit_noise(key: Array, kind: ActionKind, shape: tuple[int, ...], dtype: jnp.dtype) -> Array:
-    """Noise of scale 1: standard normal, for bools standard logistic (scale 1, not deviation 1).
+    """Noise of scale 1: normal, for bools logistic, for choices Gumbel.
 
-    The logistic law makes a perturbed log-odds a binary concrete variable (Maddison et al.
-    2017, https://arxiv.org/abs/1611.00712).
+    The scale of the normal law is its standard deviation; the logistic and the Gumbel law's
+    is their usual parameter (deviations pi / sqrt(3) and pi / sqrt(6)). On log-odds and
+    logits these laws make binary concrete and concrete (Gumbel-softmax) variables: Maddison
+    et al. 2017, https://arxiv.org/abs/1611.00712; Jang et al. 2017,
+    https://arxiv.org/abs/1611.01144.
     """
     if kind is ActionKind.BOOL:
         return jax.random.logistic(key, shape, dtype)
+    if kind is ActionKind.CHOICE:
+        return jax.random.gumbel(key, shape, dtype)
     return jax.random.normal(key, shape, dtype)
 
 

@@ -1,5 +1,6 @@
 """A trained policy as a safetensors file: tensors and text, nothing that executes."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -62,6 +63,7 @@ def save_policy(path: Path, policy: SavedPolicy) -> None:
         "problem": json.dumps(policy.problem),
         "seed": str(policy.seed),
     }
+    metadata["digest"] = _digest(tensors, metadata)
     path.write_bytes(save(tensors, metadata=metadata))
 
 
@@ -74,14 +76,17 @@ def load_policy(path: Path) -> SavedPolicy:
     try:
         with safetensors.safe_open(str(path), framework="numpy") as file:
             metadata = file.metadata() or {}
+            if metadata.get("format") != FORMAT:
+                found = metadata.get("format")
+                raise InputError(f"{path}: not a policy of mdpo-rddl (format {found!r})")
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such policy") from error
     except (OSError, safetensors.SafetensorError) as error:
         cause = " ".join(str(error).split())
         raise InputError(f"{path}: damaged policy file: {cause}") from error
-    if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: not a policy of mdpo-rddl (format {metadata.get('format')!r})")
+    if metadata.pop("digest", None) != _digest(tensors, metadata):
+        raise InputError(f"{path}: damaged policy file: its contents do not match their digest")
     try:
         trees = _unflatten(tensors)
         return SavedPolicy(
@@ -92,12 +97,21 @@ def load_policy(path: Path) -> SavedPolicy:
             seed=int(metadata["seed"]),
         )
     except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: damaged policy file: {error!r} is missing or wrong") from error
+        raise InputError(f"{path}: damaged policy file: {error!r}") from error
+
+
+def _digest(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
+    """The sha256 (hex) of everything in the file but the digest itself."""
+    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {tensor.shape} ".encode())
+        digest.update(tensor.tobytes())
+    return digest.hexdigest()
 
 
 def _flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:
     if not isinstance(tree, Mapping):
-        return {prefix: np.ascontiguousarray(tree)}
+        return {prefix: np.asarray(tree, order="C")}
     flat: dict[str, np.ndarray] = {}
     for key, value in tree.items():
         if not isinstance(key, str) or "/" in key:

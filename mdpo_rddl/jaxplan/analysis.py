@@ -1,0 +1,51 @@
+"""The analysis pass: how the return answers to the action at each step."""
+
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from mdpo_rddl.actions import ActionSpec
+from mdpo_rddl.jaxplan.rollout import PerturbedModel
+from mdpo_rddl.noise.draws import zero_perturbation
+
+
+def compile_analysis(
+    mean_loss: Callable,
+    specs: Mapping[str, ActionSpec],
+    horizon: int,
+    samples: int,
+    dtype: jnp.dtype,
+) -> Callable[..., dict[str, Array]]:
+    """The mean return's gradient with respect to the raw action at every step.
+
+    Later actions answer through the policy: it is the gradient with respect to a
+    perturbation, at zero.
+
+    Args:
+      mean_loss: JaxPlan's loss with the mean as its utility, over perturbed rollouts.
+      specs: the fluents that are perturbed.
+      horizon: number of steps H.
+      samples: rollouts to average over, each with its own exogenous noise.
+      dtype: floating type of the model.
+
+    Returns:
+      A function of a key, the policy's parameters and hyperparameters, the initial fluents
+      [B, ...], the non-fluents, the model's and the critic's parameters, that gives per
+      fluent the gradient [H, *action shape] in return per unit of action.
+    """
+
+    def analyse(key, params, hyperparams, fluents, nonfluents, model, critic):
+        # all rollouts of a batch start in the same state
+        start = jax.tree.map(lambda f: jnp.broadcast_to(f[:1], (samples, *f.shape[1:])), fluents)
+
+        def negative_return(perturbation):
+            perturbed = PerturbedModel(model, perturbation)
+            return mean_loss(key, params, hyperparams, start, nonfluents, perturbed, critic)[0]
+
+        silence = zero_perturbation(horizon, specs, samples, dtype)
+        gradients = jax.grad(negative_return)(silence)
+        return {name: -jnp.sum(gradient, axis=0) for name, gradient in gradients.items()}
+
+    return analyse

@@ -1,0 +1,33 @@
+"""Plays the policies of one session on the exact environment."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mdpo_rddl.evaluation import Evaluation, evaluate
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.planning import playable
+from mdpo_rddl.problem import make_environment
+from mdpo_rddl.session.requests import PlanRequest, Reporter
+
+
+@dataclass
+class Evaluator:
+    """Evaluates parameters of one planner as a request asks, and reports each episode."""
+
+    request: PlanRequest
+    planner: MDPOPlanner
+    policy_hyperparams: Mapping[str, Any]
+    reporter: Reporter
+    _done: int = field(default=0)
+
+    def run(self, params: Any) -> Evaluation:
+        """Plays the policy with these parameters."""
+        self._done = 0
+        env = make_environment(self.request.problem)
+        policy = playable(self.planner, params, self.policy_hyperparams, self.request.seed)
+        return evaluate(env, policy, self.request.episodes, self.request.seed, self._count)
+
+    def _count(self) -> None:
+        self._done += 1
+        self.reporter.episode(self._done, self.request.episodes)

@@ -1,0 +1,87 @@
+"""Train a policy once, then evaluate it."""
+
+import logging
+from typing import Any
+
+import jax
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.upstream import JaxStraightLinePlan
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.report.policy_file import SavedPolicy, problem_identity
+from mdpo_rddl.report.run_folder import SUMMARY, RunFolder, write_json, write_training
+from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.requests import PlanRequest, Reporter
+from mdpo_rddl.session.summary import identity, return_figures, title, training_figures
+from mdpo_rddl.training import train
+
+logger = logging.getLogger(__name__)
+
+# JaxPlan's own defaults for a configuration that names no budget
+_JAXPLAN_EPOCHS = 999999
+_JAXPLAN_SECONDS = 120.0
+
+
+def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
+    """Trains a policy, evaluates it exactly and writes the run folder.
+
+    Returns:
+      The summary, as `summary.json` holds it.
+
+    Raises:
+      InputError: if the problem, the configuration or the folder cannot be used; nothing
+        is left behind then.
+    """
+    with RunFolder(request.out) as folder:
+        reporter.stage("compiling")
+        planner, optimize_args = build_planner(request.problem, request.config)
+        steps, horizon = planner.horizon, request.problem.horizon
+        if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
+            message = "the plan has %d steps, its last action is repeated up to the horizon %d"
+            logger.warning(message, steps, horizon)
+        budget = {
+            "iterations": optimize_args.pop("epochs", _JAXPLAN_EPOCHS),
+            "seconds": optimize_args.pop("train_seconds", _JAXPLAN_SECONDS),
+        }
+        for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
+            optimize_args.pop(name, None)
+        try:
+            result = train(
+                planner,
+                key=jax.random.PRNGKey(request.seed),
+                **budget,
+                optimize_kwargs=optimize_args,
+                on_progress=reporter.training,
+            )
+        except InputError as error:
+            raise InputError(
+                f"{request.problem.instance_path}: {error} (configured by {request.config.source})"
+            ) from error
+        saved = SavedPolicy(
+            params=result.best_params,
+            policy_hyperparams=dict(result.policy_hyperparams),
+            config=request.config.to_text(),
+            problem=problem_identity(request.problem),
+            seed=request.seed,
+        )
+        reporter.stage("evaluating")
+        evaluator = Evaluator(request, planner, result.policy_hyperparams, reporter)
+        best = evaluator.run(result.best_params)
+        last = evaluator.run(result.last_params)
+        summary = {
+            **identity(request, planner),
+            **return_figures(best),
+            "last_iterate": return_figures(last),
+            **training_figures(planner, result),
+        }
+        config = {
+            "source": request.config_name,
+            "sections": request.config.sections,
+            "seed": request.seed,
+            "episodes": request.episodes,
+        }
+        with folder.writing():
+            write_training(folder.staging, result, saved, config, title(summary))
+            write_json(folder.staging / SUMMARY, summary)
+        folder.commit()
+    return summary

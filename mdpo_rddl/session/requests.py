@@ -1,0 +1,64 @@
+"""What is asked of a planning session, and who hears how it gets on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.problem import Problem
+from mdpo_rddl.training import Progress
+
+
+class Reporter(Protocol):
+    """Who wants to know how a session gets on."""
+
+    def stage(self, name: str) -> None:
+        """A new stage begins."""
+
+    def training(self, progress: Progress) -> None:
+        """An iteration is done."""
+
+    def episode(self, done: int, of: int) -> None:
+        """An evaluation episode is done."""
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What to plan and how.
+
+    Attributes:
+      problem: the parsed problem.
+      config: the planner's configuration; its `[Optimize]` section holds the budget.
+      config_name: what to call it in the summary: the preset or the file.
+      seed: of training and evaluation.
+      episodes: evaluation episodes on the exact environment.
+      out: where the run folder goes.
+    """
+
+    problem: Problem
+    config: PlannerConfig
+    config_name: str
+    seed: int
+    episodes: int
+    out: Path
+
+
+@dataclass(frozen=True)
+class LoadRequest:
+    """Which saved policy to evaluate on which problem.
+
+    Attributes:
+      domain, instance, horizon: as `load_problem` takes them; the saved horizon if None.
+      folder: a run folder.
+      seed: of the evaluation; the saved run's if None.
+      episodes: evaluation episodes on the exact environment.
+      out: where to write the new summary, if anywhere.
+    """
+
+    domain: str
+    instance: str
+    folder: Path
+    episodes: int
+    seed: int | None = None
+    horizon: int | None = None
+    out: Path | None = None
