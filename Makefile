@@ -18,10 +18,11 @@ lint: $(VENV)/.installed
 
 # the measurements behind the preset's noise and the README's table
 sweep: $(VENV)/.installed
-	$(BIN)/mdpo-bench noise-sweep
-	$(BIN)/mdpo-bench noise-sweep --settings hvac10 hvac20 --alphas 4 8 --sigma-maxes 9 10 11
+	$(BIN)/mdpo-bench noise-sweep --alphas 0.25 0.5 1 2 4 8 --sigma-maxes 10
+	$(BIN)/mdpo-bench noise-sweep --settings hvac10 hvac20 --alphas 4 8 --sigma-maxes 9 11
 	$(BIN)/mdpo-bench noise-sweep --settings powergen7 powergen11 --alphas 2 4 --sigma-maxes 9 11
-	$(BIN)/mdpo-bench noise-sweep --settings reservoir15 reservoir30 --alphas 0.125 0.25 --sigma-maxes 9 10 11
+	$(BIN)/mdpo-bench noise-sweep --settings reservoir15 reservoir30 --alphas 0.25 0.5 --sigma-maxes 9 11
+	$(BIN)/mdpo-bench noise-sweep --settings reservoir15 --alphas 0.125 --sigma-maxes 10
 
 paper-preset: $(VENV)/.installed
 	$(BIN)/mdpo-bench paper-preset
