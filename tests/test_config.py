@@ -398,7 +398,8 @@ def test_the_paper_preset_holds_the_papers_values() -> None:
             "method": "JaxDeepReactivePolicy",
             "method_kwargs": {"topology": [12, 12]},
             "optimizer": "rmsprop",
-            "optimizer_kwargs": {"learning_rate": 0.01},
+            # the decay is PyTorch's, in which the paper's code is written
+            "optimizer_kwargs": {"learning_rate": 0.01, "decay": 0.99},
             "batch_size_train": 1,
             "batch_size_test": 10,
             "pgpe": None,
@@ -411,6 +412,7 @@ def test_the_paper_preset_holds_the_papers_values() -> None:
             "alpha": 1.0,
             "quantile": 0.95,
         },
+        "MDPO": {"stop_at_termination": True},
     }
     assert DEFAULT_PRESET == "paper"
 
@@ -522,6 +524,7 @@ def test_all_options_at_once() -> None:
         },
         "Optimize": {"key": 0, "epochs": 2, "train_seconds": 3.0},
         "Noise": {"method": "ConstantNoise", "sigma": 0.0},
+        "MDPO": {"stop_at_termination": True},
     }
 
 

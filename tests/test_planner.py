@@ -57,13 +57,13 @@ def test_vanishing_noise_vanishes_in_the_perturbed_rollouts_too(instance, kind, 
     base = make_planner(JaxBackpropPlanner, problem, make_plan(kind), **arguments)
     noise = AdaptiveNoise(0.0, 1e-30)
     planner = make_planner(MDPOPlanner, problem, make_plan(kind), noise=noise, **arguments)
-    theirs, ours = optimize(base, EPOCHS), optimize(planner, EPOCHS)
+    theirs, ours = next(iter_callbacks(base, 2)), next(iter_callbacks(planner, 2))
+    np.testing.assert_allclose(ours["train_return"], theirs["train_return"], rtol=1e-6)
     # the order of summation over a batch of rollouts may differ
-    jax.tree.map(
-        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6),
-        ours["params"],
-        theirs["params"],
-    )
+    largest = max(np.abs(leaf).max() for leaf in jax.tree.leaves(theirs["grad"]))
+    assert largest > 0.0
+    for mine, other in zip(*map(jax.tree.leaves, (ours["grad"], theirs["grad"])), strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-4, atol=1e-5 * largest)
 
 
 def test_pgpe_default_is_jaxplans_but_not_shared():
