@@ -3,12 +3,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test lint sweep paper-preset clean
+.PHONY: plan test test-all lint sweep paper-preset decay clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
 
 test: $(VENV)/.installed lint
+	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow'
+
+test-all: $(VENV)/.installed lint
 	$(BIN)/pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.installed
@@ -27,12 +30,19 @@ sweep: $(VENV)/.installed
 paper-preset: $(VENV)/.installed
 	$(BIN)/mdpo-bench paper-preset
 
+# the same with optax's default decay of RMSProp
+decay: $(VENV)/.installed
+	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep
+	$(BIN)/mdpo-bench paper-preset --decay 0.9 --noises none --out results/decay_0.9/paper_preset
+
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "mdpo-rddl needs Python 3.11 or later; try: make PYTHON=python3.12"; exit 2; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	  { echo "Python lacks venv; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
+	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev]'
+	  --constraint constraints.txt --editable '.[dev,tuning]'
 	touch $@
 
 clean:

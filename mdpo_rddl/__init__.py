@@ -4,7 +4,12 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.evaluation import Evaluation, evaluate
 from mdpo_rddl.jaxplan.config import load_config, load_config_from_string
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.jaxplan.upstream import JaxDeepReactivePolicy, JaxStraightLinePlan
+from mdpo_rddl.jaxplan.upstream import (
+    JaxDeepReactivePolicy,
+    JaxOfflineController,
+    JaxOnlineController,
+    JaxStraightLinePlan,
+)
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
 from mdpo_rddl.problem import Problem, load_problem, make_environment
 
@@ -17,6 +22,8 @@ __all__ = [
     "Evaluation",
     "InputError",
     "JaxDeepReactivePolicy",
+    "JaxOfflineController",
+    "JaxOnlineController",
     "JaxStraightLinePlan",
     "MDPOPlanner",
     "NoNoise",

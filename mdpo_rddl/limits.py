@@ -95,9 +95,7 @@ def choose_within_limits(
         )
         candidates = free & (picked | (limit.exact & (group >= 0)))
         # what is no candidate ranks last, so that it takes no place
-        rank = _ranks_in_groups(jnp.where(candidates, values, -1.0), group)
-        maximum = jnp.append(jnp.asarray(limit.limits), len(values))  # index -1: no group
-        within = rank < maximum[group]
+        within = _are_largest(jnp.where(candidates, values, -1.0), group, limit.limits)
         picked, free = candidates & within, free & within
         start = 0
         for name in names:
@@ -114,14 +112,29 @@ def _group_sums(values: Array, group: np.ndarray, count: int) -> Array:
     return jax.ops.segment_sum(jnp.ravel(values), np.ravel(ids), count + 1)[:count]
 
 
-def _ranks_in_groups(values: Array, group: np.ndarray) -> Array:
-    """The place of each value in its group [n], 0 for the largest; ties by position."""
-    by_value = jnp.argsort(-values, stable=True)
-    order = by_value[jnp.argsort(jnp.asarray(group)[by_value], stable=True)]
-    sizes = np.bincount(group + 1)
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    places = jnp.arange(len(group)) - jnp.asarray(starts)[jnp.asarray(group)[order] + 1]
-    return jnp.zeros(len(group), places.dtype).at[order].set(places)
+def _are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
+    """Whether each value is among the `limit` largest of its group [n]; ties by position.
+
+    Values in no group are.
+    """
+    members = _members(group, len(limits))
+    places = int(np.clip(np.max(limits), 1, members.shape[1]))
+    padded = jnp.append(values, -jnp.inf)
+    _, top = jax.lax.top_k(padded[members], places)
+    largest = jnp.take_along_axis(jnp.asarray(members), top, axis=1)
+    is_within = np.arange(places) < limits[:, np.newaxis]
+    chosen = jnp.zeros(len(values) + 1, bool).at[largest].max(is_within)
+    return chosen[:-1] | (group < 0)
+
+
+def _members(group: np.ndarray, count: int) -> np.ndarray:
+    """The positions in each group [count, size of the largest], filled up with n."""
+    order = np.argsort(group, kind="stable")[np.count_nonzero(group < 0) :]
+    sizes = np.bincount(group[group >= 0], minlength=count)
+    starts = np.cumsum(sizes) - sizes
+    members = np.full((count, max(1, sizes.max(initial=0))), len(group))
+    members[group[order], np.arange(len(order)) - starts[group[order]]] = order
+    return members
 
 
 class _NotALimitError(Exception):

@@ -7,7 +7,8 @@ import jax
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.evaluation import Policy
-from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.config import PlannerConfig, optimize_parameters
+from mdpo_rddl.jaxplan.missing import missing_package
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.problem import Problem
 
@@ -27,11 +28,14 @@ def build_planner(problem: Problem, config: PlannerConfig) -> tuple[MDPOPlanner,
       InputError: if JaxPlan refuses the problem or the configuration.
     """
     quiet = config.with_values("Compiler", print_warnings=False)
-    planner_args, _, optimize_args = quiet.jaxplan_arguments()
+    planner_args, _, train_args = quiet.jaxplan_arguments()
+    # the rest of the section is for JaxPlan's controllers
+    known = optimize_parameters()
+    optimize_args = {name: value for name, value in train_args.items() if name in known}
     try:
         planner = MDPOPlanner(problem.model, **planner_args, **config.mdpo_arguments())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
-        cause = " ".join(str(error).split()) or type(error).__name__
+        cause = missing_package(error) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
             f"(configured by {config.source})"

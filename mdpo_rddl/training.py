@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.missing import missing_package
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
@@ -19,7 +20,7 @@ _RECORDS = 600
 
 
 class Record(NamedTuple):
-    """One recorded iteration of the restart that was chosen in the end.
+    """One recorded iteration of the restart that found the best iterate.
 
     Attributes:
       iteration: counted from 0.
@@ -54,7 +55,7 @@ class TrainingResult:
       policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
       iterations: iterations done.
       best_iteration: iteration of `best_params`.
-      restart: the restart whose last iterate tested best; the records are of it.
+      restart: the restart that `best_params` come from; the records are of it.
       status: JaxPlan's status at the end, in lower case, or "interrupted".
       history: the recorded iterations.
       sigma: the noise's scale per recorded iteration and step [recorded, H].
@@ -76,7 +77,7 @@ class TrainingResult:
 
     @property
     def last_params(self) -> Any:
-        """Parameters of the last iterate of the restart that ended best."""
+        """Parameters of the last iterate of the restart that found the best one."""
         return select_restart(self.last_params_by_restart, self.restart)
 
 
@@ -150,7 +151,8 @@ def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> No
     try:
         next(generator)
     except Exception as error:  # whatever the problem and the values make JAX raise
-        cause = " ".join(f"{type(error).__name__}: {error}".split())
+        kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
+        cause = missing_package(error) or kind_and_message
         raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
     generator.close()
 
@@ -170,7 +172,7 @@ class _Found:
         self.restart = 0
         self.test_return = -np.inf
         self.best_return, self.best_iteration = -np.inf, 0
-        self._best_params_by_restart, self._best_restart = None, 0
+        self._best_params_by_restart, self.best_restart = None, 0
         self._kept: list[dict[str, Any]] = []
         self._every = 1
 
@@ -182,7 +184,7 @@ class _Found:
         if self.test_return > self.best_return:
             self.best_return, self.best_iteration = self.test_return, callback["iteration"]
             self._best_params_by_restart = callback["params"]
-            self._best_restart = self.restart
+            self.best_restart = self.restart
         # how many iterations the seconds allow is not known before
         if callback["iteration"] % self._every == 0:
             self._kept.append({name: callback[name] for name in _KEPT})
@@ -192,7 +194,7 @@ class _Found:
 
     @property
     def best_params(self) -> Any:
-        return select_restart(self._best_params_by_restart, self._best_restart)
+        return select_restart(self._best_params_by_restart, self.best_restart)
 
     @property
     def kept(self) -> list[dict[str, Any]]:
@@ -204,7 +206,7 @@ class _Found:
 def _result(
     found: _Found, status: str, compile_seconds: float, train_seconds: float
 ) -> TrainingResult:
-    callback, kept, restart = found.callback, found.kept, found.restart
+    callback, kept, restart = found.callback, found.kept, found.best_restart
     if not np.isfinite(found.best_return):
         raise InputError(
             f"training diverged: no finite return in {callback['iteration'] + 1} iterations "

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import optax
 
 from mdpo_rddl.jaxplan.upstream import (
@@ -15,6 +16,8 @@ from mdpo_rddl.jaxplan.upstream import (
 from mdpo_rddl.problem import Problem, load_problem
 
 ROOT = Path(__file__).parent.parent
+# PGPE is annealed with the share of the time used, which must not depend on the machine
+FOREVER = 1e300
 
 
 def shipped(instance: str, horizon: int) -> Problem:
@@ -56,3 +59,50 @@ def optimize(planner: JaxBackpropPlanner, epochs: int, seed: int = 3, **argument
         print_progress=False,
         **arguments,
     )
+
+
+def assert_same_bits(ours: Any, theirs: Any) -> None:
+    """Two trees are equal, bit for bit."""
+    assert jax.tree.structure(ours) == jax.tree.structure(theirs)
+    for mine, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
+        np.testing.assert_array_equal(mine, other)
+
+
+# every action moves one unit; the last one comes too late to matter
+TINY_DOMAIN = """
+domain tiny {
+    types { unit : object; };
+    pvariables {
+        GOAL : { non-fluent, real, default = 0.5 };
+        SPREAD : { non-fluent, real, default = 0.0 };
+        x(unit) : { state-fluent, real, default = 0.0 };
+        push(unit) : { action-fluent, real, default = 0.0 };
+    };
+    cpfs { x'(?u) = x(?u) + push(?u) + SPREAD * Normal(0.0, 1.0); };
+    reward = -(sum_{?u : unit} [pow[x(?u) - GOAL, 2]]);
+    action-preconditions { forall_{?u : unit} [push(?u) >= -1.0 ^ push(?u) <= 1.0]; };
+}
+"""
+TINY_INSTANCE = """
+non-fluents nf {
+    domain = tiny;
+    objects { unit : {u1, u2}; };
+    non-fluents { SPREAD = _SPREAD; };
+}
+instance one {
+    domain = tiny;
+    non-fluents = nf;
+    max-nondef-actions = pos-inf;
+    horizon = _HORIZON;
+    discount = 1.0;
+}
+"""
+
+
+def tiny_files(folder: Path, horizon: int = 4, spread: float = 0.0) -> tuple[str, str]:
+    """Writes a problem that compiles fast: two units to move to a goal, real actions."""
+    domain, instance = folder / "d.rddl", folder / "i.rddl"
+    domain.write_text(TINY_DOMAIN)
+    text = TINY_INSTANCE.replace("_HORIZON", str(horizon)).replace("_SPREAD", str(spread))
+    instance.write_text(text)
+    return str(domain), str(instance)

@@ -14,7 +14,9 @@ from mdpo_rddl import AdaptiveNoise, ConstantNoise, InputError, NoNoise, load_co
 from mdpo_rddl.cli.options import configure, plan_parser
 from mdpo_rddl.jaxplan.config import PlannerConfig, load_config_from_string
 from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner, JaxDeepReactivePolicy, planner
+from mdpo_rddl.planning import build_planner
 from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
+from mdpo_rddl.problem import load_problem
 
 EXAMPLES = Path(inspect.getfile(JaxBackpropPlanner)).parents[1] / "examples" / "configs"
 TEMPLATES = sorted(EXAMPLES.glob("tuning_*.cfg"))
@@ -551,16 +553,25 @@ def test_the_policy_that_a_file_has_keeps_its_arguments() -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("--sigma 1", "--sigma does not apply to AdaptiveNoise"),
-        ("--noise none --sigma 1", "--sigma does not apply to NoNoise"),
-        ("--noise constant --sigma-min 1", "--sigma-min does not apply to ConstantNoise"),
-        ("--noise constant --sigma-max 1", "--sigma-max does not apply to ConstantNoise"),
-        ("--noise constant --alpha 1", "--alpha does not apply to ConstantNoise"),
-        ("--noise none --quantile 1", "--quantile does not apply to NoNoise"),
-        ("--sigma-min 11", "preset 'paper': [Noise] sigma_max must be at least 11, got 10"),
+        ("--sigma 1", "--sigma needs --noise constant"),
+        ("--noise none --sigma 1", "--sigma needs --noise constant"),
+        ("--noise constant --sigma-min 1", "--sigma-min needs --noise adaptive"),
+        ("--noise constant --sigma-max 1", "--sigma-max needs --noise adaptive"),
+        ("--noise constant --alpha 1", "--alpha needs --noise adaptive"),
+        ("--noise none --quantile 1", "--quantile needs --noise adaptive"),
+        ("--sigma-min 11", "--sigma-min 11 is above sigma_max, 10: set --sigma-max"),
     ],
 )
 def test_an_option_that_does_not_go_with_the_noise(options: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         configured(PRESETS["paper"]("some_domain"), options)
     assert str(caught.value) == said
+
+
+def test_the_keys_of_jaxplans_controllers_are_accepted_and_not_handed_to_optimize() -> None:
+    text = TEXT.replace("[Optimize]", "[Optimize]\ntrain_on_reset=True\nwarm_start=False")
+    _, _, train_args = load_config_from_string(text)
+    assert (train_args["train_on_reset"], train_args["warm_start"]) == (True, False)
+    problem = load_problem("Reservoir_ippc2023", "1", 3)
+    _, optimize_args = build_planner(problem, PlannerConfig.from_text(text))
+    assert optimize_args.keys() == train_args.keys() - {"train_on_reset", "warm_start"}

@@ -148,7 +148,13 @@ TOY_SWEEP = {
     "iterations": 3,
     "episodes": 2,
 }
-TOY_PAPER = {"settings": ["powergen7"], "seeds": 2, "iterations": 3, "episodes": 2}
+TOY_PAPER = {
+    "noises": ["none", "adaptive"],
+    "settings": ["powergen7"],
+    "seeds": 2,
+    "iterations": 3,
+    "episodes": 2,
+}
 TOY_OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]
 
 
@@ -205,7 +211,7 @@ def interrupt_training(monkeypatch, number: int) -> None:
 
 
 def test_the_sweep_has_a_row_for_every_combination_and_seed(swept):
-    keys = [(row["alpha"], row["sigma_max"], row["seed"]) for row in swept.rows]
+    keys = [(row["alpha"], row["sigma_max"], row["restart"]) for row in swept.rows]
     assert keys == [(a, "10.0", s) for a in ("0.5", "2.0") for s in ("0", "1")]
     # every seed and every alpha has a result of its own
     assert len({row["last_return"] for row in swept.rows}) == 4
@@ -351,6 +357,7 @@ def test_the_paper_preset_table_worked_by_hand(tmp_path):
         f"{header}|---|---|---|---|---|---|---|\n"
         "| hvac10 | 1 | -3,268,060 ± 0 | -3,268,060 "
         "| -1,371,468 ± 0 | -1,371,468 | -1,371,468 ± 0 |\n"
+        "| hvac20 | 1 | -5 ± 0 | -5,799,275 |  | -2,086,876 |  |\n"
         "| powergen7 | 3 | -35,000 ± 7,071 | -38,565 "
         "| 10,000 ± 1,000 | 10,076 | 13,000 ± 1,000 |\n"
     )

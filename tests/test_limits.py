@@ -176,3 +176,9 @@ def test_several_limits_hold_together():
         assert np.all(x.sum(0) <= 1)
         assert np.all(x.sum(1) <= 1)
         assert x.any()
+
+
+def test_of_equals_the_first_are_chosen_and_none_where_none_may_be():
+    limit = GroupLimit({"x": np.array([0, 0, 0, 1, 1, -1])}, np.array([2, 0]))
+    chosen = choose_within_limits({"x": jnp.full(6, 0.6)}, [limit])
+    assert chosen["x"].tolist() == [True, True, False, False, False, True]

@@ -101,7 +101,7 @@ def test_an_empty_folder_that_was_there_before_stays(tmp_path: Path) -> None:
 def earlier_run(target: Path) -> dict[str, str | None]:
     target.mkdir()
     (target / SUMMARY).write_text('{"old": 1}')
-    (target / "notes.txt").write_text("mine")
+    (target / "config.json").write_text("mine")
     return contents(target)
 
 
@@ -233,3 +233,25 @@ def test_numbers_that_json_lacks_are_refused(tmp_path: Path, value: float) -> No
     with pytest.raises(ValueError, match="JSON"):
         write_json(tmp_path / "x.json", {"a": value})
     assert not (tmp_path / "x.json").exists()
+
+
+def test_a_folder_with_anything_else_beside_a_summary_is_refused(tmp_path: Path) -> None:
+    target = tmp_path / "thesis"
+    before = earlier_run(target)
+    (target / "chapter1.tex").write_text("years of work")
+    with pytest.raises(InputError) as caught:
+        RunFolder(target)
+    assert str(caught.value) == f"{target}: not overwritten: it also holds chapter1.tex"
+    assert contents(target) == before | {"chapter1.tex": "years of work"}
+
+
+def test_of_two_runs_at_once_neither_replaces_the_other(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with RunFolder(target) as one, RunFolder(target) as other:
+        write_run(one, '{"run": 1}')
+        write_run(other, '{"run": 2}')
+        other.commit()
+        one.commit()
+    assert contents(tmp_path / "run")[SUMMARY] == '{"run": 2}'
+    assert contents(tmp_path / "run-2")[SUMMARY] == '{"run": 1}'
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "run-2"}

@@ -149,7 +149,7 @@ def test_the_best_parameters_are_those_of_the_best_iteration(planner):
     assert_equal_bits(till_then.last_params, result.best_params)
 
 
-def test_the_restart_that_ends_best_is_chosen(tmp_path, monkeypatch):
+def test_the_restart_with_the_best_iterate_is_chosen(tmp_path, monkeypatch):
     planner = cart_planner(tmp_path, noise="AdaptiveNoise", parallel_updates=3)
     callbacks: list[Any] = []
     generate = planner.optimize_generator
@@ -164,11 +164,13 @@ def test_the_restart_that_ends_best_is_chosen(tmp_path, monkeypatch):
     last = callbacks[-1]
     returns = np.asarray(last["test_return"])
     assert len(set(returns.tolist())) == 3
-    assert returns[result.restart] == returns.max()
+    best = np.array([callback["test_return"] for callback in callbacks[-4:]])
+    assert (result.best_iteration, result.restart) == np.unravel_index(best.argmax(), best.shape)
     assert_equal_bits(result.last_params_by_restart, last["params"])
     assert_equal_bits(result.last_params, jax.tree.map(lambda x: x[result.restart], last["params"]))
     assert_equal_bits(result.best_params, last["best_params"])
-    assert result.history[-1].test_return == float(returns.max())
+    assert result.history[-1].test_return == float(returns[result.restart])
+    assert max(record.test_return for record in result.history) == float(best.max())
     np.testing.assert_array_equal(result.sigma[-1], np.asarray(last["sigma"])[result.restart])
     expected = planner.params_structure(result.policy_hyperparams)
     found = jax.tree.map(lambda leaf: leaf.shape, result.last_params_by_restart)
@@ -330,8 +332,8 @@ def test_a_restart_that_diverges_does_not_hide_the_others():
     assert [p.test_return for p in progress] == [6.0, 9.0, 8.0]
     assert [p.best_return for p in progress] == [6.0, 9.0, 9.0]
     assert (result.best_iteration, float(result.best_params["w"])) == (1, 101.0)
-    assert (result.restart, float(result.last_params["w"])) == (2, 202.0)
-    assert [record.test_return for record in result.history] == [6.0, 7.0, 8.0]
+    assert (result.restart, float(result.last_params["w"])) == (1, 201.0)
+    assert [record.test_return for record in result.history] == [5.0, 9.0, -np.inf]
 
 
 def test_of_equal_returns_the_first_is_the_best():

@@ -6,12 +6,16 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
+from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
-from mdpo_rddl.experiments.paper_preset import paper_preset_table, run_paper_preset
+from mdpo_rddl.experiments.paper_preset import NOISES, paper_preset_table, run_paper_preset
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
+from mdpo_rddl.experiments.worker import Limits
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,17 +57,88 @@ def _parser() -> OneLineParser:
     noise.set_defaults(run=_noise_sweep, out=Path("results/noise_sweep"))
 
     paper = commands.add_parser("paper-preset", help="the paper preset, with and without noise")
+    paper.add_argument("--noises", nargs="+", choices=list(NOISES), default=list(NOISES))
     paper.set_defaults(run=_paper_preset, out=Path("results/paper_preset"))
 
     for command in (noise, paper):
         command.add_argument(
             "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(DOMAIN_FILES)
         )
+        command.add_argument(
+            "--decay", type=number(above=0, at_most=1), help="RMSProp's (default: the preset's)"
+        )
         command.add_argument("--seeds", type=positive_int, default=5)
         command.add_argument("--iterations", type=positive_int, default=3000)
         command.add_argument("--episodes", type=positive_int, default=20)
+    trials = _add_trial_commands(commands)
+    for command in (noise, paper, *trials):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser
+
+
+def _add_trial_commands(commands: Any) -> list[OneLineParser]:
+    everything = commands.add_parser(
+        "compatibility", help="every problem of rddlrepository, with JaxPlan and with ours"
+    )
+    everything.add_argument(
+        "--problems", nargs="+", metavar="NAME", help="of rddlrepository (default: all)"
+    )
+    everything.add_argument(
+        "--instance", default="first", help="its name (default: the first of each problem)"
+    )
+    everything.add_argument("--iterations", type=positive_int, default=3)
+    everything.add_argument(
+        "--max-horizon", type=positive_int, default=20, help="cuts a longer one (default: 20)"
+    )
+    everything.set_defaults(run=_compatibility, out=Path("results/compatibility"), seconds=900)
+
+    smoke = commands.add_parser("ipc-smoke", help="the eight IPC 2023 domains with ours")
+    smoke.add_argument("--domains", nargs="+", choices=DOMAINS, default=list(DOMAINS))
+    smoke.add_argument("--instances", nargs="+", metavar="NAME", default=list(INSTANCES))
+    smoke.add_argument("--iterations", type=positive_int, default=50)
+    smoke.add_argument("--episodes", type=positive_int, default=2)
+    smoke.set_defaults(run=_ipc_smoke, out=Path("results/ipc_smoke"), seconds=7200)
+
+    for command in (everything, smoke):
+        command.add_argument(
+            "--timeout",
+            metavar="SECONDS",
+            type=number(above=0),
+            default=command.get_default("seconds"),
+            help="of each planner (default: %(default)s)",
+        )
+        command.add_argument(
+            "--memory-gb",
+            metavar="GB",
+            type=number(above=0),
+            default=8,
+            help="of each process (default: %(default)s)",
+        )
+    return [everything, smoke]
+
+
+def _compatibility(options: argparse.Namespace) -> str:
+    records = run_compatibility(
+        options.out,
+        options.problems,
+        None if options.instance == "first" else options.instance,
+        options.iterations,
+        options.max_horizon,
+        Limits(options.timeout, options.memory_gb),
+    )
+    return compatibility_table(records)
+
+
+def _ipc_smoke(options: argparse.Namespace) -> str:
+    records = run_ipc_smoke(
+        options.out,
+        options.domains,
+        options.instances,
+        options.iterations,
+        options.episodes,
+        Limits(options.timeout, options.memory_gb),
+    )
+    return ipc_smoke_table(records)
 
 
 def _noise_sweep(options: argparse.Namespace) -> str:
@@ -75,13 +150,20 @@ def _noise_sweep(options: argparse.Namespace) -> str:
         options.seeds,
         options.iterations,
         options.episodes,
+        options.decay,
     )
     return sweep_table(records)
 
 
 def _paper_preset(options: argparse.Namespace) -> str:
     records = run_paper_preset(
-        options.out, options.settings, options.seeds, options.iterations, options.episodes
+        options.out,
+        options.settings,
+        options.noises,
+        options.seeds,
+        options.iterations,
+        options.episodes,
+        options.decay,
     )
     return paper_preset_table(records)
 

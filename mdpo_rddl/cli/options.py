@@ -114,7 +114,10 @@ def plan_parser() -> OneLineParser:
         help="evaluation episodes on the exact environment (default: %(default)s)",
     )
     run.add_argument(
-        "--out", metavar="DIR", type=Path, help="run folder (default: a new one under runs/)"
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="run folder; an earlier run there is replaced (default: a new one under runs/)",
     )
     run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
@@ -124,37 +127,58 @@ def plan_parser() -> OneLineParser:
 
 
 def _add_noise_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--noise", choices=["adaptive", "constant", "none"])
     group.add_argument(
-        "--sigma", type=number(at_least=0), help="constant noise: standard deviation, action units"
+        "--noise", choices=["adaptive", "constant", "none"], help="its rule (default: adaptive)"
     )
     group.add_argument(
-        "--sigma-min", type=number(at_least=0), help="adaptive: at the least sensitive steps"
+        "--sigma",
+        type=number(at_least=0),
+        help="constant: standard deviation, in action units (default: 1)",
     )
     group.add_argument(
-        "--sigma-max", type=number(at_least=0), help="adaptive: at the most sensitive steps"
+        "--sigma-min",
+        type=number(at_least=0),
+        help="adaptive: at the least sensitive steps (default: 0)",
     )
-    group.add_argument("--alpha", type=number(above=0), help="adaptive: shape of the map")
+    group.add_argument(
+        "--sigma-max",
+        type=number(at_least=0),
+        help="adaptive: at the most sensitive steps (default: by domain, else 10)",
+    )
+    group.add_argument(
+        "--alpha",
+        type=number(above=0),
+        help="adaptive: shape of the map (default: by domain, else 1)",
+    )
     group.add_argument(
         "--quantile",
         type=number(above=0, at_most=1),
-        help="adaptive: quantile of the sensitivities that counts as most sensitive",
+        help="adaptive: quantile of the sensitivities that counts as most sensitive "
+        "(default: 0.95)",
     )
 
 
 def _add_training_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--policy", choices=["drp", "slp"], help="deep reactive policy or straight-line plan"
+        "--policy",
+        choices=["drp", "slp"],
+        help="deep reactive policy or straight-line plan (default: drp)",
     )
-    group.add_argument("--weight", type=number(above=0), help="all relaxation weights")
-    group.add_argument("--iterations", type=positive_int, help="largest number of iterations")
+    group.add_argument(
+        "--weight", type=number(above=0), help="all relaxation weights (default: 100)"
+    )
+    group.add_argument(
+        "--iterations", type=positive_int, help="largest number of iterations (default: 3000)"
+    )
     group.add_argument(
         "--seconds", type=number(above=0), help="largest training time, without compilation"
     )
     group.add_argument(
-        "--restarts", type=positive_int, help="policies trained side by side; the best is kept"
+        "--restarts",
+        type=positive_int,
+        help="policies trained side by side; the best is kept (default: 1)",
     )
-    group.add_argument("--batch", type=positive_int, help="rollouts an iteration")
+    group.add_argument("--batch", type=positive_int, help="rollouts an iteration (default: 1)")
 
 
 TRAINING_ONLY = [
@@ -235,6 +259,10 @@ def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> Plan
             continue
         if values["method"] not in methods:
             option = "--" + name.replace("_", "-")
-            raise InputError(f"{option} does not apply to {values['method']}")
+            needed = "constant" if name == "sigma" else "adaptive"
+            raise InputError(f"{option} needs --noise {needed}")
         values[name] = value
+    lowest, highest = values.get("sigma_min"), values.get("sigma_max")
+    if options.sigma_min is not None and highest is not None and lowest > highest:
+        raise InputError(f"--sigma-min {lowest:g} is above sigma_max, {highest:g}: set --sigma-max")
     return config.with_section("Noise", values)

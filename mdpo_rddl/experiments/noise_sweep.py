@@ -8,21 +8,22 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import jax
-import numpy as np
 
 from mdpo_rddl.evaluation import evaluate
 from mdpo_rddl.experiments.full_training import train_fully
-from mdpo_rddl.experiments.records import Records
+from mdpo_rddl.experiments.records import Records, mean_and_spread
 from mdpo_rddl.experiments.settings import load_setting
+from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
+from mdpo_rddl.presets.paper import with_decay
 from mdpo_rddl.problem import make_environment
 from mdpo_rddl.training import select_restart
 
 logger = logging.getLogger(__name__)
 
-COLUMNS = ("setting", "alpha", "sigma_max", "seed", "last_return")
+COLUMNS = ("setting", "alpha", "sigma_max", "restart", "last_return")
 KEYS = COLUMNS[:4]
 
 
@@ -34,12 +35,13 @@ def sweep(
     seeds: int,
     iterations: int,
     episodes: int,
+    decay: float | None = None,
 ) -> Records:
     """Trains every combination and records the last iterate's exact mean return.
 
-    The seeds of one combination are trained side by side as the restarts of one planner,
-    which for the law of the results is the same as training them apart. Combinations that
-    `out/sweep.csv` holds already are skipped.
+    The seeds of one combination are the restarts of one planner, trained side by side from
+    the key 0, which for the law of the results is the same as training them apart.
+    Combinations that `out/sweep.csv` holds already are skipped.
 
     Args:
       out: results folder.
@@ -49,9 +51,10 @@ def sweep(
       seeds: number of seeds.
       iterations: training iterations.
       episodes: evaluation episodes per seed on the exact environment.
+      decay: RMSProp's decay; the preset's if None.
     """
-    base = PRESETS["paper"]("any domain").to_text(for_jaxplan=True)
-    conditions = {"iterations": iterations, "episodes": episodes, "preset": base}
+    base = _sweep_config("any domain", seeds, decay).to_text(for_jaxplan=True)
+    conditions = {"iterations": iterations, "episodes": episodes, "configuration": base}
     records = Records(out / "sweep.csv", COLUMNS, KEYS, conditions)
     grid = [(float(a), float(s)) for a in alphas for s in sigma_maxes]
     for setting in settings:
@@ -63,9 +66,7 @@ def sweep(
         if not open_points:
             continue
         problem = load_setting(setting)
-        config = PRESETS["paper"](problem.domain_name)
-        config = config.with_values("Planner", parallel_updates=seeds, batch_size_test=1)
-        planner, _ = build_planner(problem, config)
+        planner, _ = build_planner(problem, _sweep_config(problem.domain_name, seeds, decay))
         env = make_environment(problem)
         for alpha, sigma_max in open_points:
             # the noise's numbers are arguments of the compiled update: nothing is recompiled
@@ -79,6 +80,12 @@ def sweep(
                     records.add(setting, alpha, sigma_max, seed, mean)
             logger.info("%s: alpha %g, sigma_max %g done", setting, alpha, sigma_max)
     return records
+
+
+def _sweep_config(domain_name: str, seeds: int, decay: float | None) -> PlannerConfig:
+    config = with_decay(PRESETS["paper"](domain_name), decay)
+    # only the last iterate is measured: no test rollouts are needed to pick another
+    return config.with_values("Planner", parallel_updates=seeds, batch_size_test=1)
 
 
 def sweep_table(records: Records) -> str:
@@ -97,12 +104,6 @@ def sweep_table(records: Records) -> str:
         "|" + "---|" * (len(settings) + 2),
     ]
     for (sigma_max, alpha), by_setting in sorted(groups.items()):
-        cells = [_cell(by_setting.get(setting, [])) for setting in settings]
+        cells = [mean_and_spread(by_setting.get(setting, [])) for setting in settings]
         lines.append(f"| {sigma_max:g} | {alpha:g} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _cell(returns: list[float]) -> str:
-    if not returns:
-        return ""
-    return f"{np.mean(returns):,.0f} ± {np.std(returns, ddof=min(1, len(returns) - 1)):,.0f}"

@@ -5,15 +5,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import jax
-import numpy as np
 
 from mdpo_rddl.evaluation import evaluate
 from mdpo_rddl.experiments.full_training import train_fully
-from mdpo_rddl.experiments.records import Records
+from mdpo_rddl.experiments.records import Records, mean_and_spread
 from mdpo_rddl.experiments.settings import load_setting
+from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
-from mdpo_rddl.presets.paper import NOISE_BY_DOMAIN
+from mdpo_rddl.presets.paper import NOISE_BY_DOMAIN, with_decay
 from mdpo_rddl.problem import make_environment
 
 logger = logging.getLogger(__name__)
@@ -34,7 +34,13 @@ NOISES = {"none": {"method": "NoNoise"}, "adaptive": None}
 
 
 def run_paper_preset(
-    out: Path, settings: Iterable[str], seeds: int, iterations: int, episodes: int
+    out: Path,
+    settings: Iterable[str],
+    noises: Iterable[str],
+    seeds: int,
+    iterations: int,
+    episodes: int,
+    decay: float | None = None,
 ) -> Records:
     """Runs `--preset paper` with and without noise, as `mdpo-plan --seed 0, 1, ...` does.
 
@@ -43,17 +49,20 @@ def run_paper_preset(
     Args:
       out: results folder.
       settings: names of settings.
+      noises: keys of `NOISES`.
       seeds: number of seeds.
       iterations: training iterations.
       episodes: evaluation episodes per seed on the exact environment.
+      decay: RMSProp's decay; the preset's if None.
     """
-    presets = {name: PRESETS["paper"](name).to_text() for name in NOISE_BY_DOMAIN}
-    conditions = {"iterations": iterations, "episodes": episodes, "preset": presets}
+    presets = {name: _preset(name, decay).to_text() for name in NOISE_BY_DOMAIN}
+    conditions = {"iterations": iterations, "episodes": episodes, "configuration": presets}
     records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
     for setting in settings:
         problem = load_setting(setting)
-        preset = PRESETS["paper"](problem.domain_name)
-        for noise, section in NOISES.items():
+        preset = _preset(problem.domain_name, decay)
+        for noise in noises:
+            section = NOISES[noise]
             open_seeds = [s for s in range(seeds) if not records.has(setting, noise, s)]
             if not open_seeds:
                 continue
@@ -75,6 +84,10 @@ def run_paper_preset(
     return records
 
 
+def _preset(domain_name: str, decay: float | None) -> PlannerConfig:
+    return with_decay(PRESETS["paper"](domain_name), decay)
+
+
 def paper_preset_table(records: Records) -> str:
     """Markdown: the last iterate's mean return over seeds, the paper's beside it."""
     lines = [
@@ -83,13 +96,19 @@ def paper_preset_table(records: Records) -> str:
     ]
     for setting, (paper_none, paper_adaptive) in PAPER.items():
         last = {noise: _returns(records, setting, noise, "last_return") for noise in NOISES}
-        if not all(last.values()):
+        if not any(last.values()):
             continue
         best = _returns(records, setting, "adaptive", "best_return")
-        lines.append(
-            f"| {setting} | {len(last['adaptive'])} | {_cell(last['none'])} | {paper_none:,.0f} "
-            f"| {_cell(last['adaptive'])} | {paper_adaptive:,.0f} | {_cell(best)} |"
-        )
+        cells = [
+            setting,
+            str(max(map(len, last.values()))),
+            mean_and_spread(last["none"]),
+            f"{paper_none:,.0f}",
+            mean_and_spread(last["adaptive"]),
+            f"{paper_adaptive:,.0f}",
+            mean_and_spread(best),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -99,8 +118,3 @@ def _returns(records: Records, setting: str, noise: str, column: str) -> list[fl
         for row in records.rows
         if (row["setting"], row["noise"]) == (setting, noise)
     ]
-
-
-def _cell(returns: list[float]) -> str:
-    spread = np.std(returns, ddof=1) if len(returns) > 1 else 0.0
-    return f"{np.mean(returns):,.0f} ± {spread:,.0f}"

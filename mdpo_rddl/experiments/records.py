@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mdpo_rddl.errors import InputError
 
 
@@ -86,3 +88,10 @@ class Records:
         with self.path.open("a", encoding="utf-8", newline="") as file:
             csv.DictWriter(file, self.columns, lineterminator="\n").writerow(row)
         self.rows.append(row)
+
+
+def mean_and_spread(values: list[float]) -> str:
+    """A table's cell: mean and standard deviation (n - 1); empty without values."""
+    if not values:
+        return ""
+    return f"{np.mean(values):,.0f} ± {np.std(values, ddof=min(1, len(values) - 1)):,.0f}"

@@ -19,7 +19,14 @@ import optax
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config_text import one_line, parse_sections
-from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner, JaxPlan, logic, planner
+from mdpo_rddl.jaxplan.upstream import (
+    JaxBackpropPlanner,
+    JaxOfflineController,
+    JaxOnlineController,
+    JaxPlan,
+    logic,
+    planner,
+)
 from mdpo_rddl.noise import ActionNoise
 
 _JAXPLAN_SECTIONS = ("Compiler", "Planner", "Optimize")
@@ -210,8 +217,11 @@ class PlannerConfig:
             raise self._error(f"[Planner] {where}: {names} has no function {name!r}")
 
     def _check_optimize(self) -> None:
-        keys = _parameters(JaxBackpropPlanner.optimize_generator)
-        self._check_keys("Optimize", keys | {"stopping_rule_kwargs"})
+        keys = optimize_parameters() | {"stopping_rule_kwargs"}
+        # what JaxPlan's scripts hand on to a controller
+        for controller in (JaxOfflineController, JaxOnlineController):
+            keys |= _parameters(controller) - {"planner"}
+        self._check_keys("Optimize", keys)
         values = self.section("Optimize")
         rule = values.get("stopping_rule")
         base = planner.JaxPlannerStoppingRule
@@ -262,6 +272,11 @@ class PlannerConfig:
 
     def _error(self, message: str) -> InputError:
         return InputError(f"{self.source}: {message}")
+
+
+def optimize_parameters() -> set[str]:
+    """Names of the arguments of JaxPlan's `optimize`."""
+    return _parameters(JaxBackpropPlanner.optimize_generator)
 
 
 def compiler_parameters(compiler: type) -> set[str]:

@@ -1,5 +1,6 @@
 """MDPO as a subclass of JaxPlan's planner."""
 
+import functools
 import inspect
 from collections.abc import Callable, Generator, Mapping
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import random
+from jax import Array, random
 
 from mdpo_rddl.actions import ActionSpec
 from mdpo_rddl.jaxplan.analysis import compile_analysis
@@ -20,7 +21,7 @@ from mdpo_rddl.jaxplan.perturbed_policy import (
 )
 from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_perturbed_rollouts
 from mdpo_rddl.jaxplan.termination import stop_at_termination
-from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner
+from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
 from mdpo_rddl.limits import group_limits
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
 from mdpo_rddl.noise.draws import draw_perturbation
@@ -70,6 +71,8 @@ class MDPOPlanner(JaxBackpropPlanner):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
         self._noise = noise
         self._noise_state: Any = None
+        self._guess: Any = None
+        self._noise_state_at_guess: Any = None
         self.stop_at_termination = stop_at_termination
         self.keep_group_limits = keep_group_limits
         self.action_specs: dict[str, ActionSpec] = {}
@@ -181,10 +184,11 @@ class MDPOPlanner(JaxBackpropPlanner):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
             noise = self._broadcast_pytree(self.noise)
-            if self._noise_state is None:
+            state = self._noise_state_at_guess
+            if state is None:
                 state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
             else:
-                state = jax.vmap(lambda rule, state: rule.advance(state))(noise, self._noise_state)
+                state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
             return opt_state, {**opt_aux, "noise": (noise, state)}
 
         return initialize_with_noise, init_optimizer_with_noise
@@ -261,18 +265,36 @@ class MDPOPlanner(JaxBackpropPlanner):
         finally:
             self.utility, self.utility_kwargs = utility, utility_kwargs
 
-    def get_action(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+    def get_action(
+        self,
+        key: Array,
+        params: Any,
+        step: int,
+        state: Mapping[str, Any],
+        policy_hyperparams: Any = None,
+        history: Any = None,
+    ) -> dict[str, Any]:
         """JaxPlan's action, with reals clipped to the RDDL's box in 64 bit.
 
         A bound rounded to 32 bit can lie outside the box, which an environment with
-        `enforce_action_constraints=True` refuses.
+        `enforce_action_constraints=True` refuses. Policy hyperparameters that are not given
+        are 1, as in `optimize`.
         """
-        actions = dict(super().get_action(*args, **kwargs))
+        hyperparams = self._complete_hyperparams(policy_hyperparams)
+        actions = dict(super().get_action(key, params, step, state, hyperparams, history))
         for name, prange in self.rddl.action_ranges.items():
             if prange == "real" and name in actions:
                 bounds = self.test_compiled.constraints.bounds[name]
                 actions[name] = np.clip(np.asarray(actions[name], np.float64), *bounds)
         return actions
+
+    def _complete_hyperparams(self, hyperparams: Any) -> Any:
+        if hyperparams is not None and not isinstance(hyperparams, Mapping):
+            return hyperparams
+        complete = {**dict.fromkeys(self.rddl.action_fluents, 1.0), **(hyperparams or {})}
+        if self.preprocessor is not None and self.preprocessor.HYPERPARAMS_KEY not in complete:
+            complete[self.preprocessor.HYPERPARAMS_KEY] = self.preprocessor.initialize()
+        return complete
 
     def summarize_hyperparameters(self) -> str:
         """JaxPlan's summary, and the noise's."""
@@ -290,6 +312,7 @@ class MDPOPlanner(JaxBackpropPlanner):
         key = random.PRNGKey(0)
         return jax.eval_shape(self.plan.initializer, key, dict(policy_hyperparams), fluents)
 
+    @functools.wraps(JaxBackpropPlanner.optimize_generator, assigned=())
     def optimize_generator(
         self, *args: Any, **kwargs: Any
     ) -> Generator[dict[str, Any], None, None]:
@@ -304,9 +327,21 @@ class MDPOPlanner(JaxBackpropPlanner):
         hyperparams = given.arguments.get("policy_hyperparams")
         if isinstance(hyperparams, dict):
             given.arguments["policy_hyperparams"] = dict(hyperparams)
+        guess = given.arguments.get("guess")
+        if guess is not self._guess:
+            # JaxPlan's online controller tries the same guess again if compiling took all its time
+            self._guess, self._noise_state_at_guess = guess, self._noise_state
+        once = given.arguments.get("epochs") == 1
+        if once:  # JaxPlan divides by epochs - 1
+            given.arguments["epochs"] = 2
         silence = jnp.zeros((self.parallel_updates, self.horizon))
         for callback in super().optimize_generator(*given.args[1:], **given.kwargs):
             log = callback["train_log"]
             callback["sigma"] = log.get("sigma", silence)
             callback["sensitivity"] = log.get("sensitivity", silence)
+            if once and not callback["status"].is_terminal():
+                budget = JaxPlannerStatus.ITER_BUDGET_REACHED
+                callback.update(status=budget, progress=100.0)
             yield callback
+            if once:
+                return

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, random
 
+from mdpo_rddl.jaxplan.memory import bounded_step
 from mdpo_rddl.jaxplan.perturbed_policy import PerturbedPolicy
 
 
@@ -94,7 +95,10 @@ def compile_perturbed_rollouts(
             history = jax.tree.map(lambda f: jnp.zeros((horizon, *f.shape), f.dtype), fluents)
         by_step = jax.tree.map(lambda p: jnp.swapaxes(p, 0, 1), model.perturbation)
         start = (key, fluents, history, model.params)
-        end, log = jax.lax.scan(scanned_step, start, (jnp.arange(horizon), by_step))
+        inputs = (jnp.arange(horizon), by_step)
+        first = jax.tree.map(lambda leaf: leaf[0], inputs)
+        step = bounded_step(scanned_step, start, first, horizon)
+        end, log = jax.lax.scan(step, start, inputs)
 
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
         if not log["fluents"]:

@@ -3,19 +3,46 @@
 import contextlib
 import io
 import warnings
+from collections.abc import Iterator
+from types import ModuleType
 
-with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
-    # without the optional dash, JaxPlan prints a traceback on import and goes on
-    warnings.simplefilter("ignore")
-    from pyRDDLGym_jax.core import logic, planner
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Hides what JaxPlan prints where the optional dash is missing, and keeps our filters."""
+    with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+        warnings.simplefilter("ignore")
+        yield
+
+
+with _quiet():
+    from pyRDDLGym_jax.core import compiler, logic, planner
 
 JaxBackpropPlanner = planner.JaxBackpropPlanner
 JaxDeepReactivePolicy = planner.JaxDeepReactivePolicy
 JaxOfflineController = planner.JaxOfflineController
 JaxOnlineController = planner.JaxOnlineController
 JaxPlan = planner.JaxPlan
+JaxPlannerStatus = planner.JaxPlannerStatus
 JaxStraightLinePlan = planner.JaxStraightLinePlan
 GaussianPGPE = planner.GaussianPGPE
+
+
+def import_tuning() -> ModuleType:
+    """JaxPlan's module for tuning.
+
+    Raises:
+      ImportError: if one of the packages that it needs is missing.
+    """
+    try:
+        with _quiet():
+            from pyRDDLGym_jax.core import tuning
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            f"tuning needs the package {error.name}: pip install mdpo-rddl[tuning]"
+        ) from error
+    return tuning
+
 
 __all__ = [
     "GaussianPGPE",
@@ -24,7 +51,10 @@ __all__ = [
     "JaxOfflineController",
     "JaxOnlineController",
     "JaxPlan",
+    "JaxPlannerStatus",
     "JaxStraightLinePlan",
+    "compiler",
+    "import_tuning",
     "logic",
     "planner",
 ]

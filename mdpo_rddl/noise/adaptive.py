@@ -9,7 +9,7 @@ import jax
 from jax import Array
 
 from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
-from mdpo_rddl.noise.checks import require_number
+from mdpo_rddl.noise.checks import floats_only, require_number
 from mdpo_rddl.noise.sensitivity import normalised_sensitivity, step_sensitivity
 
 
@@ -55,6 +55,7 @@ class AdaptiveNoise(ActionNoise):
         require_number("alpha", self.alpha, above=0.0)
         require_number("quantile", self.quantile, above=0.0, at_most=1.0)
         require_number("regularization", self.regularization, above=0.0)
+        floats_only(self, but=("analysis_samples",))
         if not isinstance(self.analysis_samples, int) or isinstance(self.analysis_samples, bool):
             raise ValueError(f"analysis_samples must be an integer, got {self.analysis_samples!r}")
         require_number("analysis_samples", self.analysis_samples, at_least=1)

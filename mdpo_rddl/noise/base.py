@@ -11,8 +11,9 @@ class NoiseProfile(NamedTuple):
     """How strongly to perturb each step of one update rollout.
 
     Attributes:
-      sigma: standard deviation of the unit noise's multiplier per step [H], in the unit of
-        the raw action (of the log-odds for bools).
+      sigma: scale of the noise per step [H]. For reals and integers it is the standard
+        deviation, in the unit of the raw action; for bools and choices the scale of the
+        logistic or Gumbel law on their log-odds or logits.
       sensitivity: the raw sensitivity score s_t per step [H], in return per unit of action;
         zeros where no analysis rollout was made.
     """

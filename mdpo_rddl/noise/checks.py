@@ -1,7 +1,9 @@
 """Range checks for the numbers of a noise rule."""
 
+import dataclasses
 import math
 import numbers
+from typing import Any
 
 
 def require_number(
@@ -33,3 +35,11 @@ def require_number(
         raise ValueError(f"{name} must be above {above:g}, got {number:g}")
     if at_most is not None and number > at_most:
         raise ValueError(f"{name} must be at most {at_most:g}, got {number:g}")
+
+
+def floats_only(rule: Any, but: tuple[str, ...] = ()) -> None:
+    """Makes the numbers of a frozen rule floats, so that 1 and 1.5 are the same type to JAX."""
+    for field in dataclasses.fields(rule):
+        value = getattr(rule, field.name)
+        if field.name not in but and isinstance(value, numbers.Real):
+            object.__setattr__(rule, field.name, float(value))

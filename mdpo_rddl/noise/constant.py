@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
-from mdpo_rddl.noise.checks import require_number
+from mdpo_rddl.noise.checks import floats_only, require_number
 
 
 @jax.tree_util.register_dataclass
@@ -47,6 +47,7 @@ class ConstantNoise(ActionNoise):
 
     def __post_init__(self) -> None:
         require_number("sigma", self.sigma, at_least=0.0)
+        floats_only(self)
 
     @property
     def silent(self) -> bool:

@@ -53,3 +53,11 @@ def paper_preset(domain_name: str) -> PlannerConfig:
         "MDPO": {"stop_at_termination": True},
     }
     return PlannerConfig(sections, "preset 'paper'")
+
+
+def with_decay(config: PlannerConfig, decay: float | None) -> PlannerConfig:
+    """The configuration with another decay of RMSProp; as it is if None."""
+    if decay is None:
+        return config
+    arguments = {**config.section("Planner")["optimizer_kwargs"], "decay": decay}
+    return config.with_values("Planner", optimizer_kwargs=arguments)

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import json
+import logging
 import os
 import shutil
 import tempfile
@@ -20,6 +21,19 @@ from mdpo_rddl.training import Record, TrainingResult
 
 SUMMARY = "summary.json"
 POLICY = "policy.safetensors"
+RUN_FILES = {
+    SUMMARY,
+    POLICY,
+    "config.json",
+    "history.csv",
+    "noise.npy",
+    "learning_curve.png",
+    "noise.png",
+    "decisions.csv",
+}
+"""All that a run writes; a folder that holds anything else is never replaced."""
+
+logger = logging.getLogger(__name__)
 
 
 class RunFolder:
@@ -27,7 +41,8 @@ class RunFolder:
 
     Files go to a hidden folder beside the target, which takes the target's name in one step
     when `commit` is called; without it, nothing is left, not even the folders made on the way
-    there. An earlier run at the target is replaced by `commit` and not touched before.
+    there. An earlier run at the target is replaced by `commit` and not touched before; what
+    appeared there meanwhile is not touched at all.
 
     Attributes:
       target: where the run folder will be.
@@ -42,6 +57,7 @@ class RunFolder:
         """
         self.target = target
         self._made: list[Path] = []
+        self._replaces = False
         with self.writing():
             self._check_target()
             self._made = [folder for folder in target.parents if not os.path.lexists(folder)]
@@ -74,8 +90,8 @@ class RunFolder:
           InputError: if that has become impossible meanwhile.
         """
         with self.writing():
-            if not os.path.lexists(self.target):
-                os.replace(self.staging, self.target)
+            if not self._replaces:
+                self._move_to_free_name()
                 return
             replaced = Path(tempfile.mkdtemp(prefix=".replaced-", dir=self.target.parent))
             try:
@@ -88,6 +104,20 @@ class RunFolder:
             finally:
                 shutil.rmtree(replaced, ignore_errors=True)
 
+    def _move_to_free_name(self) -> None:
+        wanted = self.target
+        while True:
+            try:
+                os.rename(self.staging, self.target)  # fails where another run is by now
+            except OSError:
+                if not os.path.lexists(self.target):
+                    raise
+                self.target = free_name(wanted.parent, wanted.name)
+            else:
+                break
+        if self.target != wanted:
+            logger.warning("%s was taken meanwhile: the run is in %s", wanted, self.target)
+
     def _check_target(self) -> None:
         target = self.target
         if not target.is_dir():
@@ -97,8 +127,13 @@ class RunFolder:
         if os.path.ismount(target) or Path.cwd().is_relative_to(target.resolve()):
             # it cannot be replaced, or not under the feet of who is in it
             raise InputError(f"{target}: cannot write the run there: name a folder inside it")
-        if any(target.iterdir()) and not (target / SUMMARY).is_file():
+        entries = {entry.name for entry in target.iterdir()}
+        self._replaces = bool(entries)
+        if entries and SUMMARY not in entries:
             raise InputError(f"{target}: not overwritten: it is not empty and holds no run")
+        foreign = sorted(entries - RUN_FILES)
+        if foreign:
+            raise InputError(f"{target}: not overwritten: it also holds {foreign[0]}")
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -130,8 +165,8 @@ def write_training(
     """Writes everything about a training run but its summary."""
     save_policy(folder / POLICY, policy)
     write_json(folder / "config.json", config)
-    with (folder / "history.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
+    with (folder / "history.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
         writer.writerow(Record._fields)
         writer.writerows(result.history)
     np.save(folder / "noise.npy", result.sigma)

@@ -19,7 +19,7 @@ class Evaluator:
     planner: MDPOPlanner
     policy_hyperparams: Mapping[str, Any]
     reporter: Reporter
-    _done: int = field(default=0)
+    _done: int = field(default=0, init=False)
 
     def run(self, params: Any) -> Evaluation:
         """Plays the policy with these parameters."""

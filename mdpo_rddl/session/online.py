@@ -145,7 +145,12 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "device": str(jax.devices()[0]),
             "versions": package_versions(),
         }
-        config = {"source": request.config_name, "sections": request.config.sections}
+        config = {
+            "source": request.config_name,
+            "sections": request.config.sections,
+            "seed": request.seed,
+            "episodes": request.episodes,
+        }
         with folder.writing():
             _write_decisions(folder.staging / "decisions.csv", policy.decisions)
             write_json(folder.staging / "config.json", config)

@@ -15,7 +15,18 @@ from mdpo_rddl.training import TrainingResult
 
 _NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
 _POLICY_NAMES = {"JaxDeepReactivePolicy": "drp", "JaxStraightLinePlan": "slp"}
-_PACKAGES = ("mdpo-rddl", "pyRDDLGym", "pyRDDLGym-jax", "jax", "jaxlib", "optax", "numpy")
+_PACKAGES = (
+    "mdpo-rddl",
+    "pyRDDLGym",
+    "pyRDDLGym-jax",
+    "rddlrepository",
+    "jax",
+    "jaxlib",
+    "optax",
+    "numpy",
+    "scipy",
+    "safetensors",
+)
 
 
 def identity(request: PlanRequest, planner: MDPOPlanner) -> dict[str, Any]:
@@ -64,6 +75,7 @@ def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, 
         "iterations": result.iterations,
         "best_iteration": result.best_iteration,
         "restarts": planner.parallel_updates,
+        "restart": result.restart,
         "batch": planner.batch_size_train,
         "status": result.status,
         "train_seconds": result.train_seconds,

@@ -1,0 +1,27 @@
+"""Work for a process of its own that ends badly; imported by the child too."""
+
+import os
+import signal
+import time
+from typing import Any
+
+from mdpo_rddl.experiments.trial import Trial
+
+ROW = {"status": "ok", "cause": "", "horizon": 5, "seconds": 0.1, "peak_mb": 100}
+
+
+def fate(trial: Trial) -> dict[str, Any]:
+    """Ends as the planner's name says."""
+    if trial.planner == "crash":
+        os.write(2, b"check failed:\n  no such kernel\n")
+        os.kill(os.getpid(), signal.SIGABRT)
+    if trial.planner == "exit":
+        os._exit(3)
+    if trial.planner == "hang":
+        time.sleep(600)
+    if trial.planner == "hungry":
+        hoard = [bytearray(b"x" * 2**25) for _ in range(60)]  # 2 GB
+        time.sleep(600)
+        del hoard
+    os.write(1, b"noise on standard output\n")
+    return {**ROW, "return": float(os.getpid())}
