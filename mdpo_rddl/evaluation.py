@@ -24,7 +24,8 @@ class Evaluation:
         termination condition or a violated state invariant ended it.
       illegal_actions: steps, over all episodes, at which the policy's action broke a
         precondition or the limit on actions.
-      fallback_actions: how many of them played the do-nothing action instead, which was legal.
+      fallback_actions: how many of them played a legal action instead: the do-nothing action,
+        or, where that is illegal too, one near it.
     """
 
     returns: np.ndarray

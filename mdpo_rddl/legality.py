@@ -1,7 +1,7 @@
 """Actions that the exact environment accepts, whatever a policy proposes."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ class Verdict(NamedTuple):
     Attributes:
       actions: per fluent, the action tensor.
       illegal: whether the proposal, clipped to its box, broke a rule.
-      fallback: whether `actions` is the do-nothing action in its place.
+      fallback: whether `actions` is a legal action in its place.
     """
 
     actions: dict[str, Any]
@@ -36,12 +36,13 @@ class Referee:
         ranges = env.model.action_ranges
         self._box = {name: bounds[name] for name, kind in ranges.items() if kind == "real"}
         self._noop = dict(env.sampler.noop_actions)
+        self._bools = [name for name, kind in ranges.items() if kind == "bool"]
 
     def rule(self, proposal: Mapping[str, Any]) -> Verdict:
-        """The proposal if it is legal, the do-nothing action if only that is.
+        """The proposal if it is legal, else the first legal one of `_fallbacks`.
 
         Real actions are clipped to their box in 64 bit first, since a bound rounded to 32 bit
-        can lie outside. Where both are illegal, the proposal stands.
+        can lie outside. Where nothing legal is found, the proposal stands.
         """
         actions = dict(proposal)
         for name, (lower, upper) in self._box.items():
@@ -49,9 +50,28 @@ class Referee:
                 actions[name] = np.clip(np.asarray(actions[name], np.float64), lower, upper)
         if self._is_legal(actions):
             return Verdict(actions, illegal=False, fallback=False)
-        if self._is_legal(self._noop):
-            return Verdict(dict(self._noop), illegal=True, fallback=True)
+        for candidate in self._fallbacks(actions):
+            if self._is_legal(candidate):
+                return Verdict(candidate, illegal=True, fallback=True)
         return Verdict(actions, illegal=True, fallback=False)
+
+    def _fallbacks(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """The do-nothing action; it with one bool changed; it with all bools of a fluent changed.
+
+        A bool that the proposal changes comes before one that it leaves.
+        """
+        yield dict(self._noop)
+        idle = {name: np.asarray(self._noop[name]) for name in self._bools}
+        for is_changed in (True, False):
+            for name, value in idle.items():
+                differs = np.asarray(proposal.get(name, value)) != value
+                for place in map(tuple, np.argwhere(differs == is_changed)):
+                    one = value.copy()
+                    one[place] = ~one[place]
+                    yield self._noop | {name: one if one.shape else one.item()}
+        for name, value in idle.items():
+            everywhere = ~value
+            yield self._noop | {name: everywhere if value.shape else everywhere.item()}
 
     def _is_legal(self, actions: Mapping[str, Any]) -> bool:
         sampler = self._env.sampler

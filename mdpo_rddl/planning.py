@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
+import numpy as np
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.evaluation import Policy
@@ -55,7 +56,7 @@ def playable(
       seed: of a policy that draws random numbers; step t uses the t-th key.
     """
     steps = max(planner.horizon, planner.rddl.horizon)
-    keys = jax.random.split(jax.random.PRNGKey(seed), steps)
+    keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), steps))
     hyperparams = dict(policy_hyperparams)
 
     def policy(step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:

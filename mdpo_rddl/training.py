@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +18,9 @@ logger = logging.getLogger(__name__)
 
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600
+# a call of several iterations should not take longer
+_CALL_SECONDS = 1.0
+_CALLS_IN_A_BUDGET = 20
 
 
 class Record(NamedTuple):
@@ -111,11 +115,11 @@ def train(
       InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
         the problem with the planner's configuration.
     """
-    # JaxPlan divides by epochs - 1
     arguments = {
         **(optimize_kwargs or {}),
         "key": key,
-        "epochs": max(iterations, 2),
+        "epochs": iterations,
+        "train_seconds": seconds,
         "print_summary": False,
         "print_progress": False,
         "print_hyperparams": False,
@@ -125,18 +129,16 @@ def train(
     compile_seconds = time.perf_counter() - started
 
     started = time.perf_counter()
-    found = _Found()
+    found = _Found(planner.in_calls)
     status = "iter_budget_reached"
     try:
-        for callback in planner.optimize_generator(**arguments, train_seconds=seconds):
+        for callback in planner.optimize_generator(**arguments):
             found.add(callback)
             iteration = callback["iteration"]
             done = max((iteration + 1) / iterations, (time.perf_counter() - started) / seconds)
             on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
             if callback["status"].is_terminal():
                 status = callback["status"].name.lower()
-            if iteration + 1 >= iterations:
-                break
     except KeyboardInterrupt:
         # the iterates so far are worth keeping
         if not found.callback:
@@ -147,14 +149,38 @@ def train(
 
 
 def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> None:
+    """Compiles the update and the test, and sees to it that a call does not take too long."""
+    sizes = planner.iterations_per_call, planner.test_every
+    planner.iterations_per_call = planner.test_every = 1  # no recompilation for another size
     generator = planner.optimize_generator(**{**arguments, "dashboard_id": None})
     try:
         next(generator)
+        started = time.perf_counter()
+        if planner.in_calls:
+            next(generator, None)
     except Exception as error:  # whatever the problem and the values make JAX raise
         kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
         cause = missing_package(error) or kind_and_message
         raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
+    finally:
+        planner.iterations_per_call, planner.test_every = sizes
     generator.close()
+    if planner.in_calls:
+        longest = min(_CALL_SECONDS, arguments["train_seconds"] / _CALLS_IN_A_BUDGET)
+        bound_calls(planner, time.perf_counter() - started, longest)
+
+
+def bound_calls(planner: MDPOPlanner, seconds: float, longest: float) -> None:
+    """Makes the calls of a slow model shorter, so that a bound on the time can be kept.
+
+    Args:
+      planner: a planner with several iterations a call; its sizes are changed.
+      seconds: that an iteration takes.
+      longest: seconds that a call may take.
+    """
+    most = max(1, min(planner.iterations_per_call, int(longest / seconds)))
+    planner.test_every = min(planner.test_every, most)
+    planner.iterations_per_call = most // planner.test_every * planner.test_every
 
 
 _KEPT = ("iteration", "train_return", "test_return", "sigma")
@@ -163,16 +189,19 @@ _KEPT = ("iteration", "train_return", "test_return", "sigma")
 class _Found:
     """What the iterations so far have found.
 
-    JaxPlan's own best iterate is not used: once a restart's return is not a number, JaxPlan
-    takes that restart for the best one and no longer sees the others.
+    The best iterate of JaxPlan's own loop is not used: once a restart's return is not a number,
+    JaxPlan takes that restart for the best one and no longer sees the others. Calls of several
+    iterations keep account of it themselves.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, in_calls: bool) -> None:
+        self._in_calls = in_calls
         self.callback: Mapping[str, Any] = {}
         self.restart = 0
         self.test_return = -np.inf
         self.best_return, self.best_iteration = -np.inf, 0
-        self._best_params_by_restart, self.best_restart = None, 0
+        self._best_params: Callable[[], Any] = lambda: None
+        self.best_restart = 0
         self._kept: list[dict[str, Any]] = []
         self._every = 1
 
@@ -181,10 +210,15 @@ class _Found:
         returns = np.where(np.isfinite(returns), returns, -np.inf)
         self.restart = int(np.argmax(returns))
         self.test_return = float(returns[self.restart])
-        if self.test_return > self.best_return:
+        if self._in_calls:
+            self.best_return = float(callback["best_return"])
+            self.best_iteration = callback["last_iteration_improved"]
+            self.best_restart = callback["best_index"]
+            self._best_params = partial(callback.get, "best_params")
+        elif self.test_return > self.best_return:
             self.best_return, self.best_iteration = self.test_return, callback["iteration"]
-            self._best_params_by_restart = callback["params"]
             self.best_restart = self.restart
+            self._best_params = partial(select_restart, callback["params"], self.restart)
         # how many iterations the seconds allow is not known before
         if callback["iteration"] % self._every == 0:
             self._kept.append({name: callback[name] for name in _KEPT})
@@ -194,7 +228,7 @@ class _Found:
 
     @property
     def best_params(self) -> Any:
-        return select_restart(self._best_params_by_restart, self.best_restart)
+        return self._best_params()
 
     @property
     def kept(self) -> list[dict[str, Any]]:

@@ -65,6 +65,17 @@ def test_ours_trains_and_plays_legally(name, plan):
     assert row["illegal_actions"] == 0
 
 
+def test_what_trains_but_cannot_be_played_is_told_apart(tmp_path, monkeypatch):
+    def evaluate(*arguments: object) -> None:
+        raise RuntimeError("no such state")
+
+    monkeypatch.setattr(trial, "evaluate", evaluate)
+    domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
+    _write_problem(domain, instance, cpf="s")
+    row = run_trial(Trial(str(domain), str(instance), "mdpo-slp", 1, 1))
+    assert (row["status"], row["cause"]) == ("not played", "no such state")
+
+
 def test_a_failing_trial_names_the_cause_without_this_machine_s_folders(tmp_path):
     (tmp_path / "d.rddl").write_text("domain nothing { types { a : object; }; }")
     files = str(tmp_path / "d.rddl"), str(tmp_path / "none.rddl")
@@ -275,13 +286,16 @@ def test_the_compatibility_table_worked_by_hand(tmp_path):
     _add(records, "A", "0", "mdpo-drp", status="error", cause="no | such <thing>")
     _add(records, "A", "0", "mdpo-slp", status="timeout", cause="over 9 s", horizon="")
     _add(records, "C", "2", "jaxplan-drp", status="crash", cause="exit status 3", horizon="")
+    _add(records, "D", "1", "jaxplan-drp")
+    _add(records, "D", "1", "mdpo-drp", status="not played", cause="no such state")
     header = f"| problem | instance | horizon | {' | '.join(PLANNERS)} |\n"
     assert compatibility_table(records) == (
         f"{header}|---|---|---|---|---|---|---|\n"
-        "| A | 0 | 20 | error (1) | ok | error (1) | timeout (3) |\n"
+        "| A | 0 | 20 | error (1) | ok | error (1) | timeout (4) |\n"
         "| B | 1 | 20 | ok | ok | ok | ok |\n"
         "| C | 2 |  | crash (2) |  |  |  |\n"
-        "| **ok** | | | 1 of 3 | 2 of 2 | 1 of 2 | 1 of 2 |\n"
+        "| D | 1 | 20 | ok |  | not played (3) |  |\n"
+        "| **ok** | | | 2 of 4 | 2 of 2 | 1 of 3 | 1 of 2 |\n"
         "\n"
         "JaxPlan trains and ours does not: A 0 (slp).\n"
         "\n"
@@ -289,7 +303,8 @@ def test_the_compatibility_table_worked_by_hand(tmp_path):
         "\n"
         "1. error: no \\| such \\<thing>\n"
         "2. crash: exit status 3\n"
-        "3. timeout: over 9 s\n"
+        "3. not played: no such state\n"
+        "4. timeout: over 9 s\n"
     )
 
 

@@ -403,10 +403,15 @@ def test_the_paper_preset_holds_the_papers_values() -> None:
             # the decay is PyTorch's, in which the paper's code is written
             "optimizer_kwargs": {"learning_rate": 0.01, "decay": 0.99},
             "batch_size_train": 1,
-            "batch_size_test": 10,
+            "batch_size_test": 20,
             "pgpe": None,
         },
-        "Optimize": {"key": 0, "epochs": 3000, "train_seconds": 86400.0},
+        "Optimize": {
+            "key": 0,
+            "epochs": 3000,
+            "train_seconds": 86400.0,
+            "test_rolling_window": 5,
+        },
         "Noise": {
             "method": "AdaptiveNoise",
             "sigma_min": 0.0,
@@ -414,7 +419,7 @@ def test_the_paper_preset_holds_the_papers_values() -> None:
             "alpha": 1.0,
             "quantile": 0.95,
         },
-        "MDPO": {"stop_at_termination": True},
+        "MDPO": {"stop_at_termination": True, "iterations_per_call": 50, "test_every": 10},
     }
     assert DEFAULT_PRESET == "paper"
 
@@ -524,9 +529,9 @@ def test_all_options_at_once() -> None:
             "parallel_updates": 4,
             "batch_size_train": 5,
         },
-        "Optimize": {"key": 0, "epochs": 2, "train_seconds": 3.0},
+        "Optimize": {**preset.section("Optimize"), "epochs": 2, "train_seconds": 3.0},
         "Noise": {"method": "ConstantNoise", "sigma": 0.0},
-        "MDPO": {"stop_at_termination": True},
+        "MDPO": preset.section("MDPO"),
     }
 
 
@@ -575,3 +580,28 @@ def test_the_keys_of_jaxplans_controllers_are_accepted_and_not_handed_to_optimiz
     problem = load_problem("Reservoir_ippc2023", "1", 3)
     _, optimize_args = build_planner(problem, PlannerConfig.from_text(text))
     assert optimize_args.keys() == train_args.keys() - {"train_on_reset", "warm_start"}
+
+
+WITH_PGPE = TEXT.replace("pgpe=None\n", "")
+
+
+def test_sizes_of_a_call() -> None:
+    text = TEXT + "\n[MDPO]\niterations_per_call=20\ntest_every=5\n"
+    arguments = PlannerConfig.from_text(text).mdpo_arguments()
+    assert (arguments["iterations_per_call"], arguments["test_every"]) == (20, 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "message"),
+    [
+        (TEXT, "iterations_per_call=20\ntest_every=3", "test_every: must divide"),
+        (TEXT, "iterations_per_call=0", "iterations_per_call: must be a positive integer"),
+        (TEXT, "test_every=2.0", "test_every: must be a positive integer"),
+        (WITH_PGPE, "iterations_per_call=2", "needs pgpe=None in [Planner]"),
+    ],
+)
+def test_sizes_that_make_no_sense(text: str, values: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        PlannerConfig.from_text(f"{text}\n[MDPO]\n{values}\n", "my.cfg")
+    assert str(caught.value).startswith("my.cfg: [MDPO] ")
+    assert message in str(caught.value)

@@ -55,7 +55,7 @@ def test_every_decision_has_its_iterations_and_each_episode_starts_cold(problem,
 
 
 def test_compilation_eats_no_decision_s_budget(problem, planner):
-    policy, _ = played(problem, planner, episodes=1, train_seconds=0.2)
+    policy, _ = played(problem, planner, episodes=1, epochs=10**6, train_seconds=0.2)
     assert all(d.iterations > 3 for d in policy.decisions)
     assert all(0.2 <= d.seconds < 1.5 for d in policy.decisions)
 

@@ -16,7 +16,7 @@ from mdpo_rddl.jaxplan.upstream import planner as jaxplan
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.problem import Problem, load_problem
-from mdpo_rddl.training import Progress, TrainingResult, select_restart, train
+from mdpo_rddl.training import Progress, TrainingResult, bound_calls, select_restart, train
 
 HORIZON = 5
 FOREVER = 1e6
@@ -28,7 +28,8 @@ def reservoir() -> Problem:
 
 
 def paper_config(**planner_values: Any):
-    config = PRESETS["paper"]("reservoir_control_cont")
+    # an iteration a call, as JaxPlan; calls of several are tested in test_calls.py
+    config = PRESETS["paper"]("reservoir_control_cont").with_section("MDPO", {})
     return config.with_values("Planner", **planner_values)
 
 
@@ -354,6 +355,8 @@ class Scripted:
     The parameter of restart r at iteration i is 100 i + r, its noise i at each of two steps.
     """
 
+    in_calls, iterations_per_call, test_every = False, 1, 1
+
     def __init__(
         self,
         returns: Iterable[list[float]],
@@ -419,3 +422,58 @@ def test_a_policy_takes_the_step_th_key_of_its_seed_to_the_end_of_the_episode():
     for step, (key, *rest) in enumerate(calls):
         np.testing.assert_array_equal(key, keys[step])
         assert rest == ["params", step, state, {"push": 1.0}]
+
+
+# --- calls of several iterations --------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def calling_planner() -> MDPOPlanner:
+    values = {"iterations_per_call": 20, "test_every": 5}
+    return build_planner(reservoir(), paper_config().with_section("MDPO", values))[0]
+
+
+def test_calls_train_as_single_iterations_do(planner, calling_planner):
+    single = train(planner, key=KEY, iterations=15, seconds=FOREVER)
+    calls = train(calling_planner, key=KEY, iterations=15, seconds=FOREVER)
+    assert (calls.iterations, calls.status) == (15, single.status)
+    for one, other in zip(
+        jax.tree.leaves(calls.last_params), jax.tree.leaves(single.last_params), strict=True
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
+    assert calls.history[-1].iteration == 14
+    assert calls.best_iteration in (4, 9, 14)
+
+
+def test_the_best_iterate_may_lie_within_a_call(calling_planner):
+    values = {"iterations_per_call": 20, "test_every": 5}
+    config = paper_config(optimizer_kwargs={"learning_rate": 50.0}).with_section("MDPO", values)
+    wild, _ = build_planner(reservoir(), config.with_section("Noise", {"method": "NoNoise"}))
+    callbacks = list(
+        wild.optimize_generator(
+            key=KEY, epochs=20, print_summary=False, print_progress=False, test_rolling_window=1
+        )
+    )
+    result = train(
+        wild, key=KEY, iterations=20, seconds=FOREVER, optimize_kwargs={"test_rolling_window": 1}
+    )
+    assert len(callbacks) == 1
+    assert result.best_iteration == callbacks[0]["last_iteration_improved"]
+    assert_equal_bits(result.best_params, callbacks[0]["best_params"])
+
+
+@pytest.mark.parametrize(
+    ("seconds", "longest", "sizes"),
+    [(0.001, 1.0, (20, 5)), (0.1, 1.0, (10, 5)), (0.3, 1.0, (3, 3)), (9.0, 1.0, (1, 1))],
+)
+def test_calls_of_a_slow_model_are_shorter(seconds, longest, sizes):
+    slow = SimpleNamespace(iterations_per_call=20, test_every=5)
+    bound_calls(slow, seconds, longest)
+    assert (slow.iterations_per_call, slow.test_every) == sizes
+
+
+def test_the_seconds_are_kept_by_calls_too(calling_planner):
+    result = train(calling_planner, key=KEY, iterations=10**6, seconds=0.5)
+    assert result.status == "time_budget_reached"
+    assert 0.5 <= result.train_seconds < 2.0
+    assert np.isfinite(result.history[-1].test_return)

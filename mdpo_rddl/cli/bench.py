@@ -8,13 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.cli.machine import use_all_cores
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
+from mdpo_rddl.experiments.config_sweep import SCALES, config_sweep_table, run_config_sweep
 from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
 from mdpo_rddl.experiments.paper_preset import NOISES, paper_preset_table, run_paper_preset
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
+from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
 
 
@@ -70,8 +73,15 @@ def _parser() -> OneLineParser:
         command.add_argument("--seeds", type=positive_int, default=5)
         command.add_argument("--iterations", type=positive_int, default=3000)
         command.add_argument("--episodes", type=positive_int, default=20)
+    speed = commands.add_parser("speed", help="iterations a second, against JaxPlan's loop")
+    speed.add_argument("--settings", nargs="+", choices=list(DOMAIN_FILES), default=SETTINGS)
+    speed.add_argument("--turns", type=positive_int, default=5, help="of each side")
+    speed.add_argument("--seconds", type=number(above=0), default=3, help="of each turn")
+    speed.add_argument("--command-turns", type=int, default=3, help="of the whole command; 0: none")
+    speed.set_defaults(run=_speed, out=Path("results/speed"))
+
     trials = _add_trial_commands(commands)
-    for command in (noise, paper, *trials):
+    for command in (noise, paper, speed, *trials):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser
 
@@ -90,21 +100,31 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     everything.add_argument(
         "--max-horizon", type=positive_int, default=20, help="cuts a longer one (default: 20)"
     )
-    everything.set_defaults(run=_compatibility, out=Path("results/compatibility"), seconds=900)
+    everything.set_defaults(run=_compatibility, out=Path("results/compatibility"), timeout=900)
 
     smoke = commands.add_parser("ipc-smoke", help="the eight IPC 2023 domains with ours")
     smoke.add_argument("--domains", nargs="+", choices=DOMAINS, default=list(DOMAINS))
     smoke.add_argument("--instances", nargs="+", metavar="NAME", default=list(INSTANCES))
     smoke.add_argument("--iterations", type=positive_int, default=50)
     smoke.add_argument("--episodes", type=positive_int, default=2)
-    smoke.set_defaults(run=_ipc_smoke, out=Path("results/ipc_smoke"), seconds=7200)
+    smoke.set_defaults(run=_ipc_smoke, out=Path("results/ipc_smoke"), timeout=7200)
 
-    for command in (everything, smoke):
+    configs = commands.add_parser(
+        "configs", help="configurations for the eight IPC 2023 domains, against JaxPlan's own"
+    )
+    configs.add_argument("--domains", nargs="+", choices=list(SCALES), default=list(SCALES))
+    configs.add_argument("--instances", nargs="+", metavar="NAME", default=["3"])
+    configs.add_argument("--candidates", nargs="+", metavar="NAME", help="(default: all)")
+    configs.add_argument("--seconds", type=number(above=0), default=20)
+    configs.add_argument("--episodes", type=positive_int, default=10)
+    configs.set_defaults(run=_configs, out=Path("results/configs"), timeout=600)
+
+    for command in (everything, smoke, configs):
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
             type=number(above=0),
-            default=command.get_default("seconds"),
+            default=command.get_default("timeout"),
             help="of each planner (default: %(default)s)",
         )
         command.add_argument(
@@ -114,7 +134,7 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             default=8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, smoke]
+    return [everything, smoke, configs]
 
 
 def _compatibility(options: argparse.Namespace) -> str:
@@ -139,6 +159,27 @@ def _ipc_smoke(options: argparse.Namespace) -> str:
         Limits(options.timeout, options.memory_gb),
     )
     return ipc_smoke_table(records)
+
+
+def _configs(options: argparse.Namespace) -> str:
+    records = run_config_sweep(
+        options.out,
+        options.domains,
+        options.instances,
+        options.candidates,
+        options.seconds,
+        options.episodes,
+        Limits(options.timeout, options.memory_gb),
+    )
+    return config_sweep_table(records)
+
+
+def _speed(options: argparse.Namespace) -> str:
+    use_all_cores()
+    records = run_speed(
+        options.out, options.settings, options.turns, options.seconds, options.command_turns
+    )
+    return speed_table(records)
 
 
 def _noise_sweep(options: argparse.Namespace) -> str:

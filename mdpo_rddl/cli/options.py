@@ -79,7 +79,11 @@ def plan_parser() -> OneLineParser:
         "--preset", choices=["paper"], help="defaults to start from (default: paper)"
     )
     source.add_argument(
-        "--config", metavar="FILE", type=Path, help="a JaxPlan .cfg, with an optional [Noise]"
+        "--config",
+        metavar="FILE|drp|slp|replan",
+        type=Path,
+        help="a JaxPlan .cfg, with an optional [Noise]; or the one for the domain and this plan: "
+        "ours, else JaxPlan's own, else JaxPlan's default",
     )
     source.add_argument(
         "--load",
@@ -121,6 +125,11 @@ def plan_parser() -> OneLineParser:
     )
     run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
+    )
+    run.add_argument(
+        "--no-cache",
+        action="store_true",
+        help="compile everything anew, and keep nothing of it for the next run",
     )
     run.add_argument("--quiet", action="store_true", help="nothing but that")
     return parser

@@ -14,10 +14,12 @@ from typing import Any
 from rich.console import Console
 
 from mdpo_rddl.cli.display import ProgressBar, print_summary
+from mdpo_rddl.cli.machine import keep_compiled_programs, use_all_cores
 from mdpo_rddl.cli.options import TRAINING_ONLY, configure, plan_parser
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
+from mdpo_rddl.presets.shipped import METHODS, config_for_domain
 from mdpo_rddl.problem import load_problem
 from mdpo_rddl.report.run_folder import free_name
 from mdpo_rddl.session import LoadRequest, PlanRequest, evaluate_saved, plan, replan
@@ -36,6 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         level=logging.ERROR if options.quiet else logging.WARNING,
         format="mdpo-plan: %(levelname)s: %(message)s",
     )
+    if not options.no_cache:
+        keep_compiled_programs()
+    if (options.restarts or 1) > 1:
+        use_all_cores()
     try:
         summary, where = _run(options)
     except InputError as error:
@@ -57,7 +63,8 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
     with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:
         if options.load is None:
             request = _plan_request(options)
-            run = replan if options.replan else plan
+            is_online = options.replan or str(options.config) == "replan"
+            run = replan if is_online else plan
             return run(request, bar), request.out
         if options.replan:
             raise InputError("--replan does not go with --load, which plans nothing")
@@ -75,7 +82,11 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
 
 def _plan_request(options: argparse.Namespace) -> PlanRequest:
     problem = load_problem(options.domain, options.instance, options.horizon)
-    if options.config is not None:
+    if str(options.config) in METHODS:
+        # as JaxPlan's third argument: the domain's own configuration
+        config = config_for_domain(options.domain, problem.domain_name, str(options.config))
+        name = config.source
+    elif options.config is not None:
         name, config = str(options.config), PlannerConfig.from_file(options.config)
     else:
         name = options.preset or DEFAULT_PRESET

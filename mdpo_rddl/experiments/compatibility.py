@@ -7,7 +7,7 @@ from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.records import Records
-from mdpo_rddl.experiments.trial import COLUMNS, KEYS, PLANNERS, Trial, try_all
+from mdpo_rddl.experiments.trial import COLUMNS, KEYS, NOT_PLAYED, PLANNERS, Trial, try_all
 from mdpo_rddl.experiments.versions import versions
 from mdpo_rddl.experiments.worker import Limits
 
@@ -92,7 +92,7 @@ def compatibility_table(records: Records) -> str:
         f"{problem} {instance} ({plan})"
         for (problem, instance), rows in sorted(cells.items())
         for plan in ("drp", "slp")
-        if _is_ok(rows.get(f"jaxplan-{plan}")) and not _is_ok(rows.get(f"mdpo-{plan}"))
+        if _trains(rows.get(f"jaxplan-{plan}")) and not _trains(rows.get(f"mdpo-{plan}"))
     ]
     lines += ["", f"JaxPlan trains and ours does not: {', '.join(worse) or 'none'}."]
     if numbers:
@@ -123,6 +123,10 @@ def _cell(row: Mapping[str, str] | None, numbers: Mapping[str, int]) -> str:
 
 def _is_ok(row: Mapping[str, str] | None) -> bool:
     return row is not None and row["status"] == "ok"
+
+
+def _trains(row: Mapping[str, str] | None) -> bool:
+    return row is not None and row["status"] in ("ok", NOT_PLAYED)
 
 
 def _total(records: Records, planner: str) -> str:

@@ -28,6 +28,7 @@ logger = logging.getLogger(__name__)
 
 PLANNERS = ("jaxplan-drp", "jaxplan-slp", "mdpo-drp", "mdpo-slp")
 KEYS = ("problem", "instance", "planner")
+NOT_PLAYED = "not played"
 _FIGURES = ("horizon", "return", "illegal_actions", "fallback_actions")
 COLUMNS = (*KEYS, "status", "cause", *_FIGURES, "seconds", "peak_mb")
 
@@ -88,6 +89,8 @@ def run_trial(trial: Trial) -> dict[str, Any]:
     row: dict[str, Any] = {"status": "ok", "cause": ""}
     try:
         _try(trial, row)
+    except _PlayError as error:
+        row.update(status=NOT_PLAYED, cause=one_line_cause(error))
     except _NonFiniteError as error:
         row.update(status="non-finite", cause=str(error))
     except Exception as error:  # whatever it is, it is the finding
@@ -95,6 +98,10 @@ def run_trial(trial: Trial) -> dict[str, Any]:
     row["seconds"] = round(time.perf_counter() - started, 1)
     row["peak_mb"] = round(_peak_mb())
     return row
+
+
+class _PlayError(Exception):
+    """The exact environment failed or refused an action, after a training without an error."""
 
 
 class _NonFiniteError(Exception):
@@ -161,7 +168,10 @@ def _train_and_play(problem: Problem, config: PlannerConfig, trial: Trial) -> di
     _require_finite("test", [record.test_return for record in result.history])
     policy = playable(planner, result.best_params, result.policy_hyperparams, 0)
     env = make_environment(problem, enforce_action_constraints=True)
-    evaluation = evaluate(env, policy, trial.episodes, 0)
+    try:
+        evaluation = evaluate(env, policy, trial.episodes, 0)
+    except Exception as error:  # whatever it is, the planner has trained
+        raise _PlayError(str(error) or type(error).__name__) from error
     _require_finite("exact", evaluation.returns)
     return {
         "return": evaluation.mean,

@@ -32,12 +32,14 @@ from mdpo_rddl.noise import ActionNoise
 _JAXPLAN_SECTIONS = ("Compiler", "Planner", "Optimize")
 _SECTIONS = (*_JAXPLAN_SECTIONS, "Noise", "MDPO")
 _SWITCHES = {"stop_at_termination", "keep_group_limits"}
+_SIZES = ("iterations_per_call", "test_every")
 _DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
 _DEFAULT_NOISE = "AdaptiveNoise"
 
 _POSITIVE_INTEGERS = {
     "Planner": ("batch_size_train", "batch_size_test", "parallel_updates", "rollout_horizon"),
     "Optimize": ("epochs", "test_rolling_window"),
+    "MDPO": _SIZES,
 }
 _POSITIVE_NUMBERS = {"Planner": ("clip_grad",), "Optimize": ("train_seconds",)}
 _OPTIONAL = ("batch_size_test", "rollout_horizon", "clip_grad")
@@ -162,6 +164,7 @@ class PlannerConfig:
             self._check_positive(section, *keys, integer=True)
         for section, keys in _POSITIVE_NUMBERS.items():
             self._check_positive(section, *keys)
+        self._check_sizes()
         for section, values in self.sections.items():
             for key, value in values.items():
                 if key.endswith("_kwargs") and not isinstance(value, dict | None):
@@ -259,10 +262,20 @@ class PlannerConfig:
             raise self._error(f"[Noise] {error}") from error
 
     def _check_switches(self) -> None:
-        self._check_keys("MDPO", _SWITCHES)
+        self._check_keys("MDPO", _SWITCHES.union(_SIZES))
         for key, value in self.section("MDPO").items():
-            if not isinstance(value, bool):
+            if key in _SWITCHES and not isinstance(value, bool):
                 raise self._error(f"[MDPO] {key}: must be True or False, got {value!r}")
+
+    def _check_sizes(self) -> None:
+        values = self.section("MDPO")
+        size = values.get("iterations_per_call", 1)
+        if size % values.get("test_every", size):
+            raise self._error("[MDPO] test_every: must divide iterations_per_call")
+        between = self.section("Planner")
+        if size > 1 and ("pgpe" not in between or any(map(between.get, ("pgpe", "preprocessor")))):
+            needs = "needs pgpe=None in [Planner], and no preprocessor"
+            raise self._error(f"[MDPO] iterations_per_call: more than 1 {needs}")
 
     def _check_keys(self, section: str, known: set[str]) -> None:
         for key in self.section(section):

@@ -7,11 +7,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax import Array, random
 
 from mdpo_rddl.actions import ActionSpec
+from mdpo_rddl.jaxplan.acting import ActingPlanner
 from mdpo_rddl.jaxplan.analysis import compile_analysis
+from mdpo_rddl.jaxplan.calls import Calls
+from mdpo_rddl.jaxplan.noisy_update import noisy_update
 from mdpo_rddl.jaxplan.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -19,19 +20,15 @@ from mdpo_rddl.jaxplan.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
-from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_perturbed_rollouts
+from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_rollouts
+from mdpo_rddl.jaxplan.sharding import restart_sharding, shard
 from mdpo_rddl.jaxplan.termination import stop_at_termination
 from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
 from mdpo_rddl.limits import group_limits
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
-from mdpo_rddl.noise.draws import draw_perturbation
-
-# folded into JaxPlan's key of an iteration, so that the model draws what it draws in JaxPlan
-_ANALYSIS_STREAM = 0x616E61
-_UPDATE_STREAM = 0x757064
 
 
-class MDPOPlanner(JaxBackpropPlanner):
+class MDPOPlanner(ActingPlanner):
     """JaxPlan's planner with noise on the actions during optimisation.
 
     Each iteration makes up to two passes over the relaxed model, for every parallel update:
@@ -51,6 +48,8 @@ class MDPOPlanner(JaxBackpropPlanner):
         noise: ActionNoise | None = None,
         stop_at_termination: bool = False,
         keep_group_limits: bool = True,
+        iterations_per_call: int = 1,
+        test_every: int | None = None,
         **kwargs: Any,
     ) -> None:
         """Takes every argument of `JaxBackpropPlanner`, and:
@@ -75,6 +74,12 @@ class MDPOPlanner(JaxBackpropPlanner):
         self._noise_state_at_guess: Any = None
         self.stop_at_termination = stop_at_termination
         self.keep_group_limits = keep_group_limits
+        self.iterations_per_call = iterations_per_call
+        self.test_every = iterations_per_call if test_every is None else test_every
+        if min(self.test_every, iterations_per_call) < 1 or iterations_per_call % self.test_every:
+            raise ValueError("test_every must divide iterations_per_call, both at least 1")
+        self.in_calls = iterations_per_call > 1
+        self._calls = Calls()
         self.action_specs: dict[str, ActionSpec] = {}
         given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
         if "pgpe" not in given.arguments:
@@ -103,6 +108,12 @@ class MDPOPlanner(JaxBackpropPlanner):
 
     # JaxPlan's compilation hooks, in the order in which it calls them
 
+    def _jax_compile_graph(self) -> None:
+        if self.in_calls and (self.use_pgpe or self.preprocessor is not None):
+            raise ValueError("several iterations a call need pgpe=None and no preprocessor")
+        self._sharding = restart_sharding(self.parallel_updates)
+        super()._jax_compile_graph()
+
     def _jax_compile_policy(self) -> None:
         raw_plan = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
@@ -125,20 +136,28 @@ class MDPOPlanner(JaxBackpropPlanner):
     def _jax_compile_rollouts(self) -> None:
         super()._jax_compile_rollouts()
         stopping = self.stop_at_termination and bool(self.rddl.terminations)
-        if stopping:
-            self._jax_compile_stopping_rollouts()
+        watched = self.dashboard is not None
+        training = (self.compiled, self.batch_size_train, self.preprocessor is not None or watched)
+        testing = (self.test_compiled, self.batch_size_test, watched)
+
+        def compiled_rollouts(policy, model, batch_size, cache_path_info):
+            rollouts = compile_rollouts(
+                model,
+                policy,
+                self.horizon,
+                batch_size,
+                history_dependent=self.plan.history_dependent,
+                check_constraints=stopping,
+                cache_path_info=cache_path_info,
+            )
+            return stop_at_termination(rollouts) if stopping else rollouts
+
+        if stopping or self.in_calls:  # JaxPlan's rollouts, bit for bit, are not needed
+            self.train_rollouts = compiled_rollouts(self.plan.train_policy, *training)
+            self.test_rollouts = jax.jit(compiled_rollouts(self.plan.test_policy, *testing))
         if not self.is_noisy:
             return
-        perturbed_rollouts = compile_perturbed_rollouts(
-            self.compiled,
-            self._perturbed_policy,
-            self.horizon,
-            history_dependent=self.plan.history_dependent,
-            check_constraints=stopping,
-            cache_path_info=self.preprocessor is not None or self.dashboard is not None,
-        )
-        if stopping:
-            perturbed_rollouts = stop_at_termination(perturbed_rollouts)
+        perturbed_rollouts = compiled_rollouts(self._perturbed_policy, *training)
         plain_rollouts = self.train_rollouts
 
         def rollouts(key, params, hyperparams, fluents, nonfluents, model):
@@ -147,105 +166,84 @@ class MDPOPlanner(JaxBackpropPlanner):
 
         self.train_rollouts = rollouts
 
-    def _jax_compile_stopping_rollouts(self) -> None:
-        """JaxPlan's rollouts once more, with the ends of episodes noted and heeded."""
-        watched = self.dashboard is not None
-        shared = {
-            "n_steps": self.horizon,
-            "history_dependent": self.plan.history_dependent,
-            "check_constraints": True,
-        }
-        train_rollouts = self.compiled.compile_rollouts(
-            policy=self.plan.train_policy,
-            n_batch=self.batch_size_train,
-            cache_path_info=self.preprocessor is not None or watched,
-            **shared,
-        )
-        test_rollouts = self.test_compiled.compile_rollouts(
-            policy=self.plan.test_policy,
-            n_batch=self.batch_size_test,
-            cache_path_info=watched,
-            **shared,
-        )
-        self.train_rollouts = stop_at_termination(train_rollouts)
-        self.test_rollouts = jax.jit(stop_at_termination(test_rollouts))
-
     def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
         initialize, init_optimizer = super()._jax_init_optimizer()
-        if not self.is_noisy:
-            return initialize, init_optimizer
 
-        def initialize_with_noise(key, policy_hyperparams, fluents):
-            params, opt_state, opt_aux = initialize(key, policy_hyperparams, fluents)
-            noise_and_state = (self.noise, self.noise.initial_state(self.horizon))
-            return params, opt_state, {**opt_aux, "noise": self._broadcast_pytree(noise_and_state)}
+        def initialize_all(key, policy_hyperparams, fluents):
+            initialized = initialize(key, policy_hyperparams, fluents)
+            params, opt_state, opt_aux = shard(initialized, self._sharding)
+            if self.is_noisy:
+                noise_and_state = (self.noise, self.noise.initial_state(self.horizon))
+                opt_aux = {**opt_aux, "noise": self._broadcast_pytree(noise_and_state)}
+            return params, opt_state, self._with_call(opt_aux, params, is_warm=False)
 
-        def init_optimizer_with_noise(policy_params):
+        def init_optimizer_warm(policy_params):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
-            noise = self._broadcast_pytree(self.noise)
-            state = self._noise_state_at_guess
-            if state is None:
-                state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
-            else:
-                state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
-            return opt_state, {**opt_aux, "noise": (noise, state)}
+            if self.is_noisy:
+                noise = self._broadcast_pytree(self.noise)
+                state = self._noise_state_at_guess
+                if state is None:
+                    state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
+                else:
+                    state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
+                opt_aux = {**opt_aux, "noise": (noise, state)}
+            return opt_state, self._with_call(opt_aux, policy_params, is_warm=True)
 
-        return initialize_with_noise, init_optimizer_with_noise
+        return initialize_all, init_optimizer_warm
+
+    def _with_call(self, opt_aux: dict[str, Any], params: Any, is_warm: bool) -> dict[str, Any]:
+        if not self.in_calls:
+            return opt_aux
+        test_model = self._broadcast_pytree(self.test_compiled.model_aux["params"])
+        return {**opt_aux, "call": self._calls.first_state(params, test_model, is_warm)}
+
+    def _batched_init_subs(self, init_values: Mapping[str, Any]) -> Any:
+        subs = super()._batched_init_subs(init_values)
+        self._calls.test_fluents = subs[1]
+        return subs
+
+    def _broadcast_pytree(self, pytree: Any) -> Any:
+        return shard(super()._broadcast_pytree(pytree), self._sharding)
+
+    def _jax_compile_train_update(self) -> None:
+        super()._jax_compile_train_update()
+        if self.is_noisy and not self.in_calls:
+            self.update = self._remembering(self.update)
+
+    def _jax_compile_test_loss(self) -> None:
+        super()._jax_compile_test_loss()
+        if self.in_calls:
+            self._calls.compile(self.update, self.test_loss, self._sharding)
+            self.update = self._remembering(functools.partial(self._calls.update, self._sizes))
+            self.test_loss = self._calls.test_loss
+
+    def _sizes(self) -> tuple[int, int]:
+        return self.iterations_per_call, self.test_every
+
+    def _remembering(self, update: Callable) -> Callable:
+        def update_and_remember(*arguments):
+            result = update(*arguments)
+            if self.is_noisy:
+                self._noise_state = result[3]["noise"][1]
+            return result
+
+        return update_and_remember
 
     def _jax_update(self, loss: Callable) -> Callable:
         plain_update = super()._jax_update(loss)
         if not self.is_noisy:
             return plain_update
-        analyse = self._jax_analysis()
-        dtype = self.compiled.REAL
-
-        def draw(key, params, hyperparams, fluents, nonfluents, model, critic, noise_and_state):
-            noise, state = noise_and_state
-            gradients = None
-            if noise.analysis_samples:
-                analysis_key = random.fold_in(key, _ANALYSIS_STREAM)
-                gradients = analyse(
-                    analysis_key, params, hyperparams, fluents, nonfluents, model, critic
-                )
-            profile, state = noise.profile(gradients, state, self.horizon)
-            update_key = random.fold_in(key, _UPDATE_STREAM)
-            perturbation = draw_perturbation(
-                update_key, profile.sigma, self.action_specs, self.batch_size_train, dtype
-            )
-            return perturbation, profile, (noise, state)
-
-        batched_draw = jax.vmap(draw, in_axes=(0, 0, None, None, None, 0, None, 0))
-
-        def update(
-            key, params, hyperparams, fluents, nonfluents, model, critic, opt_state, opt_aux
-        ):
-            perturbation, profile, noise_and_state = batched_draw(
-                random.split(key, self.parallel_updates),
-                params,
-                hyperparams,
-                fluents,
-                nonfluents,
-                model,
-                critic,
-                opt_aux["noise"],
-            )
-            opt_aux = {**opt_aux, "noise": noise_and_state}
-            model = PerturbedModel(model, perturbation)
-            result = plain_update(
-                key, params, hyperparams, fluents, nonfluents, model, critic, opt_state, opt_aux
-            )
-            log = {**result[5], "sigma": profile.sigma, "sensitivity": profile.sensitivity}
-            return (*result[:5], log, *result[6:])
-
-        compiled_update = jax.jit(update)
-
-        def update_and_remember(*arguments):
-            result = compiled_update(*arguments)
-            self._noise_state = result[3]["noise"][1]
-            return result
-
-        return update_and_remember
+        update = noisy_update(
+            plain_update,
+            self._jax_analysis(),
+            self.action_specs,
+            horizon=self.horizon,
+            batch_size=self.batch_size_train,
+            parallel_updates=self.parallel_updates,
+            dtype=self.compiled.REAL,
+        )
+        return jax.jit(update)
 
     def _jax_analysis(self) -> Callable:
         return compile_analysis(
@@ -265,37 +263,6 @@ class MDPOPlanner(JaxBackpropPlanner):
         finally:
             self.utility, self.utility_kwargs = utility, utility_kwargs
 
-    def get_action(
-        self,
-        key: Array,
-        params: Any,
-        step: int,
-        state: Mapping[str, Any],
-        policy_hyperparams: Any = None,
-        history: Any = None,
-    ) -> dict[str, Any]:
-        """JaxPlan's action, with reals clipped to the RDDL's box in 64 bit.
-
-        A bound rounded to 32 bit can lie outside the box, which an environment with
-        `enforce_action_constraints=True` refuses. Policy hyperparameters that are not given
-        are 1, as in `optimize`.
-        """
-        hyperparams = self._complete_hyperparams(policy_hyperparams)
-        actions = dict(super().get_action(key, params, step, state, hyperparams, history))
-        for name, prange in self.rddl.action_ranges.items():
-            if prange == "real" and name in actions:
-                bounds = self.test_compiled.constraints.bounds[name]
-                actions[name] = np.clip(np.asarray(actions[name], np.float64), *bounds)
-        return actions
-
-    def _complete_hyperparams(self, hyperparams: Any) -> Any:
-        if hyperparams is not None and not isinstance(hyperparams, Mapping):
-            return hyperparams
-        complete = {**dict.fromkeys(self.rddl.action_fluents, 1.0), **(hyperparams or {})}
-        if self.preprocessor is not None and self.preprocessor.HYPERPARAMS_KEY not in complete:
-            complete[self.preprocessor.HYPERPARAMS_KEY] = self.preprocessor.initialize()
-        return complete
-
     def summarize_hyperparameters(self) -> str:
         """JaxPlan's summary, and the noise's."""
         return super().summarize_hyperparameters() + (
@@ -305,12 +272,6 @@ class MDPOPlanner(JaxBackpropPlanner):
             f"    stop_at_termination={self.stop_at_termination}\n"
             f"    keep_group_limits  ={self.keep_group_limits}\n"
         )
-
-    def params_structure(self, policy_hyperparams: Mapping[str, Any]) -> Any:
-        """Shapes and types of one policy's parameters, as a tree of `jax.ShapeDtypeStruct`."""
-        (fluents, _), _ = self._batched_init_subs(self.test_compiled.init_values)
-        key = random.PRNGKey(0)
-        return jax.eval_shape(self.plan.initializer, key, dict(policy_hyperparams), fluents)
 
     @functools.wraps(JaxBackpropPlanner.optimize_generator, assigned=())
     def optimize_generator(
@@ -331,7 +292,12 @@ class MDPOPlanner(JaxBackpropPlanner):
         if guess is not self._guess:
             # JaxPlan's online controller tries the same guess again if compiling took all its time
             self._guess, self._noise_state_at_guess = guess, self._noise_state
-        once = given.arguments.get("epochs") == 1
+        given.apply_defaults()
+        epochs = given.arguments["epochs"]
+        if self.in_calls:
+            self._calls.begin(given.arguments)
+            epochs = given.arguments["epochs"] = -(-epochs // self.iterations_per_call)
+        once = epochs == 1
         if once:  # JaxPlan divides by epochs - 1
             given.arguments["epochs"] = 2
         silence = jnp.zeros((self.parallel_updates, self.horizon))
@@ -339,6 +305,8 @@ class MDPOPlanner(JaxBackpropPlanner):
             log = callback["train_log"]
             callback["sigma"] = log.get("sigma", silence)
             callback["sensitivity"] = log.get("sensitivity", silence)
+            if self.in_calls:
+                callback.update(self._calls.callback_entries())
             if once and not callback["status"].is_terminal():
                 budget = JaxPlannerStatus.ITER_BUDGET_REACHED
                 callback.update(status=budget, progress=100.0)

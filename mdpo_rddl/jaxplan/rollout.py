@@ -1,14 +1,23 @@
-"""Rollouts of the relaxed model under a perturbed policy."""
+"""Rollouts of a compiled model that draw their random numbers ahead of the steps."""
 
+import logging
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array, random
+import numpy as np
+from jax import Array, lax, random
 
 from mdpo_rddl.jaxplan.memory import bounded_step
-from mdpo_rddl.jaxplan.perturbed_policy import PerturbedPolicy
+from mdpo_rddl.staging import Stages
+
+logger = logging.getLogger(__name__)
+
+# of one rollout: more than that is drawn step by step
+_AHEAD_BYTES = 64 * 10**6
+_SHARED, _EARLY, _LATE = range(3)
 
 
 class PerturbedModel(NamedTuple):
@@ -26,26 +35,31 @@ class PerturbedModel(NamedTuple):
     perturbation: dict[str, Array]
 
 
-def compile_perturbed_rollouts(
+def compile_rollouts(
     compiled: Any,
-    policy: PerturbedPolicy,
+    policy: Callable[..., dict[str, Array]],
     horizon: int,
+    batch_size: int,
     *,
     history_dependent: bool = False,
     check_constraints: bool = False,
     cache_path_info: bool = False,
 ) -> Callable[..., tuple[dict[str, Any], Any]]:
-    """Compiles rollouts that take a `PerturbedModel` where JaxPlan's take model parameters.
+    """Compiles rollouts with the arguments and results of JaxPlan's.
 
-    The random numbers are drawn in JaxPlan's order, so with a zero perturbation the rollout
-    is the one that `JaxRDDLCompiler.compile_rollouts` makes from the same key. The
-    perturbation is scanned over, which keeps its gradient linear in the horizon; as a
-    policy hyperparameter its gradient would be accumulated whole at every step.
+    The keys are JaxPlan's, so the rollout is the one that `JaxRDDLCompiler.compile_rollouts`
+    makes, but for the order of floating-point operations. What depends on the keys and not on
+    the state is computed for all steps at once, ahead of them, unless it is too large.
+
+    Where the model parameters are a `PerturbedModel`, the policy's last argument is the step's
+    perturbation. It is scanned over, which keeps its gradient linear in the horizon; as a policy
+    hyperparameter its gradient would be accumulated whole at every step.
 
     Args:
-      compiled: JaxPlan's compiled relaxed model.
-      policy: the perturbed policy.
+      compiled: a model compiled by JaxPlan.
+      policy: JaxPlan's policy, or a perturbed one.
       horizon: number of steps H.
+      batch_size: rollouts B; for a perturbed policy that of the perturbation.
       history_dependent: whether the policy reads the fluents' history.
       check_constraints: whether the log tells preconditions, invariants and termination.
       cache_path_info: whether the log keeps every fluent at every step.
@@ -59,51 +73,84 @@ def compile_perturbed_rollouts(
         check_constraints=check_constraints, cache_path_info=cache_path_info
     )
 
-    def one_step(key, perturbation, fluents, history, params, hyperparams, step, nonfluents, model):
+    def step(shared, early, late):
+        hyperparams, nonfluents, model = shared
+        key, number, extra = early
+        params, fluents, history = late
         key, model_key = random.split(key)
-        actions = policy(key, params, hyperparams, step, fluents, history, perturbation)
+        actions = policy(key, params, hyperparams, number, fluents, history, *extra)
         return transition(model_key, actions, fluents, nonfluents, model)
 
-    batched_step = jax.vmap(one_step, in_axes=(0, 0, 0, 1, None, None, None, None, None))
+    def rollout(key, params, hyperparams, fluents, nonfluents, model):
+        extra, size = (), batch_size
+        if isinstance(model, PerturbedModel):
+            size = jax.tree.leaves(model.perturbation)[0].shape[0]
+            extra = (jax.tree.map(lambda p: jnp.swapaxes(p, 0, 1), model.perturbation),)
+            model = model.params
+        history = _empty_history(fluents, horizon) if history_dependent else {}
 
-    def rollout(key, params, hyperparams, fluents, nonfluents, model: PerturbedModel):
-        batch_size = jax.tree.leaves(model.perturbation)[0].shape[0]
+        shared = (hyperparams, nonfluents, model)
+        early = (_step_keys(key, horizon, size), jnp.arange(horizon), extra)
+        stages = Stages(
+            step,
+            shared,
+            (early[0][0, 0], early[1][0], jax.tree.map(lambda e: e[0, 0], extra)),
+            (params, _one(fluents, axis=0), _one(history, axis=1)),
+        )
+        passes = stages.passes_through()
+        if not all(passes[len(passes) - len(jax.tree.leaves(model)) :]):
+            raise NotImplementedError("the model's parameters change from step to step")
+        common = stages.run(_SHARED, [], shared)
+        ahead = _can_draw_ahead(stages, horizon)
+        draw = jax.vmap(lambda *early: stages.run(_EARLY, [common], early), in_axes=(0, None, 0))
+        inputs = (jax.vmap(draw)(*early) if ahead else early, jnp.arange(horizon))
+
+        @partial(jax.vmap, in_axes=(0, 0, 1))
+        def late_step(drawn, fluents, history):
+            fluents, log, _ = stages.run(_LATE, [common, drawn], (params, fluents, history))
+            return fluents, log
 
         def scanned_step(carry, inputs):
-            key, fluents, history, model_params = carry
-            step, perturbation = inputs
+            fluents, history = carry
+            drawn, number = inputs
             if history_dependent:
-                history = jax.tree.map(lambda past, now: past.at[step].set(now), history, fluents)
-            keys = random.split(key, 1 + batch_size)
-            fluents, log, model_params = batched_step(
-                keys[1:],
-                perturbation,
-                fluents,
-                history,
-                params,
-                hyperparams,
-                step,
-                nonfluents,
-                model_params,
-            )
-            # every rollout returns the same model parameters
-            model_params = jax.tree.map(lambda leaf: leaf[0], model_params)
-            return (keys[0], fluents, history, model_params), log
+                history = jax.tree.map(lambda past, now: past.at[number].set(now), history, fluents)
+            fluents, log = late_step(drawn if ahead else draw(*drawn), fluents, history)
+            return (fluents, history), log
 
-        history = {}
-        if history_dependent:
-            history = jax.tree.map(lambda f: jnp.zeros((horizon, *f.shape), f.dtype), fluents)
-        by_step = jax.tree.map(lambda p: jnp.swapaxes(p, 0, 1), model.perturbation)
-        start = (key, fluents, history, model.params)
-        inputs = (jnp.arange(horizon), by_step)
-        first = jax.tree.map(lambda leaf: leaf[0], inputs)
-        step = bounded_step(scanned_step, start, first, horizon)
-        end, log = jax.lax.scan(step, start, inputs)
-
+        start, first = (fluents, history), jax.tree.map(lambda leaf: leaf[0], inputs)
+        end, log = lax.scan(bounded_step(scanned_step, start, first, horizon), start, inputs)
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
         if not log["fluents"]:
             # JaxPlan's critic reads the last state even where no path is kept
-            log["fluents"] = {name: value[:, jnp.newaxis] for name, value in end[1].items()}
-        return log, end[3]
+            log["fluents"] = {name: value[:, jnp.newaxis] for name, value in end[0].items()}
+        return log, model
 
     return rollout
+
+
+def _empty_history(fluents: Any, horizon: int) -> Any:
+    return jax.tree.map(lambda f: jnp.zeros((horizon, *f.shape), f.dtype), fluents)
+
+
+def _one(batched: Any, axis: int) -> Any:
+    """The first rollout of a batch."""
+    return jax.tree.map(lambda leaf: jnp.take(leaf, 0, axis), batched)
+
+
+def _step_keys(key: Array, horizon: int, size: int) -> Array:
+    """JaxPlan's keys of each step and rollout [H, B, 2]."""
+
+    def split(key, _):
+        keys = random.split(key, 1 + size)
+        return keys[0], keys[1:]
+
+    return lax.scan(split, key, None, length=horizon)[1]
+
+
+def _can_draw_ahead(stages: Stages, horizon: int) -> bool:
+    kept = stages.residual_types[_EARLY]
+    size = horizon * sum(int(np.prod(leaf.shape)) * leaf.dtype.itemsize for leaf in kept)
+    if size > _AHEAD_BYTES:
+        logger.info("large model: %.0f MB of random numbers are drawn step by step", size / 1e6)
+    return size <= _AHEAD_BYTES

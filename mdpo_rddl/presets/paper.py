@@ -38,10 +38,10 @@ def paper_preset(domain_name: str) -> PlannerConfig:
             "optimizer": "rmsprop",
             "optimizer_kwargs": {"learning_rate": 0.01, "decay": 0.99},
             "batch_size_train": 1,
-            "batch_size_test": 10,
+            "batch_size_test": 20,
             "pgpe": None,
         },
-        "Optimize": {"key": 0, "epochs": 3000, "train_seconds": 86400.0},
+        "Optimize": {"key": 0, "epochs": 3000, "train_seconds": 86400.0, "test_rolling_window": 5},
         "Noise": {
             "method": "AdaptiveNoise",
             "sigma_min": 0.0,
@@ -50,7 +50,7 @@ def paper_preset(domain_name: str) -> PlannerConfig:
             "quantile": 0.95,
             **NOISE_BY_DOMAIN.get(domain_name, {}),
         },
-        "MDPO": {"stop_at_termination": True},
+        "MDPO": {"stop_at_termination": True, "iterations_per_call": 50, "test_every": 10},
     }
     return PlannerConfig(sections, "preset 'paper'")
 

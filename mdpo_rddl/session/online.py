@@ -17,9 +17,11 @@ from mdpo_rddl.problem import make_environment
 from mdpo_rddl.report.run_folder import SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.summary import identity, package_versions, return_figures
+from mdpo_rddl.training import bound_calls
 
 DECISION_SECONDS = 1.0
 _ANY_NUMBER = 999999
+_CALLS_IN_A_DECISION = 10
 
 
 class Decision(NamedTuple):
@@ -60,7 +62,9 @@ class OnlinePolicy:
         self._episode = -1
 
     def compile(self, state: Mapping[str, Any]) -> float:
-        """Makes a cold and a warm decision, and forgets them.
+        """Makes a cold and some warm decisions, and forgets them.
+
+        The planner's calls become so short that a decision can keep to its time.
 
         Args:
           state: any state, as the environment shows it.
@@ -71,8 +75,17 @@ class OnlinePolicy:
         started = time.perf_counter()
         arguments = self._controller.train_kwargs
         self._controller.train_kwargs = {**arguments, "epochs": 2, "train_seconds": 1e9}
-        for _ in range(2):
+        planner = self._controller.planner
+        sizes = planner.iterations_per_call, planner.test_every
+        if planner.in_calls:
+            planner.iterations_per_call = planner.test_every = 1
+        for _ in range(3):
+            began = time.perf_counter()
             self._controller.sample_action(dict(state))
+        if planner.in_calls:
+            planner.iterations_per_call, planner.test_every = sizes
+            longest = arguments["train_seconds"] / _CALLS_IN_A_DECISION
+            bound_calls(planner, (time.perf_counter() - began) / 2, longest)
         self._controller.train_kwargs = arguments
         self._controller.reset()
         return time.perf_counter() - started

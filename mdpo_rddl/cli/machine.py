@@ -1,0 +1,34 @@
+"""What a command sets up in JAX before it computes anything."""
+
+import os
+from pathlib import Path
+
+import jax
+
+_CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
+_WORTH_KEEPING_SECONDS = 0.3
+
+
+def cache_folder() -> Path:
+    """Where compiled programs are kept: in the user's cache folder."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "mdpo-rddl" / "jax"
+
+
+def keep_compiled_programs() -> None:
+    """Has JAX keep what it compiles for the next run, unless JAX was told where already."""
+    if _CACHE_VARIABLE not in os.environ:
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING_SECONDS)
+
+
+def use_all_cores() -> None:
+    """Has JAX show a device for each core, over which a planner spreads its restarts.
+
+    What the user said in JAX_NUM_CPU_DEVICES or XLA_FLAGS stands.
+    """
+    given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
+    if not given:
+        # not every system tells which cores a process may use
+        usable = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
+        jax.config.update("jax_num_cpu_devices", len(usable(0)))

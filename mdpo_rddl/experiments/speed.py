@@ -1,0 +1,222 @@
+"""How fast iterations are, as a ratio to JaxPlan's own loop, both in one process in turn."""
+
+import itertools
+import logging
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from mdpo_rddl.experiments.records import Records
+from mdpo_rddl.experiments.settings import load_setting, setting_files
+from mdpo_rddl.experiments.versions import versions
+from mdpo_rddl.jaxplan.bare import compile_bare_gradients
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.presets import PRESETS
+
+logger = logging.getLogger(__name__)
+
+KEYS = ("setting", "noise", "seeds", "test_every", "against")
+COLUMNS = (*KEYS, "theirs", "ours", "ratio", "goal")
+SETTINGS = ("powergen7", "reservoir30", "hvac20")
+TEST_BATCH = 20
+ITERATIONS_PER_CALL = 50
+JAXPLAN, BARE, COMMAND = "JaxPlan", "its two gradients", "JaxPlan in a fresh process"
+_MANY = 10**8
+
+
+class Case(NamedTuple):
+    """One comparison.
+
+    Attributes:
+      noise: "none" or "adaptive".
+      seeds: policies trained side by side, in both planners.
+      test_every: our iterations from one test to the next; JaxPlan tests after each.
+      against: `JAXPLAN` or `BARE`.
+      goal: the least ratio that was asked for.
+    """
+
+    noise: str
+    seeds: int
+    test_every: int
+    against: str
+    goal: float
+
+
+CASES = (
+    Case("none", 1, ITERATIONS_PER_CALL, JAXPLAN, 4.0),
+    Case("adaptive", 1, ITERATIONS_PER_CALL, JAXPLAN, 2.0),
+    Case("adaptive", 20, ITERATIONS_PER_CALL, JAXPLAN, 1.5),
+    Case("none", 1, 1, JAXPLAN, 1.2),
+    Case("adaptive", 1, 1, JAXPLAN, 1.0),
+    Case("adaptive", 20, 1, JAXPLAN, 1.0),
+    Case("adaptive", 20, ITERATIONS_PER_CALL, BARE, 0.9),
+)
+_COMMAND_GOAL = 2.0
+
+
+def run_speed(
+    out: Path, settings: Iterable[str], turns: int, seconds: float, command_turns: int
+) -> Records:
+    """Measures every case on every setting, and the whole command on hvac10.
+
+    Rows that `out/speed.csv` holds already are skipped.
+
+    Args:
+      out: results folder.
+      settings: names of settings.
+      turns: measurements of each side, one after the other: A B A B.
+      seconds: of each measurement.
+      command_turns: the same for the command.
+    """
+    devices = len(jax.devices())
+    conditions = {"turns": turns, "seconds": seconds, "devices": devices, "versions": versions()}
+    records = Records(out / "speed.csv", COLUMNS, KEYS, conditions)
+    for setting, case in itertools.product(settings, CASES):
+        if records.has(setting, *case[:4]):
+            continue
+        sides = _theirs(setting, case), _ours(setting, case)
+        theirs, ours = _in_turn([side(seconds) for side in sides], turns)
+        records.add(setting, *case[:4], theirs, ours, ours / theirs, case.goal)
+        logger.info("%s %s: ratio %.2f", setting, case, ours / theirs)
+    key = ("hvac10", "adaptive", 1, 10, COMMAND)
+    if command_turns and not records.has(*key):
+        theirs, ours = _commands_in_turn(command_turns)
+        records.add(*key, theirs, ours, theirs / ours, _COMMAND_GOAL)
+        logger.info("the whole command: ratio %.2f", theirs / ours)
+    return records
+
+
+def _in_turn(sides: Sequence[Iterator[float]], turns: int) -> tuple[float, float]:
+    """Medians of the rates that the two sides show in turn."""
+    rates: list[list[float]] = [[], []]
+    for _ in range(turns):
+        for found, side in zip(rates, sides, strict=True):
+            found.append(next(side))
+    return statistics.median(rates[0]), statistics.median(rates[1])
+
+
+def _config(setting: str, case: Case) -> tuple[Any, PlannerConfig]:
+    problem = load_setting(setting)
+    config = PRESETS["paper"](problem.domain_name)
+    sizes = {"iterations_per_call": ITERATIONS_PER_CALL, "test_every": case.test_every}
+    config = config.with_values("MDPO", **sizes)
+    config = config.with_values("Compiler", print_warnings=False)
+    if case.noise == "none":
+        config = config.with_section("Noise", {"method": "NoNoise"})
+    values = {"parallel_updates": case.seeds, "batch_size_test": TEST_BATCH}
+    return problem, config.with_values("Planner", **values)
+
+
+def _theirs(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
+    problem, config = _config(setting, case)
+    if case.against == BARE:
+        planner, _ = build_planner(problem, config)
+        gradients = compile_bare_gradients(planner, jax.random.PRNGKey(0))
+        return lambda seconds: _rates_of_calls(gradients, case.seeds, seconds)
+    planner_args, _, _ = config.jaxplan_arguments()
+    jaxplan = JaxBackpropPlanner(problem.model, **planner_args)
+    return lambda seconds: _rates(jaxplan, case.seeds, seconds)
+
+
+def _ours(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
+    planner, _ = build_planner(*_config(setting, case))
+    return lambda seconds: _rates(planner, case.seeds, seconds)
+
+
+def _rates(planner: JaxBackpropPlanner, seeds: int, seconds: float) -> Iterator[float]:
+    """Seed-iterations a second, over about `seconds` at each turn of the generator."""
+    callbacks = planner.optimize_generator(
+        key=jax.random.PRNGKey(0),
+        epochs=_MANY,
+        train_seconds=1e300,
+        print_summary=False,
+        print_progress=False,
+    )
+    for _ in range(3):  # compiles
+        callback = next(callbacks)
+    while True:
+        before, started = callback["iteration"], time.perf_counter()
+        while time.perf_counter() - started < seconds:
+            callback = next(callbacks)
+        passed = time.perf_counter() - started
+        yield seeds * (callback["iteration"] - before) / passed
+
+
+def _rates_of_calls(call: Callable[[int], Any], seeds: int, seconds: float) -> Iterator[float]:
+    jax.block_until_ready(call(ITERATIONS_PER_CALL))  # compiles
+    while True:
+        done, started = 0, time.perf_counter()
+        while time.perf_counter() - started < seconds:
+            jax.block_until_ready(call(ITERATIONS_PER_CALL))
+            done += ITERATIONS_PER_CALL
+        yield seeds * done / (time.perf_counter() - started)
+
+
+# JaxPlan's classes and nothing of ours, from the start of Python to the trained policy
+_FRESH_JAXPLAN = """
+import sys
+import jax, optax, pyRDDLGym
+from pyRDDLGym_jax.core.planner import JaxBackpropPlanner, JaxDeepReactivePolicy
+
+env = pyRDDLGym.make(sys.argv[1], sys.argv[2], vectorized=True)
+planner = JaxBackpropPlanner(
+    env.model,
+    JaxDeepReactivePolicy(topology=[12, 12]),
+    batch_size_train=1,
+    batch_size_test=20,
+    optimizer=optax.rmsprop,
+    optimizer_kwargs={"learning_rate": 0.01, "decay": 0.99},
+    pgpe=None,
+)
+key = jax.random.PRNGKey(0)
+planner.optimize(
+    key=key, epochs=3000, train_seconds=1e9, print_summary=False, print_progress=False
+)
+"""
+
+
+def _commands_in_turn(turns: int) -> tuple[float, float]:
+    """Median seconds of JaxPlan's process and of ours, which has run on the machine before."""
+    domain, instance = setting_files("hvac10")
+    with tempfile.TemporaryDirectory() as folder:
+        ours = [sys.executable, "-m", "mdpo_rddl.cli.plan", domain, instance]
+        ours += ["--iterations", "3000", "--quiet", "--out", str(Path(folder) / "run")]
+        theirs = [sys.executable, "-c", _FRESH_JAXPLAN, domain, instance]
+        _seconds_of(ours)
+        seconds = [(_seconds_of(theirs), _seconds_of(ours)) for _ in range(turns)]
+    return tuple(np.median(np.array(seconds), axis=0).tolist())
+
+
+def _seconds_of(command: Sequence[str]) -> float:
+    started = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - started
+
+
+def speed_table(records: Records) -> str:
+    """Markdown: per case both rates, their ratio and the ratio asked for."""
+    lines = [
+        "| setting | noise | seeds | tests every | against | its rate | ours | ratio | asked for |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in records.rows:
+        theirs, ours = float(row["theirs"]), float(row["ours"])
+        if row["against"] == COMMAND:
+            rates = [f"{theirs:.1f} s", f"{ours:.1f} s"]
+        else:
+            rates = [f"{theirs:,.0f}", f"{ours:,.0f}"]
+        cells = [row["setting"], row["noise"], row["seeds"], row["test_every"], row["against"]]
+        cells += [*rates, f"**{float(row['ratio']):.2f}**", f"{float(row['goal']):.1f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    lines += ["", "Rates are iterations a second, times the seeds. JaxPlan tests after each one."]
+    return "\n".join(lines) + "\n"

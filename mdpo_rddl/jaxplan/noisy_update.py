@@ -1,0 +1,71 @@
+"""One iteration of MDPO: analyse, draw the noise, and let JaxPlan's update follow it."""
+
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+from jax import random
+
+from mdpo_rddl.actions import ActionSpec
+from mdpo_rddl.jaxplan.rollout import PerturbedModel
+from mdpo_rddl.noise.draws import draw_perturbation
+
+# folded into JaxPlan's key of an iteration, so that the model draws what it draws in JaxPlan
+_ANALYSIS_STREAM = 0x616E61
+_UPDATE_STREAM = 0x757064
+
+
+def noisy_update(
+    plain_update: Callable,
+    analyse: Callable,
+    specs: Mapping[str, ActionSpec],
+    *,
+    horizon: int,
+    batch_size: int,
+    parallel_updates: int,
+    dtype: jnp.dtype,
+) -> Callable:
+    """JaxPlan's update, with noise on the actions of its rollouts.
+
+    Args:
+      plain_update: JaxPlan's update, whose rollouts take a `PerturbedModel`.
+      analyse: gives the gradients that the noise rule asks for (`compile_analysis`).
+      specs: the fluents to perturb.
+      horizon: number of steps H.
+      batch_size: rollouts of one update.
+      parallel_updates: policies that are updated side by side.
+      dtype: floating type of the model.
+
+    Returns:
+      A pure function with the arguments and results of JaxPlan's update; `opt_aux["noise"]`
+      holds each policy's noise rule and its state, and the log also `sigma` and `sensitivity`.
+    """
+
+    def draw(key, params, hyperparams, fluents, nonfluents, model, critic, noise_and_state):
+        noise, state = noise_and_state
+        gradients = None
+        if noise.analysis_samples:
+            analysis_key = random.fold_in(key, _ANALYSIS_STREAM)
+            gradients = analyse(
+                analysis_key, params, hyperparams, fluents, nonfluents, model, critic
+            )
+        profile, state = noise.profile(gradients, state, horizon)
+        update_key = random.fold_in(key, _UPDATE_STREAM)
+        perturbation = draw_perturbation(update_key, profile.sigma, specs, batch_size, dtype)
+        return perturbation, profile, (noise, state)
+
+    batched_draw = jax.vmap(draw, in_axes=(0, 0, None, None, None, 0, None, 0))
+
+    def update(key, params, hyperparams, fluents, nonfluents, model, critic, opt_state, opt_aux):
+        keys = random.split(key, parallel_updates)
+        shared = (hyperparams, fluents, nonfluents)
+        perturbation, profile, noise_and_state = batched_draw(
+            keys, params, *shared, model, critic, opt_aux["noise"]
+        )
+        opt_aux = {**opt_aux, "noise": noise_and_state}
+        perturbed = PerturbedModel(model, perturbation)
+        result = plain_update(key, params, *shared, perturbed, critic, opt_state, opt_aux)
+        log = {**result[5], "sigma": profile.sigma, "sensitivity": profile.sensitivity}
+        return (*result[:5], log, *result[6:])
+
+    return update

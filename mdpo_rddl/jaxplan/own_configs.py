@@ -1,0 +1,20 @@
+"""The configurations that come with JaxPlan."""
+
+from pathlib import Path
+
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.upstream import planner
+
+METHODS = ("drp", "slp", "replan")
+_FOLDER = Path(planner.__file__).parent.parent / "examples" / "configs"
+
+
+def own_config(domain: str, method: str) -> PlannerConfig:
+    """What `jaxplan plan` reads: JaxPlan's file for a domain, else its default.
+
+    Args:
+      domain: a problem's name in rddlrepository.
+      method: one of `METHODS`.
+    """
+    path = _FOLDER / f"{domain}_{method}.cfg"
+    return PlannerConfig.from_file(path if path.is_file() else _FOLDER / f"default_{method}.cfg")

@@ -1,0 +1,47 @@
+"""Configurations by domain: ours where the project ships one, else JaxPlan's own.
+
+Ours are in `mdpo_rddl/configs`, chosen by `mdpo-bench configs` (results/configs).
+"""
+
+from importlib import resources
+
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.own_configs import METHODS, own_config
+
+_FOLDER = resources.files("mdpo_rddl") / "configs"
+
+# the name that the RDDL file gives its domain, and the name in rddlrepository
+REPOSITORY_NAMES = {
+    "hvac": "HVAC_ippc2023",
+    "mars_rover_science_mission": "MarsRover_ippc2023",
+    "mountain_car": "MountainCar_ippc2023",
+    "power_gen": "PowerGen_ippc2023",
+    "racecar": "RaceCar_ippc2023",
+    "recsim_ecosystem_welfare": "RecSim_ippc2023",
+    "reservoir_control_cont": "Reservoir_ippc2023",
+    "kinematic_UAVs_con": "UAV_ippc2023",
+}
+
+
+def config_for_domain(given_name: str, domain_name: str, method: str) -> PlannerConfig:
+    """The configuration for a domain, found by its name.
+
+    Args:
+      given_name: how the user named the domain: a problem of rddlrepository, or a file.
+      domain_name: how the RDDL file names it.
+      method: "drp", "slp" or "replan".
+
+    Returns:
+      Ours, else JaxPlan's for the domain, else JaxPlan's default for the method.
+    """
+    name = REPOSITORY_NAMES.get(domain_name, given_name)
+    for candidate in (given_name, name):
+        # a path is no name of a file in the folder
+        file = _FOLDER / f"{candidate.replace('/', ' ')}_{method}.cfg"
+        if file.is_file():
+            text = file.read_text(encoding="utf-8")
+            return PlannerConfig.from_text(text, f"shipped configuration {file.name}")
+    return own_config(name.replace("/", " "), method)
+
+
+__all__ = ["METHODS", "REPOSITORY_NAMES", "config_for_domain"]
