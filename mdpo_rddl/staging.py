@@ -11,7 +11,7 @@ import jax
 from jax import Array
 from jax.extend.core import Literal
 
-_CALLS = ("jit", "pjit", "closed_call", "core_call")
+from mdpo_rddl.contraction import CALLS, bind, called, contract
 
 
 class _Operation(NamedTuple):
@@ -22,14 +22,6 @@ class _Operation(NamedTuple):
     params: dict[str, Any]
     inputs: tuple[Any, ...]
     outputs: tuple[int, ...]
-
-
-def _bind(operation: _Operation, operands: Sequence[Any]) -> Any:
-    params = operation.primitive.get_bind_params(operation.params)
-    if isinstance(params, tuple):  # before jax 0.9 the functions came apart
-        functions, params = params
-        operands = [*functions, *operands]
-    return operation.primitive.bind(*operands, **params)
 
 
 class Stages:
@@ -51,6 +43,7 @@ class Stages:
           *arguments: one tree for each stage, of arrays or of `jax.ShapeDtypeStruct`.
         """
         closed, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        closed = contract(closed)
         self._result_tree = jax.tree.structure(shapes)
         self._operations: list[_Operation] = []
         self._stage_of: list[int] = []
@@ -102,9 +95,7 @@ class Stages:
             if operation.stage != stage:
                 continue
             operands = [read(source) for source in operation.inputs]
-            results = _bind(operation, operands)
-            if not operation.primitive.multiple_results:
-                results = [results]
+            results = bind(operation.primitive, operation.params, operands)
             values.update(zip(operation.outputs, results, strict=True))
         if stage < self._last:
             return [values[slot] for slot in self._residuals[stage]]
@@ -128,9 +119,8 @@ class Stages:
 
         for equation in jaxpr.eqns:
             sources = tuple(find(atom) for atom in equation.invars)
-            if equation.primitive.name in _CALLS:
-                called = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-                outputs = self._flatten(called, sources)
+            if equation.primitive.name in CALLS:
+                outputs = self._flatten(called(equation), sources)
             else:
                 stages = [self._stage_of[s] for s in sources if not isinstance(s, Literal)]
                 # what has effects stays where all is known

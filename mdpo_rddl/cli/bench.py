@@ -8,17 +8,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.cli.machine import use_all_cores
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
 from mdpo_rddl.experiments.config_sweep import SCALES, config_sweep_table, run_config_sweep
+from mdpo_rddl.experiments.growth import AXES, growth_table, run_growth
 from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
 from mdpo_rddl.experiments.paper_preset import NOISES, paper_preset_table, run_paper_preset
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
 from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
+from mdpo_rddl.machine import use_all_cores
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -119,7 +120,12 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     configs.add_argument("--episodes", type=positive_int, default=10)
     configs.set_defaults(run=_configs, out=Path("results/configs"), timeout=600)
 
-    for command in (everything, smoke, configs):
+    growth = commands.add_parser("growth", help="time and memory of an iteration against sizes")
+    growth.add_argument("--axes", nargs="+", choices=list(AXES), default=list(AXES))
+    growth.add_argument("--seconds", type=number(above=0), default=5)
+    growth.set_defaults(run=_growth, out=Path("results/growth"), timeout=900)
+
+    for command in (everything, smoke, configs, growth):
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
@@ -134,7 +140,7 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             default=8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, smoke, configs]
+    return [everything, smoke, configs, growth]
 
 
 def _compatibility(options: argparse.Namespace) -> str:
@@ -172,6 +178,11 @@ def _configs(options: argparse.Namespace) -> str:
         Limits(options.timeout, options.memory_gb),
     )
     return config_sweep_table(records)
+
+
+def _growth(options: argparse.Namespace) -> str:
+    limits = Limits(options.timeout, options.memory_gb)
+    return growth_table(run_growth(options.out, options.axes, options.seconds, limits))
 
 
 def _speed(options: argparse.Namespace) -> str:

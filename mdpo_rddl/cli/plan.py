@@ -14,10 +14,10 @@ from typing import Any
 from rich.console import Console
 
 from mdpo_rddl.cli.display import ProgressBar, print_summary
-from mdpo_rddl.cli.machine import keep_compiled_programs, use_all_cores
 from mdpo_rddl.cli.options import TRAINING_ONLY, configure, plan_parser
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
 from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.presets.shipped import METHODS, config_for_domain
 from mdpo_rddl.problem import load_problem

@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -135,8 +136,16 @@ class _Process:
         return f"{end}: {lines[-1]}" if lines else end
 
 
+def _end_with(parent: int) -> None:
+    """Ends the process once its parent is gone, which a killed parent cannot do itself."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
 def _serve(work: Callable[[Any], dict[str, Any]], items: list[Any], sender: Any, log: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     # what native code prints is all that a crash leaves behind
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(file, 1)
