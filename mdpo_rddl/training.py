@@ -18,9 +18,11 @@ logger = logging.getLogger(__name__)
 
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600
-# a call of several iterations should not take longer
+# a call of several iterations should not take longer, for a bound on the time can then be kept,
+# and should not do more, for a learning curve needs points
 _CALL_SECONDS = 1.0
 _CALLS_IN_A_BUDGET = 20
+_CALLS_IN_A_RUN = 60
 
 
 class Record(NamedTuple):
@@ -125,6 +127,7 @@ def train(
         "print_hyperparams": False,
     }
     started = time.perf_counter()
+    sizes = planner.iterations_per_call, planner.test_every
     _force_compilation(planner, arguments)
     compile_seconds = time.perf_counter() - started
 
@@ -144,6 +147,8 @@ def train(
         if not found.callback:
             raise
         status = "interrupted"
+    finally:
+        planner.iterations_per_call, planner.test_every = sizes
     train_seconds = time.perf_counter() - started
     return _result(found, status, compile_seconds, train_seconds)
 
@@ -166,19 +171,19 @@ def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> No
         planner.iterations_per_call, planner.test_every = sizes
     generator.close()
     if planner.in_calls:
+        seconds = time.perf_counter() - started
         longest = min(_CALL_SECONDS, arguments["train_seconds"] / _CALLS_IN_A_BUDGET)
-        bound_calls(planner, time.perf_counter() - started, longest)
+        bound_calls(planner, min(longest / seconds, arguments["epochs"] / _CALLS_IN_A_RUN))
 
 
-def bound_calls(planner: MDPOPlanner, seconds: float, longest: float) -> None:
-    """Makes the calls of a slow model shorter, so that a bound on the time can be kept.
+def bound_calls(planner: MDPOPlanner, iterations: float) -> None:
+    """Makes a planner's calls shorter, so that a bound on the time can be kept.
 
     Args:
       planner: a planner with several iterations a call; its sizes are changed.
-      seconds: that an iteration takes.
-      longest: seconds that a call may take.
+      iterations: the most that a call may have, if that is at least 1.
     """
-    most = max(1, min(planner.iterations_per_call, int(longest / seconds)))
+    most = max(1, min(planner.iterations_per_call, int(iterations)))
     planner.test_every = min(planner.test_every, most)
     planner.iterations_per_call = most // planner.test_every * planner.test_every
 

@@ -13,6 +13,7 @@ from problems import assert_same_bits, make_plan, make_planner, shipped, tiny_fi
 from mdpo_rddl import AdaptiveNoise, NoNoise
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.problem import load_problem
+from mdpo_rddl.training import select_restart
 
 KEY = jax.random.PRNGKey(5)
 SILENT = {"print_summary": False, "print_progress": False, "train_seconds": 1e300}
@@ -190,3 +191,38 @@ def test_restarts_are_spread_over_devices(tmp_path):
     for devices in (2, 4):
         np.testing.assert_allclose(found[devices]["returns"], found[1]["returns"], rtol=1e-3)
         np.testing.assert_allclose(found[devices]["best"], found[1]["best"], rtol=1e-3)
+
+
+RULES = [AdaptiveNoise(sigma_max=0.1), AdaptiveNoise(alpha=3.0), AdaptiveNoise(quantile=0.5)]
+RATES = [0.001, 0.01, 0.1]
+
+
+def test_a_sweep_is_one_run(tmp_path):
+    arguments = {"iterations_per_call": 4, "parallel_updates": 3}
+    planner = tiny_planner(tmp_path, **arguments)
+    same = callbacks(planner, 4)[-1]
+    planner.vary_restarts(noise=RULES, learning_rate=RATES)
+    varied = callbacks(planner, 4)[-1]
+    for place, (rule, rate) in enumerate(zip(RULES, RATES, strict=True)):
+        alone = tiny_planner(
+            tmp_path, **arguments, noise=rule, optimizer_kwargs={"learning_rate": rate}
+        )
+        expected = callbacks(alone, 4)[-1]
+        for name in ("params", "sigma"):
+            assert_close(*(select_restart(found[name], place) for found in (varied, expected)))
+    planner.vary_restarts()
+    assert_same_bits(callbacks(planner, 4)[-1]["params"], same["params"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"noise": RULES[:2]}, "noise: 3 needed, got 2"),
+        ({"learning_rate": RATES[:1]}, "learning_rate: 3 needed, got 1"),
+        ({"noise": [NoNoise()] * 3}, "cannot change"),
+    ],
+)
+def test_a_sweep_needs_one_value_for_each_restart(tmp_path, arguments, message):
+    planner = tiny_planner(tmp_path, parallel_updates=3)
+    with pytest.raises(ValueError, match=message):
+        planner.vary_restarts(**arguments)

@@ -434,41 +434,35 @@ def calling_planner() -> MDPOPlanner:
 
 
 def test_calls_train_as_single_iterations_do(planner, calling_planner):
-    single = train(planner, key=KEY, iterations=15, seconds=FOREVER)
-    calls = train(calling_planner, key=KEY, iterations=15, seconds=FOREVER)
-    assert (calls.iterations, calls.status) == (15, single.status)
+    single = train(planner, key=KEY, iterations=155, seconds=FOREVER)
+    calls = train(calling_planner, key=KEY, iterations=155, seconds=FOREVER)
+    assert (calls.iterations, calls.status) == (155, single.status)
     for one, other in zip(
         jax.tree.leaves(calls.last_params), jax.tree.leaves(single.last_params), strict=True
     ):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
-    assert calls.history[-1].iteration == 14
-    assert calls.best_iteration in (4, 9, 14)
+    # short enough for 60 points
+    assert [record.iteration for record in calls.history] == [*range(1, 154, 2), 154]
 
 
-def test_the_best_iterate_may_lie_within_a_call(calling_planner):
+def test_the_best_iterate_may_lie_within_a_call():
     values = {"iterations_per_call": 20, "test_every": 5}
     config = paper_config(optimizer_kwargs={"learning_rate": 50.0}).with_section("MDPO", values)
     wild, _ = build_planner(reservoir(), config.with_section("Noise", {"method": "NoNoise"}))
-    callbacks = list(
-        wild.optimize_generator(
-            key=KEY, epochs=20, print_summary=False, print_progress=False, test_rolling_window=1
-        )
-    )
-    result = train(
-        wild, key=KEY, iterations=20, seconds=FOREVER, optimize_kwargs={"test_rolling_window": 1}
-    )
-    assert len(callbacks) == 1
-    assert result.best_iteration == callbacks[0]["last_iteration_improved"]
-    assert_equal_bits(result.best_params, callbacks[0]["best_params"])
+    window = {"test_rolling_window": 1}
+    result = train(wild, key=KEY, iterations=1200, seconds=FOREVER, optimize_kwargs=window)
+    best = max(result.history, key=lambda record: record.test_return)
+    assert result.history[0].iteration == 19
+    assert result.best_iteration % 5 == 4
+    assert result.best_iteration < best.iteration
 
 
 @pytest.mark.parametrize(
-    ("seconds", "longest", "sizes"),
-    [(0.001, 1.0, (20, 5)), (0.1, 1.0, (10, 5)), (0.3, 1.0, (3, 3)), (9.0, 1.0, (1, 1))],
+    ("most", "sizes"), [(1000.0, (20, 5)), (14.9, (10, 5)), (3.3, (3, 3)), (0.1, (1, 1))]
 )
-def test_calls_of_a_slow_model_are_shorter(seconds, longest, sizes):
+def test_calls_of_a_slow_model_are_shorter(most, sizes):
     slow = SimpleNamespace(iterations_per_call=20, test_every=5)
-    bound_calls(slow, seconds, longest)
+    bound_calls(slow, most)
     assert (slow.iterations_per_call, slow.test_every) == sizes
 
 

@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -20,6 +20,7 @@ from mdpo_rddl.jaxplan.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
+from mdpo_rddl.jaxplan.restarts import Restarts
 from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_rollouts
 from mdpo_rddl.jaxplan.sharding import restart_sharding, shard
 from mdpo_rddl.jaxplan.termination import stop_at_termination
@@ -68,7 +69,7 @@ class MDPOPlanner(ActingPlanner):
             noise = AdaptiveNoise()
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
-        self._noise = noise
+        self._restarts = Restarts(noise)
         self._noise_state: Any = None
         self._guess: Any = None
         self._noise_state_at_guess: Any = None
@@ -97,14 +98,30 @@ class MDPOPlanner(ActingPlanner):
         Raises:
           ValueError: on assignment of a rule that the planner was not compiled for.
         """
-        return self._noise
+        return self._restarts.noise
 
     @noise.setter
     def noise(self, noise: ActionNoise) -> None:
-        kinds = [str(jax.tree.structure(rule)) for rule in (noise, self._noise)]
-        if kinds[0] != kinds[1] or noise.silent != self._noise.silent:
-            raise ValueError(f"compiled for {self._noise}, cannot change to {noise}")
-        self._noise = noise
+        self._restarts.noise = noise
+
+    def vary_restarts(
+        self, noise: Sequence[ActionNoise] | None = None, **hyperparams: Sequence[float]
+    ) -> None:
+        """Gives each parallel update its own noise rule and optimiser's hyperparameters.
+
+        They hold from the next `optimize` on, without a recompilation: a sweep over them is one
+        run. Called without arguments, all are the same again.
+
+        Args:
+          noise: one rule for each, of the kind that the planner was compiled for.
+          **hyperparams: one value for each, by the name that optax injects it under, such as
+            `learning_rate`.
+
+        Raises:
+          ValueError: if there are not as many as parallel updates, or a rule is of another kind.
+        """
+        lay_out = functools.partial(shard, sharding=self._sharding)
+        self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
 
     # JaxPlan's compilation hooks, in the order in which it calls them
 
@@ -173,21 +190,28 @@ class MDPOPlanner(ActingPlanner):
             initialized = initialize(key, policy_hyperparams, fluents)
             params, opt_state, opt_aux = shard(initialized, self._sharding)
             if self.is_noisy:
-                noise_and_state = (self.noise, self.noise.initial_state(self.horizon))
-                opt_aux = {**opt_aux, "noise": self._broadcast_pytree(noise_and_state)}
+                state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
+                opt_aux = {
+                    **opt_aux,
+                    "noise": (self._restarts.rules(self._broadcast_pytree), state),
+                }
+            opt_state = self._restarts.with_hyperparams(opt_state)
             return params, opt_state, self._with_call(opt_aux, params, is_warm=False)
 
         def init_optimizer_warm(policy_params):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
             if self.is_noisy:
-                noise = self._broadcast_pytree(self.noise)
-                state = self._noise_state_at_guess
+                noise, state = (
+                    self._restarts.rules(self._broadcast_pytree),
+                    self._noise_state_at_guess,
+                )
                 if state is None:
                     state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
                 else:
                     state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
                 opt_aux = {**opt_aux, "noise": (noise, state)}
+            opt_state = self._restarts.with_hyperparams(opt_state)
             return opt_state, self._with_call(opt_aux, policy_params, is_warm=True)
 
         return initialize_all, init_optimizer_warm

@@ -84,8 +84,8 @@ class OnlinePolicy:
             self._controller.sample_action(dict(state))
         if planner.in_calls:
             planner.iterations_per_call, planner.test_every = sizes
-            longest = arguments["train_seconds"] / _CALLS_IN_A_DECISION
-            bound_calls(planner, (time.perf_counter() - began) / 2, longest)
+            seconds = (time.perf_counter() - began) / 2
+            bound_calls(planner, arguments["train_seconds"] / _CALLS_IN_A_DECISION / seconds)
         self._controller.train_kwargs = arguments
         self._controller.reset()
         return time.perf_counter() - started
