@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all lint sweep paper-preset decay clean
+.PHONY: plan test test-all lint bench sweep paper-preset decay clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
@@ -18,6 +18,11 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# speed against JaxPlan's own loop, in turn
+bench: $(VENV)/.installed
+	rm -rf runs/speed
+	$(BIN)/mdpo-bench speed --out runs/speed
 
 # the measurements behind the preset's noise and the README's table
 sweep: $(VENV)/.installed

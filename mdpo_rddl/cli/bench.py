@@ -11,7 +11,12 @@ from typing import Any
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
-from mdpo_rddl.experiments.config_sweep import SCALES, config_sweep_table, run_config_sweep
+from mdpo_rddl.experiments.config_sweep import (
+    SCALES,
+    config_sweep_table,
+    run_config_sweep,
+    ship,
+)
 from mdpo_rddl.experiments.growth import AXES, growth_table, run_growth
 from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
@@ -30,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    logging.getLogger("jax").setLevel(logging.WARNING)
     warnings.simplefilter("ignore")
     try:
         table = options.run(options)
@@ -118,6 +124,9 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     configs.add_argument("--candidates", nargs="+", metavar="NAME", help="(default: all)")
     configs.add_argument("--seconds", type=number(above=0), default=20)
     configs.add_argument("--episodes", type=positive_int, default=10)
+    configs.add_argument(
+        "--ship", metavar="FOLDER", type=Path, help="write the chosen configurations there"
+    )
     configs.set_defaults(run=_configs, out=Path("results/configs"), timeout=600)
 
     growth = commands.add_parser("growth", help="time and memory of an iteration against sizes")
@@ -177,6 +186,8 @@ def _configs(options: argparse.Namespace) -> str:
         options.episodes,
         Limits(options.timeout, options.memory_gb),
     )
+    if options.ship is not None:
+        ship(records, options.ship)
     return config_sweep_table(records)
 
 

@@ -88,6 +88,7 @@ def candidates(domain: str, plan: str) -> dict[str, PlannerConfig]:
         "low-fast": noisy(0.1, faster=10.0),
         "low-fast-batch4": noisy(0.1, faster=10.0, batch=4),
         "pgpe-low": base.with_section("Noise", noisy(0.1).section("Noise")),
+        "normalised": still.with_values("Planner", preprocessor="StaticNormalizer"),
         "calls-low-fast": in_calls(noisy(0.1, faster=10.0, batch=4)),
         "calls-high-fast": in_calls(noisy(1.0, faster=10.0, batch=4)),
         "calls-low": in_calls(noisy(0.1, faster=3.0, batch=4)),
@@ -130,7 +131,7 @@ def run_config_sweep(
       out: results folder.
       domains: keys of `SCALES`.
       instances: names of instances.
-      names: of the candidates; those that the rows so far choose if None and there are any.
+      names: of the candidates; all if None.
       seconds: of training for each.
       episodes: evaluation episodes; each planner plays the same.
       limits: for each run.
@@ -275,6 +276,14 @@ def _cell(row: Mapping[str, str] | None, bold: bool) -> str:
     return f"**{text}**" if bold else text
 
 
-def shipped_text(records: Records, domain: str, plan: str) -> str:
+def shipped_text(rows: Sequence[Mapping[str, str]], domain: str, plan: str) -> str:
     """The file that the project ships for a domain and plan: the chosen candidate's."""
-    return candidates(domain, plan)[choose(records.rows, domain, plan)].to_text()
+    chosen = choose(rows, domain, plan)
+    return f"# {chosen}: see results/configs\n{candidates(domain, plan)[chosen].to_text()}"
+
+
+def ship(records: Records, folder: Path) -> None:
+    """Writes the chosen configuration of every domain and plan that the records know."""
+    for domain, plan in sorted({(row["domain"], row["plan"]) for row in records.rows}):
+        path = folder / f"{domain}_ippc2023_{plan}.cfg"
+        path.write_text(shipped_text(records.rows, domain, plan), encoding="utf-8")

@@ -85,6 +85,9 @@ def sweep(
 def _sweep_config(domain_name: str, seeds: int, decay: float | None) -> PlannerConfig:
     config = with_decay(PRESETS["paper"](domain_name), decay)
     # only the last iterate is measured: no test rollouts are needed to pick another
+    optimize = config.section("Optimize")
+    optimize.pop("test_rolling_window", None)
+    config = config.with_section("Optimize", optimize)
     return config.with_values("Planner", parallel_updates=seeds, batch_size_test=1)
 
 

@@ -9,11 +9,12 @@ import jax
 
 logger = logging.getLogger(__name__)
 
-# of one rollout; the largest IPC 2023 instances but RecSim's stay below a tenth of it
-KEPT_BYTES = 2 * 10**9
+# of all restarts together, by a count that knows nothing of what the compiler fuses and comes out
+# about ten times too high
+KEPT_BYTES = 5 * 10**8
 
 
-def bounded_step(step: Callable, carry: Any, inputs: Any, steps: int) -> Callable:
+def bounded_step(step: Callable, carry: Any, inputs: Any, steps: int, copies: int = 1) -> Callable:
     """A step of `jax.lax.scan`, made to be computed again on the way back if it is large.
 
     Reverse differentiation keeps the values between of all steps. Where they could exceed
@@ -25,9 +26,10 @@ def bounded_step(step: Callable, carry: Any, inputs: Any, steps: int) -> Callabl
       carry: the first carry.
       inputs: the inputs of one step.
       steps: number of steps.
+      copies: how often the whole is vectorised around it.
     """
     between = _bytes_between(jax.make_jaxpr(step)(carry, inputs).jaxpr)
-    if between * steps <= KEPT_BYTES:
+    if between * steps * copies <= KEPT_BYTES:
         return step
     logger.info("large model: steps of up to %.0f MB are recomputed", between / 1e6)
     return jax.checkpoint(step, prevent_cse=False)

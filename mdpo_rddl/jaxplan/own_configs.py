@@ -1,5 +1,6 @@
 """The configurations that come with JaxPlan."""
 
+import dataclasses
 from pathlib import Path
 
 from mdpo_rddl.jaxplan.config import PlannerConfig
@@ -17,4 +18,5 @@ def own_config(domain: str, method: str) -> PlannerConfig:
       method: one of `METHODS`.
     """
     path = _FOLDER / f"{domain}_{method}.cfg"
-    return PlannerConfig.from_file(path if path.is_file() else _FOLDER / f"default_{method}.cfg")
+    path = path if path.is_file() else _FOLDER / f"default_{method}.cfg"
+    return dataclasses.replace(PlannerConfig.from_file(path), source=f"JaxPlan's {path.name}")

@@ -163,6 +163,7 @@ class MDPOPlanner(ActingPlanner):
                 policy,
                 self.horizon,
                 batch_size,
+                copies=self.parallel_updates,
                 history_dependent=self.plan.history_dependent,
                 check_constraints=stopping,
                 cache_path_info=cache_path_info,

@@ -15,8 +15,8 @@ from mdpo_rddl.staging import Stages
 
 logger = logging.getLogger(__name__)
 
-# of one rollout: more than that is drawn step by step
-_AHEAD_BYTES = 64 * 10**6
+# of all rollouts together: more than that is drawn step by step
+_AHEAD_BYTES = 2 * 10**8
 _SHARED, _EARLY, _LATE = range(3)
 
 
@@ -41,6 +41,7 @@ def compile_rollouts(
     horizon: int,
     batch_size: int,
     *,
+    copies: int = 1,
     history_dependent: bool = False,
     check_constraints: bool = False,
     cache_path_info: bool = False,
@@ -60,6 +61,7 @@ def compile_rollouts(
       policy: JaxPlan's policy, or a perturbed one.
       horizon: number of steps H.
       batch_size: rollouts B; for a perturbed policy that of the perturbation.
+      copies: how many of these batches are vectorised together.
       history_dependent: whether the policy reads the fluents' history.
       check_constraints: whether the log tells preconditions, invariants and termination.
       cache_path_info: whether the log keeps every fluent at every step.
@@ -101,7 +103,7 @@ def compile_rollouts(
         if not all(passes[len(passes) - len(jax.tree.leaves(model)) :]):
             raise NotImplementedError("the model's parameters change from step to step")
         common = stages.run(_SHARED, [], shared)
-        ahead = _can_draw_ahead(stages, horizon)
+        ahead = _can_draw_ahead(stages, horizon * size * copies)
         draw = jax.vmap(lambda *early: stages.run(_EARLY, [common], early), in_axes=(0, None, 0))
         inputs = (jax.vmap(draw)(*early) if ahead else early, jnp.arange(horizon))
 
@@ -119,7 +121,8 @@ def compile_rollouts(
             return (fluents, history), log
 
         start, first = (fluents, history), jax.tree.map(lambda leaf: leaf[0], inputs)
-        end, log = lax.scan(bounded_step(scanned_step, start, first, horizon), start, inputs)
+        bounded = bounded_step(scanned_step, start, first, horizon, copies)
+        end, log = lax.scan(bounded, start, inputs)
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
         if not log["fluents"]:
             # JaxPlan's critic reads the last state even where no path is kept
@@ -148,9 +151,9 @@ def _step_keys(key: Array, horizon: int, size: int) -> Array:
     return lax.scan(split, key, None, length=horizon)[1]
 
 
-def _can_draw_ahead(stages: Stages, horizon: int) -> bool:
+def _can_draw_ahead(stages: Stages, times: int) -> bool:
     kept = stages.residual_types[_EARLY]
-    size = horizon * sum(int(np.prod(leaf.shape)) * leaf.dtype.itemsize for leaf in kept)
+    size = times * sum(int(np.prod(leaf.shape)) * leaf.dtype.itemsize for leaf in kept)
     if size > _AHEAD_BYTES:
         logger.info("large model: %.0f MB of random numbers are drawn step by step", size / 1e6)
     return size <= _AHEAD_BYTES

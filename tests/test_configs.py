@@ -1,0 +1,118 @@
+"""Configurations found by the domain's name, and the sweep that chose ours."""
+
+import csv
+
+import pytest
+from problems import ROOT
+
+from mdpo_rddl.experiments.config_sweep import (
+    BASELINE,
+    COLUMNS,
+    KEYS,
+    PLANS,
+    SCALES,
+    candidates,
+    choose,
+    config_sweep_table,
+    shipped_text,
+)
+from mdpo_rddl.experiments.records import Records
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.presets.shipped import REPOSITORY_NAMES, config_for_domain
+
+CONFIGS = ROOT / "mdpo_rddl" / "configs"
+RUNS = ROOT / "results" / "configs" / "runs.csv"
+
+
+def rows():
+    with RUNS.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("plan", PLANS)
+@pytest.mark.parametrize("domain", SCALES)
+def test_what_is_shipped_is_what_the_sweep_chose(domain, plan):
+    text = (CONFIGS / f"{domain}_ippc2023_{plan}.cfg").read_text(encoding="utf-8")
+    assert text == shipped_text(rows(), domain, plan)
+    found = config_for_domain(f"{domain}_ippc2023", "whatever", plan)
+    assert found.sections == PlannerConfig.from_text(text).sections
+
+
+@pytest.mark.parametrize("plan", PLANS)
+@pytest.mark.parametrize("domain", SCALES)
+def test_what_is_shipped_was_as_good_as_jaxplan_s_own(domain, plan):
+    chosen = choose(rows(), domain, plan)
+    if chosen == "jaxplan":
+        # JaxPlan's own algorithm and numbers, without reward after the end of an episode
+        return
+    tried = [row for row in rows() if (row["domain"], row["plan"]) == (domain, plan)]
+    theirs = {row["instance"]: row for row in tried if row["candidate"] == BASELINE}
+    for row in tried:
+        if row["candidate"] == chosen:
+            other = theirs[row["instance"]]
+            error = float(row["error"] or 0) + float(other["error"] or 0)
+            assert float(row["return"]) >= float(other["return"]) - error
+
+
+def test_a_domain_is_found_by_the_name_in_its_file():
+    for name, problem in REPOSITORY_NAMES.items():
+        by_file = config_for_domain("domains/some.rddl", name, "slp")
+        assert by_file == config_for_domain(problem, name, "slp")
+        assert f"{problem}_slp.cfg" in by_file.source
+
+
+def test_without_one_of_ours_jaxplan_s_own_is_found():
+    own = config_for_domain("Wildfire_MDP_ippc2014", "wildfire_mdp", "drp")
+    assert own.source == "JaxPlan's Wildfire_MDP_ippc2014_drp.cfg"
+    default = config_for_domain("some/domain.rddl", "some", "replan")
+    assert default.source == "JaxPlan's default_replan.cfg"
+
+
+@pytest.mark.parametrize("plan", PLANS)
+@pytest.mark.parametrize("domain", SCALES)
+def test_every_candidate_is_a_configuration(domain, plan):
+    for config in candidates(domain, plan).values():
+        assert PlannerConfig.from_text(config.to_text()).sections == config.sections
+
+
+def made_up(folder, *found):
+    records = Records(folder / "runs.csv", COLUMNS, KEYS)
+    for instance, candidate, mean, error in found:
+        status = "ok" if mean else "over 8 GB"
+        records.add("HVAC", instance, "drp", candidate, status, mean, error, 1, 0)
+    return records
+
+
+@pytest.mark.parametrize(
+    ("found", "chosen"),
+    [
+        ([("1", BASELINE, 5, 1), ("1", "jaxplan", 5, 1), ("1", "low", 9, 1)], "low"),
+        # no better than JaxPlan's on one of two instances
+        (
+            [
+                *(("1", BASELINE, 5, 1), ("1", "jaxplan", 5, 1), ("1", "low", 9, 1)),
+                *(("2", BASELINE, 5, 1), ("2", "jaxplan", 5, 1), ("2", "low", 3, 1)),
+            ],
+            "jaxplan",
+        ),
+        # within the error it is
+        ([("1", BASELINE, 5, 1), ("1", "high", 4, 1), ("1", "low", 1, 1)], "high"),
+        # JaxPlan's own failed
+        ([("1", BASELINE, "", ""), ("1", "jaxplan", 5, 1), ("1", "low", 6, 1)], "low"),
+        ([("1", BASELINE, 5, 1), ("1", "low", "", "")], "jaxplan"),
+    ],
+)
+def test_the_choice(tmp_path, found, chosen):
+    records = made_up(tmp_path, *found)
+    assert choose(records.rows, "HVAC", "drp") == chosen
+
+
+def test_the_table_worked_by_hand(tmp_path):
+    found = [("1", BASELINE, "", ""), ("1", "jaxplan", 5, 1), ("1", "low", -61234.5, 12)]
+    names = [BASELINE, *candidates("HVAC", "drp")]
+    cells = {BASELINE: "over 8 GB", "jaxplan": "**5.000 ± 1.000**", "low": "-61,234 ± 12"}
+    assert config_sweep_table(made_up(tmp_path, *found)) == (
+        f"| problem | instance | plan | {' | '.join(names)} |\n"
+        f"|{'---|' * (len(names) + 3)}\n"
+        f"| HVAC_ippc2023 | 1 | drp | {' | '.join(cells.get(name, '') for name in names)} |\n"
+    )
