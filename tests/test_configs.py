@@ -5,6 +5,7 @@ import csv
 import pytest
 from problems import ROOT
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.config_sweep import (
     BASELINE,
     COLUMNS,
@@ -14,14 +15,20 @@ from mdpo_rddl.experiments.config_sweep import (
     candidates,
     choose,
     config_sweep_table,
+    run_config_sweep,
     shipped_text,
 )
 from mdpo_rddl.experiments.records import Records
+from mdpo_rddl.experiments.worker import Limits
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.presets.shipped import REPOSITORY_NAMES, config_for_domain
 
 CONFIGS = ROOT / "mdpo_rddl" / "configs"
 RUNS = ROOT / "results" / "configs" / "runs.csv"
+
+
+# said in docs/configuration.md
+FALL_SHORT = (("HVAC", "drp"), ("Reservoir", "drp"))
 
 
 def rows():
@@ -40,11 +47,10 @@ def test_what_is_shipped_is_what_the_sweep_chose(domain, plan):
 
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("domain", SCALES)
-def test_what_is_shipped_was_as_good_as_jaxplan_s_own(domain, plan):
+def test_what_is_shipped_was_as_good_as_jaxplan_s_own(domain, plan, request):
+    if (domain, plan) in FALL_SHORT:
+        request.node.add_marker(pytest.mark.xfail(strict=True, reason="earned less"))
     chosen = choose(rows(), domain, plan)
-    if chosen == "jaxplan":
-        # JaxPlan's own algorithm and numbers, without reward after the end of an episode
-        return
     tried = [row for row in rows() if (row["domain"], row["plan"]) == (domain, plan)]
     theirs = {row["instance"]: row for row in tried if row["candidate"] == BASELINE}
     for row in tried:
@@ -116,3 +122,8 @@ def test_the_table_worked_by_hand(tmp_path):
         f"|{'---|' * (len(names) + 3)}\n"
         f"| HVAC_ippc2023 | 1 | drp | {' | '.join(cells.get(name, '') for name in names)} |\n"
     )
+
+
+def test_an_unknown_candidate_is_bad_input(tmp_path):
+    with pytest.raises(InputError, match="unknown candidate 'none of them', known are jaxplan"):
+        run_config_sweep(tmp_path, ["HVAC"], ["1"], ["none of them"], 1.0, 1, Limits(1, 1))

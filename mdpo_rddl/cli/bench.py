@@ -84,7 +84,14 @@ def _parser() -> OneLineParser:
     speed.add_argument("--settings", nargs="+", choices=list(DOMAIN_FILES), default=SETTINGS)
     speed.add_argument("--turns", type=positive_int, default=5, help="of each side")
     speed.add_argument("--seconds", type=number(above=0), default=3, help="of each turn")
-    speed.add_argument("--command-turns", type=int, default=3, help="of the whole command; 0: none")
+    speed.add_argument(
+        "--command-turns",
+        metavar="N",
+        type=int,
+        choices=range(100),
+        default=3,
+        help="of the whole command; 0: none",
+    )
     speed.set_defaults(run=_speed, out=Path("results/speed"))
 
     trials = _add_trial_commands(commands)

@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.evaluation import Evaluation, evaluate
 from mdpo_rddl.experiments.jaxplan_baseline import train_baseline
 from mdpo_rddl.experiments.records import Records
@@ -136,7 +137,14 @@ def run_config_sweep(
       seconds: of training for each.
       episodes: evaluation episodes; each planner plays the same.
       limits: for each run.
+
+    Raises:
+      InputError: for an unknown candidate.
     """
+    known = candidates("HVAC", "drp")
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"unknown candidate {name!r}, known are {', '.join(known)}")
     conditions = {"seconds": seconds, "episodes": episodes, "versions": versions()}
     records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
     instances = list(instances)

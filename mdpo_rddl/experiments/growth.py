@@ -1,8 +1,6 @@
 """How the time and the memory of an iteration grow with the problem and the restarts."""
 
 import logging
-import resource
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable
@@ -20,7 +18,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.generate import hvac_instance, reservoir_instance
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.settings import load_setting
-from mdpo_rddl.experiments.trial import one_line_cause
+from mdpo_rddl.experiments.trial import one_line_cause, peak_mb
 from mdpo_rddl.experiments.versions import versions
 from mdpo_rddl.experiments.worker import Death, Limits, run_guarded
 from mdpo_rddl.machine import use_all_cores
@@ -125,12 +123,11 @@ def _measure(point: Point) -> dict[str, Any]:
         next(callbacks)
         calls += 1
     seconds = (time.perf_counter() - started) / (calls * _ITERATIONS)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         "status": "ok",
         "milliseconds": 1000 * seconds,
         "compile_seconds": compile_seconds,
-        "peak_mb": peak / (2**20 if sys.platform == "darwin" else 2**10),
+        "peak_mb": peak_mb(),
         "device": f"{len(jax.devices())} {jax.devices()[0].device_kind}",
     }
 

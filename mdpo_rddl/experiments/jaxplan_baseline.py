@@ -18,6 +18,23 @@ class TrainedBaseline(NamedTuple):
     iterations: int
 
 
+def build_baseline(
+    problem: Problem, config: PlannerConfig
+) -> tuple[JaxBackpropPlanner, dict[str, Any]]:
+    """JaxPlan's planner, and the keyword arguments that the configuration has for `optimize`.
+
+    Args:
+      problem: the parsed problem.
+      config: a configuration; sections that JaxPlan does not know have no effect.
+    """
+    quiet = config.with_values("Compiler", print_warnings=False)
+    planner_args, _, train_args = quiet.jaxplan_arguments()
+    # the rest of the section is for JaxPlan's controllers
+    known = optimize_parameters()
+    optimize_args = {name: value for name, value in train_args.items() if name in known}
+    return JaxBackpropPlanner(problem.model, **planner_args), optimize_args
+
+
 def train_baseline(
     problem: Problem, config: PlannerConfig, seed: int, iterations: int, seconds: float
 ) -> TrainedBaseline:
@@ -30,12 +47,9 @@ def train_baseline(
       iterations: largest number, at least 2.
       seconds: largest training time.
     """
-    quiet = config.with_values("Compiler", print_warnings=False)
-    planner_args, _, train_args = quiet.jaxplan_arguments()
-    # the budget is the measurement's, and the rest of the section is for JaxPlan's controllers
-    known = optimize_parameters()
+    planner, optimize_args = build_baseline(problem, config)
     arguments = {
-        **{name: value for name, value in train_args.items() if name in known},
+        **optimize_args,
         "key": jax.random.PRNGKey(seed),
         "epochs": iterations,
         "train_seconds": seconds,
@@ -43,7 +57,6 @@ def train_baseline(
         "print_progress": False,
         "print_hyperparams": False,
     }
-    planner = JaxBackpropPlanner(problem.model, **planner_args)
     first = planner.optimize_generator(**arguments)
     next(first)
     first.close()

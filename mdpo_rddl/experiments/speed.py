@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.settings import load_setting, setting_files
 from mdpo_rddl.experiments.versions import versions
@@ -110,7 +111,6 @@ def _config(setting: str, case: Case) -> tuple[Any, PlannerConfig]:
     config = PRESETS["paper"](problem.domain_name)
     sizes = {"iterations_per_call": ITERATIONS_PER_CALL, "test_every": case.test_every}
     config = config.with_values("MDPO", **sizes)
-    config = config.with_values("Compiler", print_warnings=False)
     if case.noise == "none":
         config = config.with_section("Noise", {"method": "NoNoise"})
     values = {"parallel_updates": case.seeds, "batch_size_test": TEST_BATCH}
@@ -123,8 +123,7 @@ def _theirs(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
         planner, _ = build_planner(problem, config)
         gradients = compile_bare_gradients(planner, jax.random.PRNGKey(0))
         return lambda seconds: _rates_of_calls(gradients, case.seeds, seconds)
-    planner_args, _, _ = config.jaxplan_arguments()
-    jaxplan = JaxBackpropPlanner(problem.model, **planner_args)
+    jaxplan, _ = build_baseline(problem, config)
     return lambda seconds: _rates(jaxplan, case.seeds, seconds)
 
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from mdpo_rddl.evaluation import evaluate
 from mdpo_rddl.experiments.full_training import train_fully
+from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.worker import Death, Limits, run_guarded
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.missing import missing_package
-from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.problem import Problem, load_problem, make_environment
@@ -96,7 +96,7 @@ def run_trial(trial: Trial) -> dict[str, Any]:
     except Exception as error:  # whatever it is, it is the finding
         row.update(status="error", cause=missing_package(error) or one_line_cause(error))
     row["seconds"] = round(time.perf_counter() - started, 1)
-    row["peak_mb"] = round(_peak_mb())
+    row["peak_mb"] = round(peak_mb())
     return row
 
 
@@ -120,7 +120,8 @@ def _row_of_death(death: Death) -> dict[str, Any]:
     return {"status": death.status, "cause": death.cause, "seconds": seconds, "peak_mb": peak}
 
 
-def _peak_mb() -> float:
+def peak_mb() -> float:
+    """The largest resident memory that this process had up to now."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 
@@ -143,9 +144,7 @@ def _try(trial: Trial, row: dict[str, Any]) -> None:
 
 
 def _train_jaxplan(problem: Problem, config: PlannerConfig, iterations: int) -> None:
-    quiet = config.with_values("Compiler", print_warnings=False)
-    planner_args, _, _ = quiet.jaxplan_arguments()
-    planner = JaxBackpropPlanner(problem.model, **planner_args)
+    planner, _ = build_baseline(problem, config)
     generator = planner.optimize_generator(
         key=jax.random.PRNGKey(0),
         epochs=max(iterations, 2),  # JaxPlan divides by epochs - 1
