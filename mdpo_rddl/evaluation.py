@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
-from scipy import stats
+from scipy import special
 
 from mdpo_rddl.legality import Referee
 
@@ -49,7 +49,7 @@ class Evaluation:
         n = len(self.returns)
         if n < 2:
             return None
-        half = float(stats.t.ppf(0.975, n - 1) * self.std / np.sqrt(n))
+        half = float(special.stdtrit(n - 1, 0.975) * self.std / np.sqrt(n))
         return self.mean - half, self.mean + half
 
 

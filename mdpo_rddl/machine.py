@@ -10,16 +10,28 @@ _WORTH_KEEPING_SECONDS = 0.3
 
 
 def cache_folder() -> Path:
-    """Where compiled programs are kept: in the user's cache folder."""
+    """Where programs are kept: in the user's cache folder, or where JAX was told to."""
+    if _CACHE_VARIABLE in os.environ:
+        return Path(os.environ[_CACHE_VARIABLE])
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "mdpo-rddl" / "jax"
 
 
-def keep_compiled_programs() -> None:
-    """Has JAX keep what it compiles for the next run, unless JAX was told where already."""
-    if _CACHE_VARIABLE not in os.environ:
-        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+def keep_compiled_programs() -> Path:
+    """Has JAX keep what it compiles for the next run.
+
+    Returns:
+      A folder for traced programs.
+    """
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING_SECONDS)
+    return cache_folder() / "traced"
+
+
+def usable_cores() -> int:
+    """How many cores this process may use."""
+    # not every system tells which ones
+    return len(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))
 
 
 def use_all_cores() -> None:
@@ -29,6 +41,4 @@ def use_all_cores() -> None:
     """
     given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
     if not given:
-        # not every system tells which cores a process may use
-        usable = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
-        jax.config.update("jax_num_cpu_devices", len(usable(0)))
+        jax.config.update("jax_num_cpu_devices", usable_cores())

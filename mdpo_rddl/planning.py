@@ -1,6 +1,7 @@
 """From a problem and a configuration to a planner and a policy that can be played."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -12,15 +13,22 @@ from mdpo_rddl.jaxplan.config import PlannerConfig, optimize_parameters
 from mdpo_rddl.jaxplan.missing import missing_package
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.problem import Problem
+from mdpo_rddl.stored_programs import stored_jit
+
+# arguments of the compiled calls, or of the loop around them
+_BUDGET = {"key": 0, "epochs": 1, "train_seconds": 1.0}
 
 
-def build_planner(problem: Problem, config: PlannerConfig) -> tuple[MDPOPlanner, dict[str, Any]]:
+def build_planner(
+    problem: Problem, config: PlannerConfig, programs: Path | None = None
+) -> tuple[MDPOPlanner, dict[str, Any]]:
     """Compiles a planner.
 
     Args:
       problem: the parsed problem; its horizon is the rollouts' unless the configuration
         names a `rollout_horizon`.
       config: the planner's configuration.
+      programs: where traced programs are kept from one process to the next, if anywhere.
 
     Returns:
       The planner, and the keyword arguments that the configuration has for `optimize`.
@@ -41,6 +49,10 @@ def build_planner(problem: Problem, config: PlannerConfig) -> tuple[MDPOPlanner,
             f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
             f"(configured by {config.source})"
         ) from error
+    if programs is not None:
+        text = config.with_values("Optimize", **_BUDGET).to_text()
+        identity = f"{problem.digest} {problem.horizon} {text}"
+        planner.compile_calls_with(stored_jit(programs, identity))
     return planner, optimize_args
 
 

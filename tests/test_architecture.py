@@ -149,11 +149,12 @@ def test_a_file_can_be_read_in_one_sitting():
     assert {name: length for name, length in lengths.items() if length > MAX_LINES} == {}
 
 
-def test_nothing_unpickles():
-    # a policy file may come from anyone
+def test_nothing_unpickles_what_may_come_from_anyone():
+    # as a policy file may; the cache and a child's pipe come from the package itself
+    own = {"mdpo_rddl.stored_programs", "mdpo_rddl.session.second_evaluator"}
     unsafe = ("pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "cloudpickle")
     everything = [*FILES, *sorted((ROOT / "tests").glob("*.py"))]
-    assert violations(everything, *unsafe) == []
+    assert {name for name, _ in violations(everything, *unsafe)} == own
     for path in everything:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":

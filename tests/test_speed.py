@@ -10,13 +10,14 @@ import pytest
 from problems import ROOT, make_plan, make_planner, tiny_files
 
 from mdpo_rddl import AdaptiveNoise
-from mdpo_rddl.experiments import growth, speed
+from mdpo_rddl.experiments import growth, profile, speed
 from mdpo_rddl.experiments.generate import hvac_instance, reservoir_instance
 from mdpo_rddl.experiments.growth import draw_growth, growth_table, run_growth
+from mdpo_rddl.experiments.profile import profile_table, run_profile
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.speed import Case, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
-from mdpo_rddl.jaxplan.bare import compile_bare_gradients
+from mdpo_rddl.jaxplan.bare import PARTS, SCALE, compile_part
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.machine import cache_folder
 from mdpo_rddl.problem import load_problem, make_environment
@@ -40,16 +41,18 @@ def test_generated_instances_can_be_played(tmp_path, domain, generate, fluent):
     assert generate(7, 3) != generate(7, 4)
 
 
-def test_the_bare_gradients_are_made_as_often_as_asked(tmp_path):
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_is_made_as_often_as_asked(tmp_path, part):
     problem = load_problem(*tiny_files(tmp_path, spread=0.3))
     planner = make_planner(
         MDPOPlanner, problem, make_plan("drp"), parallel_updates=2, noise=AdaptiveNoise()
     )
-    bare = compile_bare_gradients(planner, jax.random.PRNGKey(0))
+    bare = compile_part(planner, jax.random.PRNGKey(0), part)
     one, two = np.asarray(bare(1)), np.asarray(bare(2))
     assert one.shape == (2,)
     assert np.isfinite(two).all()
-    assert not np.array_equal(one, two)
+    if part != SCALE:  # draws nothing
+        assert not np.array_equal(one, two)
 
 
 def test_the_table_of_speeds_worked_by_hand(tmp_path):
@@ -96,6 +99,28 @@ def test_both_sides_are_really_run(tmp_path, monkeypatch, against):
     (row,) = run_speed(tmp_path, ["powergen7"], turns=1, seconds=0.2, command_turns=0).rows
     assert float(row["theirs"]) > 0
     assert float(row["ours"]) > 0
+
+
+def test_the_table_of_the_profile_worked_by_hand(tmp_path):
+    records = Records(tmp_path / "profile.csv", profile.COLUMNS, profile.KEYS)
+    times = (900.0, 400.0, 520.0, 30.0, 20.0, 1000.4, 1500.0, 1800.0, 2000.0)
+    for part, microseconds in zip(profile.MEASURED, times, strict=True):
+        records.add("hvac10", 20, part, microseconds)
+    assert profile_table(records).splitlines()[2] == (
+        "| hvac10 | 20 | 400 | 520 | 50 | 50 | 1,000 | 500 | 300 | 2,000 |"
+    )
+
+
+@pytest.mark.slow
+def test_a_profile_is_measured_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(profile, "SEEDS", (1,))
+    records = run_profile(tmp_path, ["powergen7"], turns=1, seconds=0.1)
+    assert [row["part"] for row in records.rows] == list(profile.MEASURED)
+    found = {row["part"]: float(row["microseconds"]) for row in records.rows}
+    assert 0 < found["analysis gradient"] < found["both gradients"]
+    monkeypatch.setattr(profile, "build_planner", None)
+    assert run_profile(tmp_path, ["powergen7"], turns=1, seconds=0.1).rows == records.rows
 
 
 def test_growth_is_measured_and_drawn(tmp_path, monkeypatch):

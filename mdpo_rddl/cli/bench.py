@@ -21,6 +21,7 @@ from mdpo_rddl.experiments.growth import AXES, growth_table, run_growth
 from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
 from mdpo_rddl.experiments.paper_preset import NOISES, paper_preset_table, run_paper_preset
+from mdpo_rddl.experiments.profile import profile_table, run_profile
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
 from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
@@ -81,9 +82,14 @@ def _parser() -> OneLineParser:
         command.add_argument("--iterations", type=positive_int, default=3000)
         command.add_argument("--episodes", type=positive_int, default=20)
     speed = commands.add_parser("speed", help="iterations a second, against JaxPlan's loop")
-    speed.add_argument("--settings", nargs="+", choices=list(DOMAIN_FILES), default=SETTINGS)
-    speed.add_argument("--turns", type=positive_int, default=5, help="of each side")
-    speed.add_argument("--seconds", type=number(above=0), default=3, help="of each turn")
+    profile = commands.add_parser("profile", help="where the time of an iteration goes")
+    for command, seconds in ((speed, 3), (profile, 1)):
+        command.add_argument("--settings", nargs="+", choices=list(DOMAIN_FILES), default=SETTINGS)
+        command.add_argument("--turns", type=positive_int, default=5, help="of each side")
+        command.add_argument(
+            "--seconds", type=number(above=0), default=seconds, help="of each turn"
+        )
+    profile.set_defaults(run=_profile, out=Path("results/profile"))
     speed.add_argument(
         "--command-turns",
         metavar="N",
@@ -95,7 +101,7 @@ def _parser() -> OneLineParser:
     speed.set_defaults(run=_speed, out=Path("results/speed"))
 
     trials = _add_trial_commands(commands)
-    for command in (noise, paper, speed, *trials):
+    for command in (noise, paper, speed, profile, *trials):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser
 
@@ -209,6 +215,11 @@ def _speed(options: argparse.Namespace) -> str:
         options.out, options.settings, options.turns, options.seconds, options.command_turns
     )
     return speed_table(records)
+
+
+def _profile(options: argparse.Namespace) -> str:
+    use_all_cores()
+    return profile_table(run_profile(options.out, options.settings, options.turns, options.seconds))
 
 
 def _noise_sweep(options: argparse.Namespace) -> str:

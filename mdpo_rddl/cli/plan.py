@@ -38,12 +38,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         level=logging.ERROR if options.quiet else logging.WARNING,
         format="mdpo-plan: %(levelname)s: %(message)s",
     )
-    if not options.no_cache:
-        keep_compiled_programs()
+    programs = None if options.no_cache else keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
     try:
-        summary, where = _run(options)
+        summary, where = _run(options, programs)
     except InputError as error:
         print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2
@@ -54,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
+def _run(options: argparse.Namespace, programs: Path | None) -> tuple[dict[str, Any], Path | None]:
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:
@@ -62,7 +61,7 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
                 raise InputError(f"{option} does not go with --load, which trains nothing")
     with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:
         if options.load is None:
-            request = _plan_request(options)
+            request = _plan_request(options, programs)
             is_online = options.replan or str(options.config) == "replan"
             run = replan if is_online else plan
             return run(request, bar), request.out
@@ -80,7 +79,7 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         return evaluate_saved(load, bar), options.out
 
 
-def _plan_request(options: argparse.Namespace) -> PlanRequest:
+def _plan_request(options: argparse.Namespace, programs: Path | None) -> PlanRequest:
     problem = load_problem(options.domain, options.instance, options.horizon)
     if str(options.config) in METHODS:
         # as JaxPlan's third argument: the domain's own configuration
@@ -95,7 +94,7 @@ def _plan_request(options: argparse.Namespace) -> PlanRequest:
     own_seed = config.section("Optimize").get("key") or 0
     seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
-    return PlanRequest(problem, config, name, seed, options.episodes, out)
+    return PlanRequest(problem, config, name, seed, options.episodes, out, programs)
 
 
 @contextlib.contextmanager

@@ -2,27 +2,27 @@
 
 import itertools
 import logging
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
+from mdpo_rddl.experiments.rates import ITERATIONS_PER_CALL, in_turn, rates, rates_of_calls
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.settings import load_setting, setting_files
 from mdpo_rddl.experiments.versions import versions
-from mdpo_rddl.jaxplan.bare import compile_bare_gradients
+from mdpo_rddl.jaxplan.bare import BOTH_GRADIENTS, compile_part
 from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.presets import PRESETS
+from mdpo_rddl.problem import Problem
 
 logger = logging.getLogger(__name__)
 
@@ -30,9 +30,7 @@ KEYS = ("setting", "noise", "seeds", "test_every", "against")
 COLUMNS = (*KEYS, "theirs", "ours", "ratio", "goal")
 SETTINGS = ("powergen7", "reservoir30", "hvac20")
 TEST_BATCH = 20
-ITERATIONS_PER_CALL = 50
 JAXPLAN, BARE, COMMAND = "JaxPlan", "its two gradients", "JaxPlan in a fresh process"
-_MANY = 10**8
 
 
 class Case(NamedTuple):
@@ -86,7 +84,7 @@ def run_speed(
         if records.has(setting, *case[:4]):
             continue
         sides = _theirs(setting, case), _ours(setting, case)
-        theirs, ours = _in_turn([side(seconds) for side in sides], turns)
+        theirs, ours = in_turn([side(seconds) for side in sides], turns)
         records.add(setting, *case[:4], theirs, ours, ours / theirs, case.goal)
         logger.info("%s %s: ratio %.2f", setting, case, ours / theirs)
     key = ("hvac10", "adaptive", 1, 10, COMMAND)
@@ -97,68 +95,40 @@ def run_speed(
     return records
 
 
-def _in_turn(sides: Sequence[Iterator[float]], turns: int) -> tuple[float, float]:
-    """Medians of the rates that the two sides show in turn."""
-    rates: list[list[float]] = [[], []]
-    for _ in range(turns):
-        for found, side in zip(rates, sides, strict=True):
-            found.append(next(side))
-    return statistics.median(rates[0]), statistics.median(rates[1])
+def preset_for(
+    setting: str, noise: str, seeds: int, test_every: int
+) -> tuple[Problem, PlannerConfig]:
+    """A setting and the paper preset as it is timed.
 
-
-def _config(setting: str, case: Case) -> tuple[Any, PlannerConfig]:
+    Args:
+      setting: its name.
+      noise: "none" or "adaptive".
+      seeds: policies trained side by side.
+      test_every: iterations from one test to the next.
+    """
     problem = load_setting(setting)
     config = PRESETS["paper"](problem.domain_name)
-    sizes = {"iterations_per_call": ITERATIONS_PER_CALL, "test_every": case.test_every}
+    sizes = {"iterations_per_call": ITERATIONS_PER_CALL, "test_every": test_every}
     config = config.with_values("MDPO", **sizes)
-    if case.noise == "none":
+    if noise == "none":
         config = config.with_section("Noise", {"method": "NoNoise"})
-    values = {"parallel_updates": case.seeds, "batch_size_test": TEST_BATCH}
+    values = {"parallel_updates": seeds, "batch_size_test": TEST_BATCH}
     return problem, config.with_values("Planner", **values)
 
 
 def _theirs(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
-    problem, config = _config(setting, case)
+    problem, config = preset_for(setting, *case[:3])
     if case.against == BARE:
         planner, _ = build_planner(problem, config)
-        gradients = compile_bare_gradients(planner, jax.random.PRNGKey(0))
-        return lambda seconds: _rates_of_calls(gradients, case.seeds, seconds)
+        gradients = compile_part(planner, jax.random.PRNGKey(0), BOTH_GRADIENTS)
+        return lambda seconds: rates_of_calls(gradients, case.seeds, seconds)
     jaxplan, _ = build_baseline(problem, config)
-    return lambda seconds: _rates(jaxplan, case.seeds, seconds)
+    return lambda seconds: rates(jaxplan, case.seeds, seconds)
 
 
 def _ours(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
-    planner, _ = build_planner(*_config(setting, case))
-    return lambda seconds: _rates(planner, case.seeds, seconds)
-
-
-def _rates(planner: JaxBackpropPlanner, seeds: int, seconds: float) -> Iterator[float]:
-    """Seed-iterations a second, over about `seconds` at each turn of the generator."""
-    callbacks = planner.optimize_generator(
-        key=jax.random.PRNGKey(0),
-        epochs=_MANY,
-        train_seconds=1e300,
-        print_summary=False,
-        print_progress=False,
-    )
-    for _ in range(3):  # compiles
-        callback = next(callbacks)
-    while True:
-        before, started = callback["iteration"], time.perf_counter()
-        while time.perf_counter() - started < seconds:
-            callback = next(callbacks)
-        passed = time.perf_counter() - started
-        yield seeds * (callback["iteration"] - before) / passed
-
-
-def _rates_of_calls(call: Callable[[int], Any], seeds: int, seconds: float) -> Iterator[float]:
-    jax.block_until_ready(call(ITERATIONS_PER_CALL))  # compiles
-    while True:
-        done, started = 0, time.perf_counter()
-        while time.perf_counter() - started < seconds:
-            jax.block_until_ready(call(ITERATIONS_PER_CALL))
-            done += ITERATIONS_PER_CALL
-        yield seeds * done / (time.perf_counter() - started)
+    planner, _ = build_planner(*preset_for(setting, *case[:3]))
+    return lambda seconds: rates(planner, case.seeds, seconds)
 
 
 # JaxPlan's classes and nothing of ours, from the start of Python to the trained policy

@@ -1,27 +1,32 @@
-"""The two gradients of an MDPO iteration and nothing else: what no implementation can save."""
+"""The parts of an MDPO iteration on their own, to see what each of them costs."""
 
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import lax, random
+from jax import Array, lax, random
 
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.rollout import PerturbedModel
 from mdpo_rddl.jaxplan.sharding import shard
-from mdpo_rddl.noise.draws import zero_perturbation
+from mdpo_rddl.noise.draws import draw_perturbation, zero_perturbation
+
+BOTH_GRADIENTS = "both gradients"
+ANALYSIS, UPDATE, SCALE, DRAW = "analysis gradient", "update gradient", "noise's scale", "its draw"
+PARTS = (BOTH_GRADIENTS, ANALYSIS, UPDATE, SCALE, DRAW)
 
 
-def compile_bare_gradients(planner: MDPOPlanner, key: Any) -> Callable[[int], Any]:
-    """Compiles iterations that differentiate the analysis and the update rollout.
+def compile_part(planner: MDPOPlanner, key: Any, part: str) -> Callable[[int], Any]:
+    """Compiles iterations that do one part of MDPO's and nothing else.
 
-    The parameters stay as they are initialised: no noise is drawn, nothing is updated, logged
-    or tested.
+    The parameters stay as they are initialised: nothing is updated, logged or tested. The two
+    gradients are what no implementation can save.
 
     Args:
       planner: a planner whose noise needs an analysis.
       key: JAX random key of the initial parameters.
+      part: one of `PARTS`.
 
     Returns:
       A function of a number of iterations, whose result is ready when they are done.
@@ -31,28 +36,49 @@ def compile_bare_gradients(planner: MDPOPlanner, key: Any) -> Callable[[int], An
     params, _, _ = planner.initialize(key, hyperparams, start[0])
     model = planner._broadcast_pytree(planner.compiled.model_aux["params"])
     analyse, loss = planner._jax_analysis(), planner.single_train_loss
-    silence = zero_perturbation(
-        planner.horizon, planner.action_specs, planner.batch_size_train, planner.compiled.REAL
-    )
+    shape = planner.action_specs, planner.batch_size_train, planner.compiled.REAL
     keys = shard(random.split(key, planner.parallel_updates), planner._sharding)
 
-    def both(key, params, model, disturbance):
-        # two rollouts, two draws of the model's random numbers
-        own_key = random.fold_in(key, 1)
-        sensitivity = analyse(own_key, params, hyperparams, *start, model, None)
-        # each gradient must depend on the one before, or the compiler would make it only once
+    # each iteration must depend on the one before, or the compiler would make only one
+    def analysis_gradient(key, params, model, gradients, disturbance):
+        moved = jax.tree.map(lambda p: p + disturbance, params)
+        return analyse(key, moved, hyperparams, *start, model, None)
+
+    def update_gradient(key, params, model, gradients, disturbance):
+        silence = zero_perturbation(planner.horizon, *shape)
         perturbation = jax.tree.map(lambda p: p + disturbance, silence)
         perturbed = PerturbedModel(model, perturbation)
-        gradient = jax.grad(lambda p: loss(key, p, hyperparams, *start, perturbed, None)[0])
-        leaves = jax.tree.leaves((sensitivity, gradient(params)))
-        return 1e-30 * sum(jnp.sum(leaf) for leaf in leaves)
+        return jax.grad(lambda p: loss(key, p, hyperparams, *start, perturbed, None)[0])(params)
+
+    def both_gradients(key, *arguments):
+        # two rollouts, two draws of the model's random numbers
+        analysis = analysis_gradient(random.fold_in(key, 1), *arguments)
+        return analysis, update_gradient(key, *arguments)
+
+    def scale(key, params, model, gradients, disturbance):
+        moved = jax.tree.map(lambda g: g + disturbance, gradients)
+        return planner.noise.profile(moved, planner.noise.initial_state(0), planner.horizon)[0]
+
+    def draw(key, params, model, gradients, disturbance):
+        return draw_perturbation(key, jnp.full(planner.horizon, 1.0 + disturbance), *shape)
+
+    functions = (both_gradients, analysis_gradient, update_gradient, scale, draw)
+    function = dict(zip(PARTS, functions, strict=True))[part]
+
+    def total(*arguments) -> Array:
+        leaves = jax.tree.leaves(function(*arguments))
+        return 1e-30 * sum(map(jnp.sum, leaves), start=jnp.zeros(()))
 
     @jax.jit
-    def iterate(count, params, model):
+    def iterate(count, params, model, gradients):
         def one(number, disturbance):
             own = jax.vmap(random.fold_in, (0, None))(keys, number)
-            return jax.vmap(both)(own, params, model, disturbance)
+            return jax.vmap(total)(own, params, model, gradients, disturbance)
 
         return lax.fori_loop(0, count, one, jnp.zeros(planner.parallel_updates))
 
-    return lambda count: iterate(count, params, model)
+    zeros = jnp.zeros(planner.parallel_updates)
+    gradients = jax.jit(jax.vmap(analysis_gradient, (0, 0, 0, None, 0)))(
+        keys, params, model, None, zeros
+    )
+    return lambda count: iterate(count, params, model, gradients)

@@ -74,10 +74,10 @@ class Turn(NamedTuple):
     test_log: Any
 
 
-def compile_call(
+def make_call(
     update: Callable, test_loss: Callable, sharding: NamedSharding | None = None
 ) -> Callable:
-    """Compiles calls of any number of blocks of any length.
+    """Makes calls of any number of blocks of any length.
 
     Args:
       update: JaxPlan's batched update, or one with its arguments and results.
@@ -85,9 +85,9 @@ def compile_call(
       sharding: how the restarts lie on several devices.
 
     Returns:
-      call(blocks, test_every, state, params, hyperparams, fluents, nonfluents, model, critic,
-      opt_state, opt_aux), which gives the update's results of the last iteration, the
-      `CallState` and the `Turn`. It stops after `state.total` iterations; at least one must
+      A pure function call(blocks, test_every, state, params, hyperparams, fluents, nonfluents,
+      model, critic, opt_state, opt_aux), which gives the update's results of the last iteration,
+      the `CallState` and the `Turn`. It stops after `state.total` iterations; at least one must
       be left.
     """
 
@@ -133,7 +133,7 @@ def compile_call(
             state = lax.with_sharding_constraint(state, replicated(sharding))
         return results, state, turn
 
-    return jax.jit(call)
+    return call
 
 
 def _updated(best: Best, loss: Array, params: Any, grad: Any, iteration: Array) -> Best:
@@ -174,7 +174,7 @@ class Calls:
     def __init__(self) -> None:
         self.test_fluents: tuple[Any, Any] | None = None
         self._beginning: tuple[Array, int, int] | None = None
-        self._call: Callable[..., Any] = _not_compiled
+        self._function = self._call = _not_compiled
         self._plain_test_loss: Callable[..., Any] = _not_compiled
         self._sharding: NamedSharding | None = None
         self._state: Any = None
@@ -183,9 +183,14 @@ class Calls:
     def compile(
         self, update: Callable, test_loss: Callable, sharding: NamedSharding | None
     ) -> None:
-        """Compiles the calls: see `compile_call`."""
-        self._call = compile_call(update, test_loss, sharding)
+        """Compiles the calls: see `make_call`."""
+        self._function = make_call(update, test_loss, sharding)
+        self.compile_with(jax.jit)
         self._plain_test_loss, self._sharding = test_loss, sharding
+
+    def compile_with(self, jit: Callable[[Callable], Callable]) -> None:
+        """Compiles the calls by something that stands in for `jax.jit`."""
+        self._call = jit(self._function)
 
     def begin(self, arguments: dict[str, Any]) -> None:
         """Notes what JaxPlan's loop is about to be called with; adds a key from the clock.

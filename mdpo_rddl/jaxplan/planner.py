@@ -243,6 +243,11 @@ class MDPOPlanner(ActingPlanner):
             self.update = self._remembering(functools.partial(self._calls.update, self._sizes))
             self.test_loss = self._calls.test_loss
 
+    def compile_calls_with(self, jit: Callable[[Callable], Callable]) -> None:
+        """Has calls of several iterations compiled by something that stands in for `jax.jit`."""
+        if self.in_calls:
+            self._calls.compile_with(jit)
+
     def _sizes(self) -> tuple[int, int]:
         return self.iterations_per_call, self.test_every
 

@@ -12,6 +12,7 @@ from mdpo_rddl.report.policy_file import SavedPolicy, problem_identity
 from mdpo_rddl.report.run_folder import SUMMARY, RunFolder, write_json, write_training
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.requests import PlanRequest, Reporter
+from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.summary import identity, return_figures, title, training_figures
 from mdpo_rddl.training import train
 
@@ -32,9 +33,9 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
         is left behind then.
     """
-    with RunFolder(request.out) as folder:
+    with RunFolder(request.out) as folder, SecondEvaluator(request) as second:
         reporter.stage("compiling")
-        planner, optimize_args = build_planner(request.problem, request.config)
+        planner, optimize_args = build_planner(request.problem, request.config, request.programs)
         steps, horizon = planner.horizon, request.problem.horizon
         if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
             message = "the plan has %d steps, its last action is repeated up to the horizon %d"
@@ -66,8 +67,9 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         )
         reporter.stage("evaluating")
         evaluator = Evaluator(request, planner, result.policy_hyperparams, reporter)
-        best = evaluator.run(result.best_params)
+        second.begin(result.best_params, result.policy_hyperparams)
         last = evaluator.run(result.last_params)
+        best = second.result() or evaluator.run(result.best_params)
         summary = {
             **identity(request, planner),
             **return_figures(best),

@@ -33,6 +33,7 @@ class PlanRequest:
       seed: of training and evaluation.
       episodes: evaluation episodes on the exact environment.
       out: where the run folder goes.
+      programs: where traced programs are kept from one process to the next, if anywhere.
     """
 
     problem: Problem
@@ -41,6 +42,7 @@ class PlanRequest:
     seed: int
     episodes: int
     out: Path
+    programs: Path | None = None
 
 
 @dataclass(frozen=True)

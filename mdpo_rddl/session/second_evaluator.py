@@ -1,0 +1,133 @@
+"""A second process that plays one policy while the first plays another.
+
+It starts when training does, so that it has compiled its policy by the time there is one to
+play. Whatever happens to it, the first process can play both.
+"""
+
+import logging
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
+from typing import Any
+
+import jax
+import numpy as np
+
+from mdpo_rddl.evaluation import Evaluation, evaluate
+from mdpo_rddl.machine import usable_cores
+from mdpo_rddl.planning import build_planner, playable
+from mdpo_rddl.problem import make_environment
+from mdpo_rddl.session.requests import PlanRequest
+
+logger = logging.getLogger(__name__)
+
+# with fewer steps to play, starting a process takes longer than playing them
+_WORTH_STEPS = 1000
+_COMMAND = "from mdpo_rddl.session.second_evaluator import serve; serve()"
+
+
+class SecondEvaluator:
+    """Plays parameters in a process of its own, where a core is free for it.
+
+    A context manager: the process ends with the block.
+    """
+
+    def __init__(self, request: PlanRequest) -> None:
+        """Starts the process if it is worth its while.
+
+        Args:
+          request: what is planned and how it is evaluated.
+        """
+        self._process: subprocess.Popen[bytes] | None = None
+        self._threads = ThreadPoolExecutor(1)
+        self._evaluation: Future[Evaluation] | None = None
+        steps = request.episodes * request.problem.horizon
+        # another device than this process's could round otherwise
+        is_alike = jax.default_backend() == "cpu"
+        if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike:
+            return
+        paths = os.pathsep.join(path for path in sys.path if path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _COMMAND],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"},
+            start_new_session=True,  # an interrupt is for the first process
+        )
+        self._threads.submit(self._send, request)
+
+    def __enter__(self) -> "SecondEvaluator":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._threads.shutdown()
+
+    def begin(self, params: Any, policy_hyperparams: Mapping[str, Any]) -> None:
+        """Starts to play a policy as the request asks; `result` waits for its end.
+
+        Args:
+          params: parameters of one policy, numpy arrays.
+          policy_hyperparams: JaxPlan's policy hyperparameters.
+        """
+        if self._process is not None:
+            policy = (params, dict(policy_hyperparams))
+            self._evaluation = self._threads.submit(self._play, policy)
+
+    def result(self) -> Evaluation | None:
+        """What the policy earned; None if the process was not started or did not manage it."""
+        if self._evaluation is None:
+            return None
+        try:
+            return self._evaluation.result()
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            logger.info("the second process gave no result: %r", error)
+            return None
+
+    def _send(self, message: Any) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        pickle.dump(message, self._process.stdin)
+        self._process.stdin.flush()
+
+    def _play(self, policy: tuple[Any, dict[str, Any]]) -> Evaluation:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        self._send(policy)
+        evaluation = pickle.load(self._process.stdout)
+        assert isinstance(evaluation, Evaluation)
+        return evaluation
+
+
+def serve() -> None:
+    """The second process: reads a request and a policy, plays it, writes the evaluation."""
+    results = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what the libraries print is no result
+    request = pickle.load(sys.stdin.buffer)
+    planner, _ = build_planner(request.problem, request.config)
+    env = make_environment(request.problem)
+    _compile_policy(planner, env, request.seed)
+    params, hyperparams = pickle.load(sys.stdin.buffer)
+    policy = playable(planner, params, hyperparams, request.seed)
+    pickle.dump(evaluate(env, policy, request.episodes, request.seed), results)
+    results.close()
+
+
+def _compile_policy(planner: Any, env: Any, seed: int) -> None:
+    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    structure = planner.params_structure(hyperparams)
+    zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), structure)
+    state, _ = env.reset(seed=0)
+    playable(planner, zeros, hyperparams, seed)(0, state)

@@ -1,0 +1,141 @@
+"""Traced programs on disk, so that the next process need not trace them again.
+
+JAX's compilation cache spares the compiler, but not the tracing of the Python function nor its
+lowering, without which the cache cannot be asked.
+"""
+
+import contextlib
+import hashlib
+import logging
+import os
+import pickle
+import tempfile
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import export
+
+logger = logging.getLogger(__name__)
+
+_PACKAGE = Path(__file__).parent
+_MOST_FILES = 200
+
+
+def stored_jit(
+    folder: Path, identity: str, function: Callable[..., Any] | None = None
+) -> Callable[..., Any]:
+    """`jax.jit` for one device, with the traced program kept in a folder.
+
+    The program that is compiled is the stored one, in the process that has traced it as well,
+    so the results do not depend on whether it was there. What JAX cannot export, and arguments
+    on several devices, are left to `jax.jit`.
+
+    The folder is trusted as JAX's compilation cache is: its files are unpickled.
+
+    Args:
+      folder: made if missing; a file for each program.
+      identity: all that the function depends on besides its arguments, in words. JAX, its
+        settings and the source of this package need not be mentioned.
+      function: a pure function of positional arguments; if missing, the result is a decorator.
+    """
+    if function is None:
+        return partial(stored_jit, folder, identity)
+    plain = jax.jit(function)
+    programs: dict[Any, Callable[..., Any]] = {}
+
+    def call(*arguments: Any) -> Any:
+        leaves, tree = jax.tree.flatten(arguments)
+        leaves = [_strongly_typed(leaf) for leaf in leaves]
+        devices = set().union(*(leaf.sharding.device_set for leaf in leaves))
+        if len(devices) != 1:
+            return plain(*arguments)
+        # a program's results are bound to its device; arguments that were not yet would be
+        # reason enough for JAX to compile it once more
+        leaves = jax.device_put(leaves, *devices)
+        types = tuple((leaf.shape, str(leaf.dtype)) for leaf in leaves)
+        if (tree, types) not in programs:
+            digest = _digest(identity, str(tree), str(types))
+            programs[tree, types] = _program(folder / digest, function, leaves, tree)
+        return programs[tree, types](*leaves)
+
+    return call
+
+
+def _program(
+    path: Path, function: Callable[..., Any], leaves: list[Any], tree: Any
+) -> Callable[..., Any]:
+    """The stored program of the leaves; traced and stored if there is none."""
+    try:
+        exported, result_tree = _read(path)
+    except Exception as error:  # whatever a missing, damaged or foreign file makes pickle raise
+        if not isinstance(error, FileNotFoundError):
+            logger.info("%s: not used: %r", path, error)
+        try:
+            exported, result_tree = _export(function, leaves, tree)
+            content = pickle.dumps((exported.serialize(), result_tree))
+        except Exception as error:  # whatever the program holds that JAX does not export
+            logger.info("the program is not stored: %r", error)
+            return jax.jit(lambda *leaves: function(*jax.tree.unflatten(tree, leaves)))
+        _write(path, content)
+    compiled = jax.jit(exported.call)
+    return lambda *leaves: jax.tree.unflatten(result_tree, compiled(*leaves))
+
+
+def _export(function: Callable[..., Any], leaves: list[Any], tree: Any) -> tuple[Any, Any]:
+    result_tree = None
+
+    def flat(*leaves: Any) -> list[Any]:
+        nonlocal result_tree
+        results, result_tree = jax.tree.flatten(function(*jax.tree.unflatten(tree, leaves)))
+        return results
+
+    return export.export(jax.jit(flat))(*leaves), result_tree
+
+
+def _read(path: Path) -> tuple[Any, Any]:
+    program, result_tree = pickle.loads(path.read_bytes())
+    with contextlib.suppress(OSError):
+        path.touch()  # the longest unused go first
+    return export.deserialize(program), result_tree
+
+
+def _write(path: Path, content: bytes) -> None:
+    """In one step, so that no other process sees half of it."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(content)
+        os.replace(file.name, path)
+        by_use = sorted(path.parent.iterdir(), key=lambda kept: kept.stat().st_mtime)
+        for unused in by_use[:-_MOST_FILES]:
+            unused.unlink(missing_ok=True)
+    except OSError as error:  # a full or read-only disk costs the next process some seconds
+        logger.info("%s: not stored: %s", path, error.strerror)
+
+
+def _strongly_typed(leaf: Any) -> jax.Array:
+    """Without the weak type of a Python number, which a program's arguments do not have."""
+    if isinstance(leaf, jax.Array) and not leaf.weak_type:
+        return leaf
+    leaf = jnp.asarray(leaf)
+    return jnp.asarray(leaf, leaf.dtype)
+
+
+def _digest(*texts: str) -> str:
+    settings = repr(sorted(jax.config.values.items()))
+    device = jax.devices()[0]
+    known = (*texts, settings, jax.__version__, device.platform, device.device_kind, _source())
+    return hashlib.sha256("\0".join(known).encode()).hexdigest()
+
+
+@cache
+def _source() -> str:
+    """A digest of this package's source: another version makes other programs."""
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
