@@ -6,8 +6,10 @@ import pytest
 from problems import ROOT
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments import config_sweep
 from mdpo_rddl.experiments.config_sweep import (
     BASELINE,
+    CHOSEN,
     COLUMNS,
     KEYS,
     PLANS,
@@ -122,6 +124,19 @@ def test_the_table_worked_by_hand(tmp_path):
         f"|{'---|' * (len(names) + 3)}\n"
         f"| HVAC_ippc2023 | 1 | drp | {' | '.join(cells.get(name, '') for name in names)} |\n"
     )
+
+
+def test_the_chosen_one_can_be_tried_on_more_instances(tmp_path, monkeypatch):
+    records = made_up(tmp_path, ("1", BASELINE, 5, 1), ("1", "low", 9, 1), ("1", "high", 7, 1))
+    monkeypatch.setattr(config_sweep, "Records", lambda *_: records)
+    tried = []
+    monkeypatch.setattr(config_sweep, "_run", lambda records, runs, limits: tried.extend(runs))
+    run_config_sweep(tmp_path, ["HVAC"], ["1", "2"], [CHOSEN], 1.0, 1, Limits(1, 1))
+    assert [(run.instance, run.plan, run.candidate) for run in tried] == [
+        *(("2", "drp", BASELINE), ("2", "drp", "low")),
+        *(("1", "slp", BASELINE), ("1", "slp", "jaxplan")),
+        *(("2", "slp", BASELINE), ("2", "slp", "jaxplan")),
+    ]
 
 
 def test_an_unknown_candidate_is_bad_input(tmp_path):

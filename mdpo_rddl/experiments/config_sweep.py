@@ -30,6 +30,7 @@ from mdpo_rddl.training import train
 logger = logging.getLogger(__name__)
 
 BASELINE = "JaxPlan 3.1"
+CHOSEN = "chosen"
 PLANS = ("drp", "slp")
 KEYS = ("domain", "instance", "plan", "candidate")
 COLUMNS = (*KEYS, "status", "return", "error", "iterations", "illegal")
@@ -82,7 +83,11 @@ def candidates(domain: str, plan: str) -> dict[str, PlannerConfig]:
         config = config.with_values("Optimize", test_rolling_window=5)
         return config.with_values("MDPO", iterations_per_call=50, test_every=10)
 
-    return {
+    def with_net(config: PlannerConfig, **arguments: Any) -> PlannerConfig:
+        arguments = {**config.section("Planner")["method_kwargs"], **arguments}
+        return config.with_values("Planner", method_kwargs=arguments)
+
+    found = {
         "jaxplan": still,
         "no-pgpe": still.with_values("Planner", pgpe=None),
         "low": noisy(0.1),
@@ -95,6 +100,11 @@ def candidates(domain: str, plan: str) -> dict[str, PlannerConfig]:
         "calls-high-fast": in_calls(noisy(1.0, faster=10.0, batch=4)),
         "calls-low": in_calls(noisy(0.1, faster=3.0, batch=4)),
     }
+    if plan == "drp":
+        found["calls-normed"] = with_net(found["calls-low-fast"], normalize=True)
+        faster = in_calls(noisy(0.1, faster=30.0, batch=4))
+        found["calls-squashed"] = with_net(faster, normalize=True, wrap_non_bool=True)
+    return found
 
 
 @dataclass(frozen=True)
@@ -133,7 +143,7 @@ def run_config_sweep(
       out: results folder.
       domains: keys of `SCALES`.
       instances: names of instances.
-      names: of the candidates; all if None.
+      names: of the candidates; all if None. `CHOSEN` is the one that the rows so far speak for.
       seconds: of training for each.
       episodes: evaluation episodes; each planner plays the same.
       limits: for each run.
@@ -143,14 +153,16 @@ def run_config_sweep(
     """
     known = candidates("HVAC", "drp")
     for name in names or ():
-        if name not in known:
+        if name not in (CHOSEN, *known):
             raise InputError(f"unknown candidate {name!r}, known are {', '.join(known)}")
     conditions = {"seconds": seconds, "episodes": episodes, "versions": versions()}
     records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
     instances = list(instances)
     for domain in domains:
         for plan in PLANS:
-            tried = list(candidates(domain, plan)) if names is None else list(names)
+            chosen = choose(records.rows, domain, plan)
+            wanted = [chosen if name == CHOSEN else name for name in names or known]
+            tried = [name for name in candidates(domain, plan) if name in wanted]
             runs = [
                 Run(domain, instance, plan, candidate, seconds, episodes)
                 for instance in instances
