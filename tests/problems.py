@@ -62,10 +62,10 @@ def optimize(planner: JaxBackpropPlanner, epochs: int, seed: int = 3, **argument
 
 
 def assert_same_bits(ours: Any, theirs: Any) -> None:
-    """Two trees are equal, bit for bit."""
+    """Two trees are equal, bit for bit and in their types."""
     assert jax.tree.structure(ours) == jax.tree.structure(theirs)
     for mine, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
-        np.testing.assert_array_equal(mine, other)
+        np.testing.assert_array_equal(np.asarray(mine), np.asarray(other), strict=True)
 
 
 # every action moves one unit; the last one comes too late to matter
