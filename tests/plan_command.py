@@ -125,7 +125,7 @@ def in_a_process(arguments: str, folder: Path) -> Outcome:
 
 def run(arguments: str, capsys: pytest.CaptureFixture[str]) -> Outcome:
     """Runs the command in this process and the current folder."""
-    from mdpo_rddl.cli import plan as command  # by those who run tests, not who hands them out
+    from mdpo_rddl.cli import plan as command  # pytest's controller needs no JAX
 
     capsys.readouterr()
     try:

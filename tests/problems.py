@@ -1,5 +1,6 @@
-"""Small problems and planners that several tests share."""
+"""Small problems and planners that several tests share, and where to find others."""
 
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from mdpo_rddl.jaxplan.upstream import (
 from mdpo_rddl.problem import Problem, load_problem
 
 ROOT = Path(__file__).parent.parent
+JAXPLAN_EXAMPLES = Path(inspect.getfile(JaxBackpropPlanner)).parents[1] / "examples"
 # PGPE is annealed with the share of the time used, which must not depend on the machine
 FOREVER = 1e300
 

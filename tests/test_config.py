@@ -1,6 +1,5 @@
 """Configuration files: JaxPlan's own read as JaxPlan reads them, and back to text."""
 
-import inspect
 import types
 from pathlib import Path
 from typing import Any
@@ -10,14 +9,15 @@ import numpy as np
 import pytest
 from config_texts import NOISE, TEXT
 from files import changed
+from problems import JAXPLAN_EXAMPLES
 
 from mdpo_rddl import AdaptiveNoise, ConstantNoise, InputError, NoNoise, load_config
 from mdpo_rddl.jaxplan.config import PlannerConfig, load_config_from_string
-from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner, planner
+from mdpo_rddl.jaxplan.upstream import planner
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.problem import load_problem
 
-EXAMPLES = Path(inspect.getfile(JaxBackpropPlanner)).parents[1] / "examples" / "configs"
+EXAMPLES = JAXPLAN_EXAMPLES / "configs"
 TEMPLATES = sorted(EXAMPLES.glob("tuning_*.cfg"))
 CONFIGS = sorted(set(EXAMPLES.glob("*.cfg")) - set(TEMPLATES))
 
