@@ -67,7 +67,7 @@ def load_problem(domain: str, instance: str, horizon: int | None = None) -> Prob
     """
     if horizon is not None and not _is_positive_int(horizon):
         raise _input_error(f"--horizon must be a positive integer, got {horizon!r}")
-    are_files = _looks_like_file(domain) or _looks_like_file(instance)
+    are_files = looks_like_file(domain) or looks_like_file(instance)
     if are_files:
         domain_path, instance_path = Path(domain), Path(instance)
         label = instance_path.stem
@@ -114,7 +114,8 @@ def make_environment(problem: Problem, enforce_action_constraints: bool = False)
         )
 
 
-def _looks_like_file(argument: str) -> bool:
+def looks_like_file(argument: str) -> bool:
+    """Whether an argument is meant as a file, not as a name of rddlrepository."""
     has_separator = "/" in argument or os.sep in argument
     return has_separator or argument.lower().endswith(".rddl") or os.path.isfile(argument)
 

@@ -6,3 +6,6 @@ from pathlib import Path
 
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 sys.path.insert(0, str(Path(__file__).parent))
+
+# its fixtures serve several files
+pytest_plugins = ["plan_command"]

@@ -1,5 +1,6 @@
-"""Small problems and planners that several tests share."""
+"""Small problems and planners that several tests share, and where to find others."""
 
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from mdpo_rddl.jaxplan.upstream import (
 from mdpo_rddl.problem import Problem, load_problem
 
 ROOT = Path(__file__).parent.parent
+JAXPLAN_EXAMPLES = Path(inspect.getfile(JaxBackpropPlanner)).parents[1] / "examples"
 # PGPE is annealed with the share of the time used, which must not depend on the machine
 FOREVER = 1e300
 
@@ -62,10 +64,10 @@ def optimize(planner: JaxBackpropPlanner, epochs: int, seed: int = 3, **argument
 
 
 def assert_same_bits(ours: Any, theirs: Any) -> None:
-    """Two trees are equal, bit for bit."""
+    """Two trees are equal, bit for bit and in their types."""
     assert jax.tree.structure(ours) == jax.tree.structure(theirs)
     for mine, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
-        np.testing.assert_array_equal(mine, other)
+        np.testing.assert_array_equal(np.asarray(mine), np.asarray(other), strict=True)
 
 
 # every action moves one unit; the last one comes too late to matter

@@ -7,6 +7,7 @@ from types import FunctionType
 import jax
 import pytest
 import workers
+from toy_experiments import nothing_to_do
 
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
@@ -32,10 +33,6 @@ from mdpo_rddl.problem import load_problem
 from mdpo_rddl.training import train
 
 PLENTY = Limits(seconds=120, memory_gb=8)
-
-
-def refuse(*arguments: object) -> None:
-    raise AssertionError("there is nothing left to do")
 
 
 # --- a small part of the sweep ---------------------------------------------------------------
@@ -217,7 +214,7 @@ def test_the_sweep_goes_on_after_every_kind_of_death(fates):
 
 def test_what_is_recorded_is_not_tried_again(fates, monkeypatch):
     again = Records(fates.path, COLUMNS, KEYS)
-    monkeypatch.setattr(trial, "run_guarded", refuse)
+    monkeypatch.setattr(trial, "run_guarded", nothing_to_do)
     try_all(again, [Trial("p", "1", fate, 1, 1) for fate in FATES], FATAL, workers.fate)
     assert again.rows == fates.rows
 

@@ -76,6 +76,11 @@ def test_without_one_of_ours_jaxplan_s_own_is_found():
     assert default.source == "JaxPlan's default_replan.cfg"
 
 
+def test_a_path_that_ends_as_a_configuration_does_finds_none():
+    for path in (f"{CONFIGS}/HVAC_ippc2023", "somewhere/Wildfire_MDP_ippc2014"):
+        assert config_for_domain(path, "some", "drp").source == "JaxPlan's default_drp.cfg"
+
+
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("domain", SCALES)
 def test_every_candidate_is_a_configuration(domain, plan):

@@ -3,13 +3,20 @@
 import inspect
 import runpy
 from dataclasses import dataclass
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import FOREVER, assert_same_bits, make_plan, make_planner, optimize, tiny_files
+from problems import (
+    FOREVER,
+    JAXPLAN_EXAMPLES,
+    assert_same_bits,
+    make_plan,
+    make_planner,
+    optimize,
+    tiny_files,
+)
 from pyRDDLGym.core.env import RDDLEnv
 from pyRDDLGym.core.policy import BaseAgent
 
@@ -29,7 +36,6 @@ from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.jaxplan.upstream import planner as jaxplan
 from mdpo_rddl.problem import load_problem, make_environment
 
-EXAMPLES = Path(inspect.getfile(JaxBackpropPlanner)).parents[1] / "examples"
 SILENT = {"print_summary": False, "print_progress": False}
 
 
@@ -109,7 +115,7 @@ def played(monkeypatch):
 
 def example_main(folder, name, changed):
     """The function `main` of one of JaxPlan's examples."""
-    text = (EXAMPLES / name).read_text()
+    text = (JAXPLAN_EXAMPLES / name).read_text()
     if changed:
         theirs = "from pyRDDLGym_jax.core.planner import "
         assert text.count(theirs) == 1

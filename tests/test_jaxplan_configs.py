@@ -1,17 +1,12 @@
 """JaxPlan's example configurations: under MDPO without noise they train to the same bits."""
 
-import inspect
-from pathlib import Path
-
 import numpy as np
 import pytest
-from problems import FOREVER, assert_same_bits
+from problems import FOREVER, JAXPLAN_EXAMPLES, assert_same_bits
 
 from mdpo_rddl import MDPOPlanner, NoNoise, load_config, load_problem
 from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.jaxplan.upstream import planner as jaxplan
-
-EXAMPLES = Path(inspect.getfile(JaxBackpropPlanner)).parents[1] / "examples"
 
 
 def _slow(*case):
@@ -36,7 +31,7 @@ CONFIGS = [
 @pytest.mark.parametrize(("config", "domain", "instance"), CONFIGS)
 def test_a_config_of_jaxplan_trains_to_the_same_bits(config, domain, instance):
     problem = load_problem(domain, instance, horizon=4)
-    path = str(EXAMPLES / "configs" / f"{config}.cfg")
+    path = str(JAXPLAN_EXAMPLES / "configs" / f"{config}.cfg")
     callbacks = []
     for planner_class, load, extra in (
         (JaxBackpropPlanner, jaxplan.load_config, {}),

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from problems import make_plan, make_planner, optimize, shipped
+from problems import assert_same_bits, make_plan, make_planner, optimize, shipped
 
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.rollout import PerturbedModel
@@ -15,12 +15,6 @@ from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
 
 EPOCHS = 12
-
-
-def assert_same_bits(ours, theirs):
-    assert jax.tree.structure(ours) == jax.tree.structure(theirs)
-    for mine, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
-        np.testing.assert_array_equal(mine, other)
 
 
 SETTINGS = [

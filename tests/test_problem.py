@@ -3,11 +3,12 @@
 import hashlib
 import logging
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from files import changed
+from mistakes import one_line
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem import Problem, load_problem, make_environment
@@ -77,21 +78,8 @@ def write(folder: Path, domain: str = DOMAIN, instance: str = INSTANCE) -> tuple
     return str(folder / "tanks.rddl"), str(folder / "two.rddl")
 
 
-def changed(text: str, old: str, new: str) -> str:
-    assert text.count(old) == 1, f"{old!r} must occur once in the text"
-    return text.replace(old, new)
-
-
-def message_of(call: Callable[[], object]) -> str:
-    with pytest.raises(InputError) as caught:
-        call()
-    message = str(caught.value)
-    assert message.isprintable()  # No line break, and no colour code.
-    return message
-
-
 def load_error(domain: str, instance: str, horizon: int | None = None) -> str:
-    return message_of(lambda: load_problem(domain, instance, horizon))
+    return one_line(lambda: load_problem(domain, instance, horizon))
 
 
 def episode(problem: Problem, seed: int) -> list[float]:

@@ -5,11 +5,10 @@ import json
 import time
 
 import pytest
-from problems import ROOT
+from problems import JAXPLAN_EXAMPLES, ROOT
 
 from mdpo_rddl.cli.plan import main
 from mdpo_rddl.evaluation import evaluate
-from mdpo_rddl.jaxplan.upstream import planner as jaxplan
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.problem import load_problem, make_environment
@@ -96,8 +95,8 @@ def test_the_command_replans_and_says_how(tmp_path, monkeypatch, capsys):
 
 def test_jaxplan_s_own_replanning_configuration_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    configs = jaxplan.__file__.replace("core/planner.py", "examples/configs")
-    options = f"--replan --config {configs}/default_replan.cfg --horizon 2 --seconds 0.1".split()
+    config = JAXPLAN_EXAMPLES / "configs" / "default_replan.cfg"
+    options = f"--replan --config {config} --horizon 2 --seconds 0.1".split()
     assert main([*RESERVOIR, *options, "--batch", "2", "--episodes", "1", "--quiet", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["lookahead"], printed["decision_iterations"]) == (5, 2000)

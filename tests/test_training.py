@@ -8,8 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from mistakes import one_line
+from problems import assert_same_bits
 
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.jaxplan.upstream import planner as jaxplan
@@ -49,14 +50,6 @@ def planner(compiling) -> MDPOPlanner:
 def silent_planner() -> MDPOPlanner:
     config = paper_config().with_section("Noise", {"method": "NoNoise"})
     return build_planner(reservoir(), config)[0]
-
-
-def assert_equal_bits(left: Any, right: Any) -> None:
-    assert jax.tree.structure(left) == jax.tree.structure(right)
-    for one, other in zip(jax.tree.leaves(left), jax.tree.leaves(right), strict=True):
-        one, other = np.asarray(one), np.asarray(other)
-        assert one.dtype == other.dtype
-        np.testing.assert_array_equal(one, other)
 
 
 def differ(left: Any, right: Any) -> bool:
@@ -118,8 +111,8 @@ def test_the_same_key_gives_the_same_parameters(planner):
     first, _ = trained(planner, 4)
     again, _ = trained(planner, 4)
     other, _ = trained(planner, 4, key=jax.random.PRNGKey(4))
-    assert_equal_bits(again.best_params, first.best_params)
-    assert_equal_bits(again.last_params_by_restart, first.last_params_by_restart)
+    assert_same_bits(again.best_params, first.best_params)
+    assert_same_bits(again.last_params_by_restart, first.last_params_by_restart)
     assert again.history == first.history
     assert differ(other.last_params, first.last_params)
 
@@ -130,8 +123,8 @@ def test_without_noise_the_parameters_are_those_of_jaxplan(silent_planner):
         key=KEY, epochs=6, train_seconds=FOREVER, print_summary=False, print_progress=False
     )
     result, progress = trained(silent_planner, 6)
-    assert_equal_bits(result.last_params_by_restart, callback["params"])
-    assert_equal_bits(result.best_params, callback["best_params"])
+    assert_same_bits(result.last_params_by_restart, callback["params"])
+    assert_same_bits(result.best_params, callback["best_params"])
     assert result.best_iteration == callback["last_iteration_improved"]
     assert len({record.train_return for record in result.history}) == 6
     assert result.history[-1].train_return == float(callback["train_return"][0])
@@ -147,7 +140,7 @@ def test_the_best_parameters_are_those_of_the_best_iteration(planner):
     assert [p.best_return for p in progress] == np.maximum.accumulate(returns).tolist()
     assert returns != sorted(returns)
     till_then, _ = trained(planner, result.best_iteration + 1)
-    assert_equal_bits(till_then.last_params, result.best_params)
+    assert_same_bits(till_then.last_params, result.best_params)
 
 
 def test_the_restart_with_the_best_iterate_is_chosen(tmp_path, monkeypatch):
@@ -167,9 +160,9 @@ def test_the_restart_with_the_best_iterate_is_chosen(tmp_path, monkeypatch):
     assert len(set(returns.tolist())) == 3
     best = np.array([callback["test_return"] for callback in callbacks[-4:]])
     assert (result.best_iteration, result.restart) == np.unravel_index(best.argmax(), best.shape)
-    assert_equal_bits(result.last_params_by_restart, last["params"])
-    assert_equal_bits(result.last_params, jax.tree.map(lambda x: x[result.restart], last["params"]))
-    assert_equal_bits(result.best_params, last["best_params"])
+    assert_same_bits(result.last_params_by_restart, last["params"])
+    assert_same_bits(result.last_params, jax.tree.map(lambda x: x[result.restart], last["params"]))
+    assert_same_bits(result.best_params, last["best_params"])
     assert result.history[-1].test_return == float(returns[result.restart])
     assert max(record.test_return for record in result.history) == float(best.max())
     np.testing.assert_array_equal(result.sigma[-1], np.asarray(last["sigma"])[result.restart])
@@ -246,8 +239,8 @@ def test_an_interrupt_keeps_what_was_found(planner, iteration):
     assert result.status == "interrupted"
     assert result.iterations == iteration + 1
     assert result.history == whole.history
-    assert_equal_bits(result.last_params, whole.last_params)
-    assert_equal_bits(result.best_params, whole.best_params)
+    assert_same_bits(result.last_params, whole.last_params)
+    assert_same_bits(result.best_params, whole.best_params)
     assert result.best_iteration == whole.best_iteration
 
 
@@ -300,17 +293,10 @@ def cart_planner(folder: Path, noise: str = "NoNoise", **values: Any) -> MDPOPla
     return build_planner(problem, config)[0]
 
 
-def one_line(error: pytest.ExceptionInfo) -> str:
-    message = str(error.value)
-    assert message.isprintable()
-    return message
-
-
 def test_a_run_without_a_finite_return_is_an_input_error(tmp_path):
     planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": 1e30})
-    with pytest.raises(InputError) as error:
-        trained(planner, 50)
-    assert one_line(error).startswith("training diverged: no finite return in 2 iterations")
+    said = one_line(lambda: trained(planner, 50))
+    assert said.startswith("training diverged: no finite return in 2 iterations")
 
 
 def test_what_was_found_before_it_diverged_is_kept(tmp_path):
@@ -322,7 +308,7 @@ def test_what_was_found_before_it_diverged_is_kept(tmp_path):
     assert result.best_iteration == 0
     assert progress[0].best_return == progress[-1].best_return > -np.inf
     till_then, _ = trained(planner, 1)
-    assert_equal_bits(result.best_params, till_then.last_params)
+    assert_same_bits(result.best_params, till_then.last_params)
     assert np.isfinite(jax.tree.leaves(result.best_params)).all()
 
 
@@ -344,9 +330,8 @@ def test_of_equal_returns_the_first_is_the_best():
 
 
 def test_restarts_that_all_diverge_are_an_input_error():
-    with pytest.raises(InputError) as error:
-        trained(Scripted([[np.nan, -np.inf], [np.inf, np.nan]]), 2)
-    assert one_line(error).startswith("training diverged: no finite return in 2 iterations")
+    said = one_line(lambda: trained(Scripted([[np.nan, -np.inf], [np.inf, np.nan]]), 2))
+    assert said.startswith("training diverged: no finite return in 2 iterations")
 
 
 class Scripted:
@@ -393,17 +378,15 @@ def test_what_jaxplan_cannot_compile_is_an_input_error_that_names_the_file(tmp_p
     (tmp_path / "cart.rddl").write_text(text)
     (tmp_path / "one.rddl").write_text(CART_INSTANCE)
     problem = load_problem(str(tmp_path / "cart.rddl"), str(tmp_path / "one.rddl"))
-    with pytest.raises(InputError) as error:
-        build_planner(problem, paper_config())
-    assert one_line(error).startswith(f"{tmp_path / 'one.rddl'}: JaxPlan cannot compile it: ")
-    assert "gamma" in str(error.value)
+    said = one_line(lambda: build_planner(problem, paper_config()))
+    assert said.startswith(f"{tmp_path / 'one.rddl'}: JaxPlan cannot compile it: ")
+    assert "gamma" in said
 
 
 def test_what_only_shows_in_the_first_iteration_is_an_input_error(tmp_path):
     planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": "fast"})
-    with pytest.raises(InputError) as error:
-        trained(planner, 2)
-    assert one_line(error).startswith("JaxPlan cannot compile the planner: TypeError: ")
+    said = one_line(lambda: trained(planner, 2))
+    assert said.startswith("JaxPlan cannot compile the planner: TypeError: ")
 
 
 def test_a_policy_takes_the_step_th_key_of_its_seed_to_the_end_of_the_episode():

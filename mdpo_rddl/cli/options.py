@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from mdpo_rddl.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
 
@@ -223,7 +224,8 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
     policy = options.policy
     if options.replan and options.config is None:
         # a preset's budget is for one long training, and its policy for all states
-        config = config.with_values("Optimize", epochs=999999, train_seconds=1.0)
+        budget = {"epochs": JAXPLAN_EPOCHS, "train_seconds": DECISION_SECONDS}
+        config = config.with_values("Optimize", **budget)
         policy = policy or "slp"
     if policy is not None:
         method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[policy]

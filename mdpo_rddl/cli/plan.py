@@ -15,6 +15,7 @@ from rich.console import Console
 
 from mdpo_rddl.cli.display import ProgressBar, print_summary
 from mdpo_rddl.cli.options import TRAINING_ONLY, configure, plan_parser
+from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
     Returns:
-      The exit status: 0, 2 for bad input, 130 after an interrupt.
+      The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
     options = plan_parser().parse_args(arguments)
     logging.basicConfig(
@@ -42,13 +43,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if (options.restarts or 1) > 1:
         use_all_cores()
     try:
-        summary, where = _run(options, programs)
+        with raised_on_sigterm():
+            summary, where = _run(options, programs)
     except InputError as error:
         print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("mdpo-plan: interrupted, nothing was written", file=sys.stderr)
         return 130
+    except Terminated:
+        print("mdpo-plan: terminated, nothing was written", file=sys.stderr)
+        return TERMINATED
     _show(options, summary, where)
     return 0
 

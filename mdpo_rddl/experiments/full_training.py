@@ -2,10 +2,9 @@
 
 from typing import Any
 
+from mdpo_rddl.budgets import A_DAY
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.training import TrainingResult, train
-
-_SECONDS = 86400.0
 
 
 def train_fully(planner: MDPOPlanner, key: Any, iterations: int) -> TrainingResult:
@@ -15,7 +14,7 @@ def train_fully(planner: MDPOPlanner, key: Any, iterations: int) -> TrainingResu
       KeyboardInterrupt: if interrupted, so that no row is made of what was found till then.
       InputError: if no finite return was found.
     """
-    result = train(planner, key=key, iterations=iterations, seconds=_SECONDS)
+    result = train(planner, key=key, iterations=iterations, seconds=A_DAY)
     if result.status == "interrupted":
         raise KeyboardInterrupt
     return result

@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.budgets import A_DAY
 from mdpo_rddl.evaluation import evaluate
 from mdpo_rddl.experiments.full_training import train_fully
 from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
@@ -36,7 +37,6 @@ _PLANS: dict[str, dict[str, Any]] = {
     "drp": {},
     "slp": {"method": "JaxStraightLinePlan", "method_kwargs": {}},
 }
-_SECONDS = 86400.0
 _CAUSE_LENGTH = 240
 # a folder is this machine's business, the file's name is not
 _FOLDER = re.compile(r"(?<![\w.])(?:/[\w.@+-]+)+/")
@@ -148,7 +148,7 @@ def _train_jaxplan(problem: Problem, config: PlannerConfig, iterations: int) -> 
     generator = planner.optimize_generator(
         key=jax.random.PRNGKey(0),
         epochs=max(iterations, 2),  # JaxPlan divides by epochs - 1
-        train_seconds=_SECONDS,
+        train_seconds=A_DAY,
         print_summary=False,
         print_progress=False,
         print_hyperparams=False,

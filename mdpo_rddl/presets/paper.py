@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from mdpo_rddl.budgets import A_DAY
 from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
 from mdpo_rddl.jaxplan.upstream import logic
 
@@ -41,7 +42,7 @@ def paper_preset(domain_name: str) -> PlannerConfig:
             "batch_size_test": 20,
             "pgpe": None,
         },
-        "Optimize": {"key": 0, "epochs": 3000, "train_seconds": 86400.0, "test_rolling_window": 5},
+        "Optimize": {"key": 0, "epochs": 3000, "train_seconds": A_DAY, "test_rolling_window": 5},
         "Noise": {
             "method": "AdaptiveNoise",
             "sigma_min": 0.0,

@@ -7,6 +7,7 @@ from importlib import resources
 
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.own_configs import METHODS, own_config
+from mdpo_rddl.problem import looks_like_file
 
 _FOLDER = resources.files("mdpo_rddl") / "configs"
 
@@ -34,14 +35,15 @@ def config_for_domain(given_name: str, domain_name: str, method: str) -> Planner
     Returns:
       Ours, else JaxPlan's for the domain, else JaxPlan's default for the method.
     """
-    name = REPOSITORY_NAMES.get(domain_name, given_name)
-    for candidate in (given_name, name):
-        # a path is no name of a file in the folder
-        file = _FOLDER / f"{candidate.replace('/', ' ')}_{method}.cfg"
+    # a file has no name in rddlrepository; JaxPlan's for any problem is called "default"
+    name = "default" if looks_like_file(given_name) else given_name
+    known_name = REPOSITORY_NAMES.get(domain_name, name)
+    for candidate in (name, known_name):
+        file = _FOLDER / f"{candidate}_{method}.cfg"
         if file.is_file():
             text = file.read_text(encoding="utf-8")
             return PlannerConfig.from_text(text, f"shipped configuration {file.name}")
-    return own_config(name.replace("/", " "), method)
+    return own_config(known_name, method)
 
 
 __all__ = ["METHODS", "REPOSITORY_NAMES", "config_for_domain"]

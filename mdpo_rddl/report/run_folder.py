@@ -97,7 +97,7 @@ class RunFolder:
             try:
                 os.replace(self.target, replaced / self.target.name)
                 os.replace(self.staging, self.target)
-            except OSError:
+            except BaseException:  # an interrupt must not cost the earlier run either
                 with contextlib.suppress(OSError):
                     os.replace(replaced / self.target.name, self.target)
                 raise

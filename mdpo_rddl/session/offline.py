@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 
+from mdpo_rddl.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.upstream import JaxStraightLinePlan
 from mdpo_rddl.planning import build_planner
@@ -17,10 +18,6 @@ from mdpo_rddl.session.summary import identity, return_figures, title, training_
 from mdpo_rddl.training import train
 
 logger = logging.getLogger(__name__)
-
-# JaxPlan's own defaults for a configuration that names no budget
-_JAXPLAN_EPOCHS = 999999
-_JAXPLAN_SECONDS = 120.0
 
 
 def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
@@ -41,8 +38,8 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             message = "the plan has %d steps, its last action is repeated up to the horizon %d"
             logger.warning(message, steps, horizon)
         budget = {
-            "iterations": optimize_args.pop("epochs", _JAXPLAN_EPOCHS),
-            "seconds": optimize_args.pop("train_seconds", _JAXPLAN_SECONDS),
+            "iterations": optimize_args.pop("epochs", JAXPLAN_EPOCHS),
+            "seconds": optimize_args.pop("train_seconds", JAXPLAN_SECONDS),
         }
         for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
             optimize_args.pop(name, None)

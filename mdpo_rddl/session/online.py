@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from mdpo_rddl.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
 from mdpo_rddl.evaluation import evaluate
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.upstream import JaxOnlineController
@@ -19,8 +20,6 @@ from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.summary import identity, package_versions, return_figures
 from mdpo_rddl.training import bound_calls
 
-DECISION_SECONDS = 1.0
-_ANY_NUMBER = 999999
 _CALLS_IN_A_DECISION = 10
 
 
@@ -126,7 +125,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         budget = {
             "train_seconds": optimize_args.pop("train_seconds", DECISION_SECONDS),
             # JaxPlan divides by epochs - 1
-            "epochs": max(2, optimize_args.pop("epochs", _ANY_NUMBER)),
+            "epochs": max(2, optimize_args.pop("epochs", JAXPLAN_EPOCHS)),
         }
         policy = OnlinePolicy(planner, request.seed, {**optimize_args, **budget})
         env = make_environment(request.problem)

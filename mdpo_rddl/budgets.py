@@ -1,0 +1,11 @@
+"""What a training may take where nobody has said it."""
+
+JAXPLAN_EPOCHS = 999999
+JAXPLAN_SECONDS = 120.0
+"""JaxPlan's own defaults."""
+
+DECISION_SECONDS = 1.0
+"""For each decision of a plan that is made online."""
+
+A_DAY = 86400.0
+"""Seconds for a training that only its iterations are to end."""
