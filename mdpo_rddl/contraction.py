@@ -215,8 +215,17 @@ def _terms_of(value: Any, shape: Sequence[int]) -> tuple[tuple[float, tuple[_Vie
 
 
 def _product(left: tuple[_View, ...], right: tuple[_View, ...]) -> tuple[_View, ...]:
-    """The factors of both, numbers multiplied into the smallest of the others."""
-    factors = sorted((f for f in left + right if f.axes), key=lambda f: f.base.size)
+    """The factors of both, one for each set of axes; numbers go into the smallest."""
+    # two matrices that no step changes become one, ahead of the steps; einsum could as well
+    # multiply one by the step's vector and then sum over both
+    merged: dict[frozenset[int], _View] = {}
+    for factor in (f for f in left + right if f.axes):
+        same = merged.get(frozenset(factor.axes))
+        if same is not None:
+            order = [factor.axes.index(axis) for axis in same.axes]
+            factor = _View(same.base * jnp.transpose(factor.base, order), same.axes)
+        merged[frozenset(factor.axes)] = factor
+    factors = sorted(merged.values(), key=lambda f: f.base.size)
     numbers = [f.base for f in left + right if not f.axes]
     for number in numbers:
         if isinstance(number, Array) or number != 1:  # JaxPlan multiplies by 1 to make a real

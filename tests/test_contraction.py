@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mdpo_rddl.contraction import contract
+from mdpo_rddl.staging import Stages
 
 N, M = 90, 80
 RANDOM = np.random.default_rng(0)
@@ -34,6 +35,9 @@ def products(a, b, x, y):
         "used twice": (jnp.sum(rows * columns, axis=1), jnp.max(rows * columns, axis=0)),
         "many terms": jnp.sum((rows + columns) ** 2 * (rows - columns) * (rows + a), axis=1),
         "nested": jax.jit(lambda r, c: jnp.sum(r * c * a, axis=1))(rows, columns),
+        "two matrices": jnp.sum(
+            a * columns * jnp.transpose(spread(b.sum(1), (M, N), 0)) * a, axis=1
+        ),
         "three axes": jnp.sum(
             jax.lax.broadcast_in_dim(a, (N, M, 5), (0, 1))
             * jax.lax.broadcast_in_dim(b[:, :5], (N, M, 5), (1, 2)),
@@ -63,6 +67,19 @@ def test_no_matrix_of_pairs_is_computed(name):
     program = contract(jax.make_jaxpr(lambda *v: products(*v)[name])(A, B, X, Y))
     used = jax.jit(jax.extend.core.jaxpr_as_fun(program)).lower(A, B, X, Y).compile()
     assert used.memory_analysis().temp_size_in_bytes < 4 * N * M
+
+
+def test_matrices_that_no_step_changes_are_one_ahead_of_the_steps():
+    def step(a, b, y):
+        every, other = (jax.lax.broadcast_in_dim(m, m.shape, (0, 1)) for m in (a, b))
+        return jnp.sum(every * spread(y, (N, M), 1) * jnp.transpose(other), axis=1)
+
+    stages = Stages(lambda fixed, y: step(*fixed, y), (A, B), Y)
+    fixed = stages.run(0, [], (A, B))
+    program = jax.make_jaxpr(lambda y: stages.run(1, [fixed], y))(Y)
+    results = [out.aval.size for each in program.jaxpr.eqns for out in each.outvars]
+    assert max(results) < N * M
+    np.testing.assert_allclose(stages.run(1, [fixed], Y), step(A, B, Y), rtol=2e-4, atol=2e-3)
 
 
 def test_gradients_are_the_same():

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax, random
 
-from mdpo_rddl.jaxplan.memory import bounded_step
+from mdpo_rddl.jaxplan.memory import bounded_scan
 from mdpo_rddl.staging import Stages
 
 logger = logging.getLogger(__name__)
@@ -120,9 +120,7 @@ def compile_rollouts(
             fluents, log = late_step(drawn if ahead else draw(*drawn), fluents, history)
             return (fluents, history), log
 
-        start, first = (fluents, history), jax.tree.map(lambda leaf: leaf[0], inputs)
-        bounded = bounded_step(scanned_step, start, first, horizon, copies)
-        end, log = lax.scan(bounded, start, inputs)
+        end, log = bounded_scan(scanned_step, (fluents, history), inputs, copies)
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
         if not log["fluents"]:
             # JaxPlan's critic reads the last state even where no path is kept
