@@ -14,9 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr, Literal
+from jax.extend.core import ClosedJaxpr
 
-CALLS = ("jit", "pjit", "closed_call", "core_call")
+from mdpo_rddl.programs import CALLS, bind, called, replay
+
 _ELEMENTWISE = frozenset(
     [
         "abs",
@@ -125,7 +126,9 @@ def contract(closed: ClosedJaxpr) -> ClosedJaxpr:
     if not _has_large_broadcasts(closed.jaxpr):
         return closed
     inputs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in closed.jaxpr.invars]
-    return jax.make_jaxpr(lambda *values: [_whole(v) for v in _run(closed, values)])(*inputs)
+    return jax.make_jaxpr(lambda *values: [_whole(v) for v in replay(closed, values, _apply)])(
+        *inputs
+    )
 
 
 def _has_large_broadcasts(jaxpr: Any) -> bool:
@@ -138,29 +141,6 @@ def _has_large_broadcasts(jaxpr: Any) -> bool:
             if operand.aval.size not in (1, result.aval.size) and _is_large(result.aval.shape):
                 return True
     return False
-
-
-def called(equation: Any) -> ClosedJaxpr:
-    """The program that a call runs."""
-    return equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-
-
-def _run(closed: ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
-    jaxpr = closed.jaxpr
-    values: dict[Any, Any] = dict(zip(jaxpr.constvars, closed.consts, strict=True))
-    values.update(zip(jaxpr.invars, inputs, strict=True))
-
-    def read(atom: Any) -> Any:
-        return atom.val if isinstance(atom, Literal) else values[atom]
-
-    for equation in jaxpr.eqns:
-        operands = [read(atom) for atom in equation.invars]
-        if equation.primitive.name in CALLS:
-            results = _run(called(equation), operands)
-        else:
-            results = _apply(equation, operands)
-        values.update(zip(equation.outvars, results, strict=True))
-    return [read(atom) for atom in jaxpr.outvars]
 
 
 def _apply(equation: Any, operands: list[Any]) -> list[Any]:
@@ -181,16 +161,6 @@ def _apply(equation: Any, operands: list[Any]) -> list[Any]:
     if name in _ELEMENTWISE:
         return [_elementwise(equation, operands, shape, lambda: plain()[0])]
     return plain()
-
-
-def bind(primitive: Any, params: dict[str, Any], operands: Sequence[Any]) -> list[Any]:
-    """Applies a primitive, and gives its results as a list."""
-    bound = primitive.get_bind_params(params)
-    if isinstance(bound, tuple):  # before jax 0.9 the functions came apart
-        functions, bound = bound
-        operands = [*functions, *operands]
-    results = primitive.bind(*operands, **bound)
-    return list(results) if primitive.multiple_results else [results]
 
 
 def _is_large(shape: Sequence[int]) -> bool:

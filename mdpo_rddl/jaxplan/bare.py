@@ -11,6 +11,7 @@ from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.rollout import PerturbedModel
 from mdpo_rddl.jaxplan.sharding import shard
 from mdpo_rddl.noise.draws import draw_perturbation, zero_perturbation
+from mdpo_rddl.staging import with_fast_random_numbers
 
 BOTH_GRADIENTS = "both gradients"
 ANALYSIS, UPDATE, SCALE, DRAW = "analysis gradient", "update gradient", "noise's scale", "its draw"
@@ -60,7 +61,9 @@ def compile_part(planner: MDPOPlanner, key: Any, part: str) -> Callable[[int], A
         return planner.noise.profile(moved, planner.noise.initial_state(0), planner.horizon)[0]
 
     def draw(key, params, model, gradients, disturbance):
-        return draw_perturbation(key, jnp.full(planner.horizon, 1.0 + disturbance), *shape)
+        sigma = jnp.full(planner.horizon, 1.0 + disturbance)
+        draw_fast = with_fast_random_numbers(lambda *given: draw_perturbation(*given, *shape))
+        return draw_fast(key, sigma)
 
     functions = (both_gradients, analysis_gradient, update_gradient, scale, draw)
     function = dict(zip(PARTS, functions, strict=True))[part]

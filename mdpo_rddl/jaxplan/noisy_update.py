@@ -9,6 +9,7 @@ from jax import random
 from mdpo_rddl.actions import ActionSpec
 from mdpo_rddl.jaxplan.rollout import PerturbedModel
 from mdpo_rddl.noise.draws import draw_perturbation
+from mdpo_rddl.staging import with_fast_random_numbers
 
 # folded into JaxPlan's key of an iteration, so that the model draws what it draws in JaxPlan
 _ANALYSIS_STREAM = 0x616E61
@@ -41,6 +42,10 @@ def noisy_update(
       holds each policy's noise rule and its state, and the log also `sigma` and `sensitivity`.
     """
 
+    draw_fast = with_fast_random_numbers(
+        lambda key, sigma: draw_perturbation(key, sigma, specs, batch_size, dtype)
+    )
+
     def draw(key, params, hyperparams, fluents, nonfluents, model, critic, noise_and_state):
         noise, state = noise_and_state
         gradients = None
@@ -51,7 +56,7 @@ def noisy_update(
             )
         profile, state = noise.profile(gradients, state, horizon)
         update_key = random.fold_in(key, _UPDATE_STREAM)
-        perturbation = draw_perturbation(update_key, profile.sigma, specs, batch_size, dtype)
+        perturbation = draw_fast(update_key, profile.sigma)
         return perturbation, profile, (noise, state)
 
     batched_draw = jax.vmap(draw, in_axes=(0, 0, None, None, None, 0, None, 0))

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array, lax, random
 
 from mdpo_rddl.jaxplan.memory import bounded_scan
-from mdpo_rddl.staging import Stages
+from mdpo_rddl.staging import Stages, with_fast_random_numbers
 
 logger = logging.getLogger(__name__)
 
@@ -142,8 +142,10 @@ def _one(batched: Any, axis: int) -> Any:
 def _step_keys(key: Array, horizon: int, size: int) -> Array:
     """JaxPlan's keys of each step and rollout [H, B, 2]."""
 
+    split_fast = with_fast_random_numbers(lambda key: random.split(key, 1 + size))
+
     def split(key, _):
-        keys = random.split(key, 1 + size)
+        keys = split_fast(key)
         return keys[0], keys[1:]
 
     return lax.scan(split, key, None, length=horizon)[1]
