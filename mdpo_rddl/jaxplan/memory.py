@@ -12,9 +12,9 @@ from jax import lax
 
 logger = logging.getLogger(__name__)
 
-# of all restarts together in one rollout, by a count that knows nothing of what the compiler fuses
-# and comes out five to ten times too high
-KEPT_BYTES = 7 * 10**8
+# of all restarts together, by a count that knows nothing of what the compiler fuses and comes out
+# five to ten times too high
+KEPT_BYTES = 5 * 10**8
 # from 4 to 96 steps the time is about the same, and the memory grows with them
 _BLOCK_STEPS = 16
 
