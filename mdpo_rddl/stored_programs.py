@@ -17,6 +17,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import export
 
 logger = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ def stored_jit(
     def call(*arguments: Any) -> Any:
         leaves, tree = jax.tree.flatten(arguments)
         leaves = [_strongly_typed(leaf) for leaf in leaves]
-        devices = set().union(*(leaf.sharding.device_set for leaf in leaves))
+        devices = _devices_of(leaves)
         if len(devices) != 1:
             return plain(*arguments)
         # a program's results are bound to its device; arguments that were not yet would be
@@ -117,12 +118,16 @@ def _write(path: Path, content: bytes) -> None:
         logger.info("%s: not stored: %s", path, error.strerror)
 
 
-def _strongly_typed(leaf: Any) -> jax.Array:
+def _strongly_typed(leaf: Any) -> Any:
     """Without the weak type of a Python number, which a program's arguments do not have."""
     if isinstance(leaf, jax.Array) and not leaf.weak_type:
         return leaf
-    leaf = jnp.asarray(leaf)
-    return jnp.asarray(leaf, leaf.dtype)
+    return np.asarray(leaf, jax.dtypes.canonicalize_dtype(jnp.result_type(leaf)))
+
+
+def _devices_of(leaves: list[Any]) -> set[Any]:
+    arrays = [leaf for leaf in leaves if isinstance(leaf, jax.Array)]
+    return set().union(*(array.devices() for array in arrays)) or {jax.devices()[0]}
 
 
 def _digest(*texts: str) -> str:

@@ -213,24 +213,26 @@ class Calls:
         """
         key, total, window = self._beginning or (random.PRNGKey(0), 1, 1)
         restarts = jax.tree.leaves(params)[0].shape[0]
-        one = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), params)
-        infinite = jnp.full((restarts,), jnp.inf, jnp.result_type(float))
-        zero = jnp.zeros((), jnp.int32)
+        # in numpy, for which nothing is compiled
+        one = jax.tree.map(lambda leaf: np.asarray(leaf)[0], params)
+        infinite: Any = np.full((restarts,), np.inf, jnp.result_type(float))
+        losses: Any = np.zeros((window, restarts), infinite.dtype)
+        zero: Any = np.zeros((), np.int32)
         best = Best(
-            losses=jnp.zeros((window, restarts), infinite.dtype),
+            losses=losses,
             tests=zero,
             smooth_loss=infinite,
             loss=infinite[0],
             params=one,
-            grad=jax.tree.map(jnp.zeros_like, one),
+            grad=jax.tree.map(np.zeros_like, one),
             restart=zero,
             iteration=zero,
         )
         state = CallState(
             key=key if is_warm else random.split(key)[0],
             done=zero,
-            total=jnp.full((), total, jnp.int32),
-            test_fluents=jax.tree.map(jnp.asarray, self.test_fluents),
+            total=zero + np.int32(total),
+            test_fluents=jax.tree.map(np.asarray, self.test_fluents),
             test_model=test_model,
             best=best,
         )

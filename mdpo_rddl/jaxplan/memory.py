@@ -26,9 +26,8 @@ def bounded_scan(
 
     Reverse differentiation keeps the values between of all steps. Where they could exceed
     `KEPT_BYTES`, the steps are taken in blocks, of which only the first state is kept; each
-    block is computed once more on the way back, which takes about a tenth longer. Blocks of a
-    model so large that two steps do not fit are single steps, which takes about two thirds
-    longer.
+    block is computed once more on the way back. Blocks of a model so large that two steps do
+    not fit are single steps, which takes longer.
 
     Args:
       step: gives the next carry and an output, of a carry and one step's inputs.
