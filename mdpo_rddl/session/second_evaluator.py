@@ -4,6 +4,7 @@ It starts when training does, so that it has compiled its policy by the time the
 play. Whatever happens to it, the first process can play both.
 """
 
+import contextlib
 import logging
 import os
 import pickle
@@ -48,7 +49,7 @@ class SecondEvaluator:
         steps = request.episodes * request.problem.horizon
         # another device than this process's could round otherwise
         is_alike = jax.default_backend() == "cpu"
-        if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike:
+        if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike or not sys.executable:
             return
         paths = os.pathsep.join(path for path in sys.path if path)
         self._process = subprocess.Popen(
@@ -74,6 +75,9 @@ class SecondEvaluator:
             self._process.kill()
             self._process.wait()
         self._threads.shutdown()
+        for stream in self._streams():
+            with contextlib.suppress(OSError):  # what was not sent is sent to nobody
+                stream.close()
 
     def begin(self, params: Any, policy_hyperparams: Mapping[str, Any]) -> None:
         """Starts to play a policy as the request asks; `result` waits for its end.
@@ -96,17 +100,18 @@ class SecondEvaluator:
             logger.info("the second process gave no result: %r", error)
             return None
 
+    def _streams(self) -> list[Any]:
+        return [] if self._process is None else [self._process.stdin, self._process.stdout]
+
     def _send(self, message: Any) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        pickle.dump(message, self._process.stdin)
-        self._process.stdin.flush()
+        messages, _ = self._streams()
+        pickle.dump(message, messages)
+        messages.flush()
 
     def _play(self, policy: tuple[Any, dict[str, Any]]) -> Evaluation:
-        assert self._process is not None
-        assert self._process.stdout is not None
         self._send(policy)
-        evaluation = pickle.load(self._process.stdout)
+        _, results = self._streams()
+        evaluation = pickle.load(results)
         assert isinstance(evaluation, Evaluation)
         return evaluation
 
