@@ -12,6 +12,7 @@ from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
 from mdpo_rddl.experiments.config_sweep import (
+    PLANS,
     SCALES,
     config_sweep_table,
     run_config_sweep,
@@ -134,7 +135,13 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     )
     configs.add_argument("--domains", nargs="+", choices=list(SCALES), default=list(SCALES))
     configs.add_argument("--instances", nargs="+", metavar="NAME", default=["3"])
-    configs.add_argument("--candidates", nargs="+", metavar="NAME", help="(default: all)")
+    configs.add_argument("--plans", nargs="+", choices=PLANS, default=PLANS)
+    configs.add_argument(
+        "--candidates",
+        nargs="+",
+        metavar="NAME",
+        help="'chosen' is what the results so far speak for (default: all)",
+    )
     configs.add_argument("--seconds", type=number(above=0), default=20)
     configs.add_argument("--episodes", type=positive_int, default=10)
     configs.add_argument(
@@ -198,6 +205,7 @@ def _configs(options: argparse.Namespace) -> str:
         options.seconds,
         options.episodes,
         Limits(options.timeout, options.memory_gb),
+        options.plans,
     )
     if options.ship is not None:
         ship(records, options.ship)

@@ -134,6 +134,7 @@ def run_config_sweep(
     seconds: float,
     episodes: int,
     limits: Limits,
+    plans: Iterable[str] = PLANS,
 ) -> Records:
     """Trains and plays every candidate and JaxPlan's own planner, one after the other.
 
@@ -147,6 +148,7 @@ def run_config_sweep(
       seconds: of training for each.
       episodes: evaluation episodes; each planner plays the same.
       limits: for each run.
+      plans: out of `PLANS`.
 
     Raises:
       InputError: for an unknown candidate.
@@ -157,9 +159,9 @@ def run_config_sweep(
             raise InputError(f"unknown candidate {name!r}, known are {', '.join(known)}")
     conditions = {"seconds": seconds, "episodes": episodes, "versions": versions()}
     records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
-    instances = list(instances)
+    instances, plans = list(instances), list(plans)
     for domain in domains:
-        for plan in PLANS:
+        for plan in plans:
             chosen = choose(records.rows, domain, plan)
             wanted = [chosen if name == CHOSEN else name for name in names or known]
             tried = [name for name in candidates(domain, plan) if name in wanted]
