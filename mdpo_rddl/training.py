@@ -18,11 +18,12 @@ logger = logging.getLogger(__name__)
 
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600
-# a call of several iterations should not take longer, for a bound on the time can then be kept,
-# and should not do more, for a learning curve needs points
-_CALL_SECONDS = 1.0
+# a budget has at least so many calls, for a bound on the time can then be kept and a learning
+# curve needs points
 _CALLS_IN_A_BUDGET = 20
 _CALLS_IN_A_RUN = 60
+# whoever waits wants to see it move
+_CALL_SECONDS = 1.0
 
 
 class Record(NamedTuple):
@@ -172,8 +173,10 @@ def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> No
     generator.close()
     if planner.in_calls:
         seconds = time.perf_counter() - started
-        longest = min(_CALL_SECONDS, arguments["train_seconds"] / _CALLS_IN_A_BUDGET)
+        longest = arguments["train_seconds"] / _CALLS_IN_A_BUDGET
         bound_calls(planner, min(longest / seconds, arguments["epochs"] / _CALLS_IN_A_RUN))
+        # tests as often as on a faster machine, or the best iterate would be another one
+        bound_calls(planner, max(_CALL_SECONDS / seconds, planner.test_every))
 
 
 def bound_calls(planner: MDPOPlanner, iterations: float) -> None:

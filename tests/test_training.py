@@ -1,5 +1,6 @@
 """Training: its budgets, what it keeps, and that without noise it is JaxPlan's own."""
 
+import itertools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ import pytest
 from mistakes import one_line
 from problems import assert_same_bits
 
+from mdpo_rddl import training
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.jaxplan.upstream import planner as jaxplan
@@ -447,6 +449,23 @@ def test_calls_of_a_slow_model_are_shorter(most, sizes):
     slow = SimpleNamespace(iterations_per_call=20, test_every=5)
     bound_calls(slow, most)
     assert (slow.iterations_per_call, slow.test_every) == sizes
+
+
+def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
+    found = {}
+    for tick in (0.001, 0.3):
+        clock = itertools.count(0.0, tick)
+        passing = SimpleNamespace(perf_counter=lambda clock=clock: next(clock))
+        monkeypatch.setattr(training, "time", passing)
+        calls: list[Progress] = []
+        result = train(
+            calling_planner, key=KEY, iterations=1200, seconds=FOREVER, on_progress=calls.append
+        )
+        found[len(calls)] = result
+    assert list(found) == [60, 240]
+    fast, slow = found.values()
+    assert fast.best_iteration == slow.best_iteration
+    assert_same_bits(fast.best_params, slow.best_params)
 
 
 def test_the_seconds_are_kept_by_calls_too(calling_planner):

@@ -1,5 +1,6 @@
 """Training to the end: a measurement has no use for half a run."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from mdpo_rddl.budgets import A_DAY
@@ -7,14 +8,27 @@ from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.training import TrainingResult, train
 
 
-def train_fully(planner: MDPOPlanner, key: Any, iterations: int) -> TrainingResult:
+def train_fully(
+    planner: MDPOPlanner,
+    key: Any,
+    iterations: int,
+    optimize_args: Mapping[str, Any] | None = None,
+) -> TrainingResult:
     """Trains for all iterations.
+
+    Args:
+      planner: the compiled planner.
+      key: JAX random key.
+      iterations: of training, whatever the configuration says.
+      optimize_args: what the configuration has for `optimize`.
 
     Raises:
       KeyboardInterrupt: if interrupted, so that no row is made of what was found till then.
       InputError: if no finite return was found.
     """
-    result = train(planner, key=key, iterations=iterations, seconds=A_DAY)
+    result = train(
+        planner, key=key, iterations=iterations, seconds=A_DAY, optimize_kwargs=optimize_args
+    )
     if result.status == "interrupted":
         raise KeyboardInterrupt
     return result

@@ -66,12 +66,13 @@ def sweep(
         if not open_points:
             continue
         problem = load_setting(setting)
-        planner, _ = build_planner(problem, _sweep_config(problem.domain_name, seeds, decay))
+        config = _sweep_config(problem.domain_name, seeds, decay)
+        planner, optimize_args = build_planner(problem, config)
         env = make_environment(problem)
         for alpha, sigma_max in open_points:
             # the noise's numbers are arguments of the compiled update: nothing is recompiled
             planner.noise = AdaptiveNoise(alpha=alpha, sigma_max=sigma_max)
-            result = train_fully(planner, jax.random.PRNGKey(0), iterations)
+            result = train_fully(planner, jax.random.PRNGKey(0), iterations, optimize_args)
             for seed in range(seeds):
                 params = select_restart(result.last_params_by_restart, seed)
                 policy = playable(planner, params, result.policy_hyperparams, seed)

@@ -67,9 +67,9 @@ def run_paper_preset(
             if not open_seeds:
                 continue
             config = preset if section is None else preset.with_section("Noise", section)
-            planner, _ = build_planner(problem, config)
+            planner, optimize_args = build_planner(problem, config)
             for seed in open_seeds:
-                result = train_fully(planner, jax.random.PRNGKey(seed), iterations)
+                result = train_fully(planner, jax.random.PRNGKey(seed), iterations, optimize_args)
                 returns = [
                     evaluate(
                         make_environment(problem),

@@ -161,8 +161,8 @@ def _train_jaxplan(problem: Problem, config: PlannerConfig, iterations: int) -> 
 
 
 def _train_and_play(problem: Problem, config: PlannerConfig, trial: Trial) -> dict[str, Any]:
-    planner, _ = build_planner(problem, config)
-    result = train_fully(planner, jax.random.PRNGKey(0), trial.iterations)
+    planner, optimize_args = build_planner(problem, config)
+    result = train_fully(planner, jax.random.PRNGKey(0), trial.iterations, optimize_args)
     _require_finite("training", [record.train_return for record in result.history])
     _require_finite("test", [record.test_return for record in result.history])
     policy = playable(planner, result.best_params, result.policy_hyperparams, 0)
