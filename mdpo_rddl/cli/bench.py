@@ -11,13 +11,8 @@ from typing import Any
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
-from mdpo_rddl.experiments.config_sweep import (
-    PLANS,
-    SCALES,
-    config_sweep_table,
-    run_config_sweep,
-    ship,
-)
+from mdpo_rddl.experiments.config_candidates import PLANS, SCALES
+from mdpo_rddl.experiments.config_sweep import config_sweep_table, run_config_sweep, ship
 from mdpo_rddl.experiments.growth import AXES, growth_table, run_growth
 from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
