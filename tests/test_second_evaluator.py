@@ -1,10 +1,13 @@
 """A second process that plays one policy: the same returns, or none."""
 
+import json
+
 import jax
 import numpy as np
 import pytest
-from problems import shipped
+from problems import ROOT, shipped
 
+from mdpo_rddl.cli import plan
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.session import second_evaluator
@@ -81,3 +84,24 @@ def test_the_process_ends_with_the_block(request_and_policy):
         process = second._process
         assert process.poll() is None
     assert process.poll() is not None
+
+
+def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 2)
+    arguments = ["domains/powergen.rddl", "instances/powergen7.rddl", "--quiet", "--json"]
+    arguments += ["--iterations", "20", "--episodes", "2", "--horizon", "3", "--no-cache"]
+    asked = []
+    found = SecondEvaluator.result
+    monkeypatch.setattr(
+        SecondEvaluator, "result", lambda self: asked.append(found(self)) or asked[-1]
+    )
+    summaries = []
+    for worth in (1, 1000):
+        monkeypatch.setattr(second_evaluator, "_WORTH_STEPS", worth)
+        assert plan.main([*arguments, "--out", str(tmp_path / str(worth))]) == 0
+        summaries.append(json.loads(capsys.readouterr().out))
+    assert [evaluation is None for evaluation in asked] == [False, True]
+    beside, alone = summaries
+    assert beside["returns"] == alone["returns"]
+    assert beside["last_iterate"] == alone["last_iterate"]
