@@ -6,6 +6,8 @@ lowering, without which the cache cannot be asked.
 
 import contextlib
 import hashlib
+import importlib.metadata
+import importlib.util
 import logging
 import os
 import pickle
@@ -22,7 +24,9 @@ from jax import export
 
 logger = logging.getLogger(__name__)
 
-_PACKAGE = Path(__file__).parent
+_TRACED_LIBRARIES = ("jax", "jaxlib", "numpy", "optax", "flax")
+# some work on these
+_TRACED_PACKAGES = ("mdpo_rddl", "pyRDDLGym", "pyRDDLGym_jax")
 _MOST_FILES = 200
 
 
@@ -39,8 +43,8 @@ def stored_jit(
 
     Args:
       folder: made if missing; a file for each program.
-      identity: all that the function depends on besides its arguments, in words. JAX, its
-        settings and the source of this package need not be mentioned.
+      identity: all that the function depends on besides its arguments, in words. The code of
+        this package and of the libraries behind it, and JAX's settings, need not be mentioned.
       function: a pure function of positional arguments; if missing, the result is a decorator.
     """
     if function is None:
@@ -133,14 +137,18 @@ def _devices_of(leaves: list[Any]) -> set[Any]:
 def _digest(*texts: str) -> str:
     settings = repr(sorted(jax.config.values.items()))
     device = jax.devices()[0]
-    known = (*texts, settings, jax.__version__, device.platform, device.device_kind, _source())
+    known = (*texts, settings, device.platform, device.device_kind, *_code())
     return hashlib.sha256("\0".join(known).encode()).hexdigest()
 
 
 @cache
-def _source() -> str:
-    """A digest of this package's source: another version makes other programs."""
-    digest = hashlib.sha256()
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+def _code() -> list[str]:
+    """What tells apart two versions of the code that is traced, edited ones included."""
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in _TRACED_LIBRARIES]
+    files = []
+    for name in _TRACED_PACKAGES:
+        spec = importlib.util.find_spec(name)
+        folders = (spec and spec.submodule_search_locations) or []
+        files += [path for folder in folders for path in Path(folder).rglob("*.py")]
+    states = [(path, path.stat()) for path in sorted(files)]
+    return versions + [f"{path} {s.st_size} {s.st_mtime_ns}" for path, s in states]

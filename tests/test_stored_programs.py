@@ -60,12 +60,23 @@ def test_another_function_or_argument_is_another_program(tmp_path, identity, tre
     assert result["sum"] == 3 * np.sum(tree["x"])
 
 
-def test_so_is_another_version_of_the_package(tmp_path, monkeypatch):
-    stored_jit(tmp_path, "it", Counted())(3, TREE)
-    monkeypatch.setattr(stored_programs, "_source", lambda: "edited")
-    other = Counted()
-    stored_jit(tmp_path, "it", other)(3, TREE)
-    assert other.traced == 1
+def test_so_it_is_with_other_code(tmp_path, monkeypatch):
+    stored_jit(tmp_path / "kept", "it", Counted())(3, TREE)
+    package = tmp_path / "somebody_s"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(stored_programs, "_TRACED_PACKAGES", ("mdpo_rddl", "somebody_s"))
+    traced = []
+    for edited in ("x = 1", "x = 1", "x = 11"):
+        if not traced or edited != "x = 1":
+            (package / "module.py").write_text(edited)
+        stored_programs._code.cache_clear()
+        other = Counted()
+        stored_jit(tmp_path / "kept", "it", other)(3, TREE)
+        traced.append(other.traced)
+    assert traced == [1, 0, 1]
+    stored_programs._code.cache_clear()
 
 
 def test_results_can_be_arguments_without_another_compilation(tmp_path):
