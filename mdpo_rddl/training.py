@@ -18,11 +18,11 @@ logger = logging.getLogger(__name__)
 
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600
-# a budget of seconds has at least so many calls, for then it can be kept
+# a budget has at least so many calls, for a bound on the time can then be kept and a learning
+# curve needs points
 _CALLS_IN_A_BUDGET = 20
-# as far as the tests allow, since a learning curve needs points and whoever waits wants to see
-# something move
 _CALLS_IN_A_RUN = 60
+# whoever waits wants to see something move
 _CALL_SECONDS = 1.0
 
 
@@ -173,10 +173,10 @@ def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> No
     generator.close()
     if planner.in_calls:
         seconds = time.perf_counter() - started
-        bound_calls(planner, arguments["train_seconds"] / _CALLS_IN_A_BUDGET / seconds)
-        # tests no more often than that: they cost time, and would find another best iterate
-        wanted = min(arguments["epochs"] / _CALLS_IN_A_RUN, _CALL_SECONDS / seconds)
-        bound_calls(planner, max(wanted, planner.test_every))
+        longest = arguments["train_seconds"] / _CALLS_IN_A_BUDGET
+        bound_calls(planner, min(longest / seconds, arguments["epochs"] / _CALLS_IN_A_RUN))
+        # tests as often as on a faster machine, or the best iterate would be another one
+        bound_calls(planner, max(_CALL_SECONDS / seconds, planner.test_every))
 
 
 def bound_calls(planner: MDPOPlanner, iterations: float) -> None:

@@ -426,8 +426,8 @@ def test_calls_train_as_single_iterations_do(planner, calling_planner):
         jax.tree.leaves(calls.last_params), jax.tree.leaves(single.last_params), strict=True
     ):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
-    # as short as the tests allow, for 60 points
-    assert [record.iteration for record in calls.history] == [*range(4, 155, 5)]
+    # short enough for 60 points
+    assert [record.iteration for record in calls.history] == [*range(1, 154, 2), 154]
 
 
 def test_the_best_iterate_may_lie_within_a_call():
