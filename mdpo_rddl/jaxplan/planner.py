@@ -157,7 +157,7 @@ class MDPOPlanner(ActingPlanner):
         training = (self.compiled, self.batch_size_train, self.preprocessor is not None or watched)
         testing = (self.test_compiled, self.batch_size_test, watched)
 
-        def compiled_rollouts(policy, model, batch_size, cache_path_info):
+        def compiled_rollouts(policy, model, batch_size, cache_path_info, differentiated=True):
             rollouts = compile_rollouts(
                 model,
                 policy,
@@ -167,12 +167,14 @@ class MDPOPlanner(ActingPlanner):
                 history_dependent=self.plan.history_dependent,
                 check_constraints=stopping,
                 cache_path_info=cache_path_info,
+                differentiated=differentiated,
             )
             return stop_at_termination(rollouts) if stopping else rollouts
 
         if stopping or self.in_calls:  # JaxPlan's rollouts, bit for bit, are not needed
             self.train_rollouts = compiled_rollouts(self.plan.train_policy, *training)
-            self.test_rollouts = jax.jit(compiled_rollouts(self.plan.test_policy, *testing))
+            tested = compiled_rollouts(self.plan.test_policy, *testing, differentiated=False)
+            self.test_rollouts = jax.jit(tested)
         if not self.is_noisy:
             return
         perturbed_rollouts = compiled_rollouts(self._perturbed_policy, *training)

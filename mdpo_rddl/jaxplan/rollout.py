@@ -45,6 +45,7 @@ def compile_rollouts(
     history_dependent: bool = False,
     check_constraints: bool = False,
     cache_path_info: bool = False,
+    differentiated: bool = True,
 ) -> Callable[..., tuple[dict[str, Any], Any]]:
     """Compiles rollouts with the arguments and results of JaxPlan's.
 
@@ -65,6 +66,7 @@ def compile_rollouts(
       history_dependent: whether the policy reads the fluents' history.
       check_constraints: whether the log tells preconditions, invariants and termination.
       cache_path_info: whether the log keeps every fluent at every step.
+      differentiated: whether a gradient is taken, for which a large model keeps little.
 
     Returns:
       rollout(key, policy_params, policy_hyperparams, fluents, nonfluents, model), with a
@@ -120,7 +122,11 @@ def compile_rollouts(
             fluents, log = late_step(drawn if ahead else draw(*drawn), fluents, history)
             return (fluents, history), log
 
-        end, log = bounded_scan(scanned_step, (fluents, history), inputs, copies)
+        start = (fluents, history)
+        if differentiated:
+            end, log = bounded_scan(scanned_step, start, inputs, copies)
+        else:
+            end, log = lax.scan(scanned_step, start, inputs)
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
         if not log["fluents"]:
             # JaxPlan's critic reads the last state even where no path is kept
