@@ -67,7 +67,7 @@ def mean_scores(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> di
     """
     found: dict[str, list[tuple[float, float]]] = {}
     own = [row for row in rows if row["domain"] == domain and row["plan"] == plan]
-    for instance in {row["instance"] for row in own}:
+    for instance in sorted({row["instance"] for row in own}):
         tried = {row["candidate"]: row for row in own if row["instance"] == instance}
         means = {name: _number(row["return"]) for name, row in tried.items()}
         known = [mean for mean in means.values() if math.isfinite(mean)]
