@@ -1,7 +1,7 @@
 """What the noise and the projection must know of an action fluent: kind, shape and box."""
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class ActionSpec:
       lower: lower bounds [*shape], -inf where there is none; unused for bools and choices.
       upper: upper bounds [*shape], inf where there is none; unused likewise.
       squashed: whether the plan squashes raw values into the box instead of clipping them.
+      unit: what a noise of scale 1 means [*shape]; 1 for plans without units of their own.
     """
 
     name: str
@@ -34,3 +35,4 @@ class ActionSpec:
     lower: np.ndarray
     upper: np.ndarray
     squashed: bool = False
+    unit: np.ndarray = field(default_factory=lambda: np.ones(()))

@@ -1,6 +1,8 @@
 """What a command sets up in JAX before it computes anything."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -42,3 +44,20 @@ def use_all_cores() -> None:
     given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
     if not given:
         jax.config.update("jax_num_cpu_devices", usable_cores())
+
+
+def start_python(command: str) -> "subprocess.Popen[bytes]":
+    """Starts a process of this Python on the CPU, with pipes to and from it.
+
+    Args:
+      command: one line of Python.
+    """
+    paths = os.pathsep.join(path for path in sys.path if path)
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"},
+        start_new_session=True,  # an interrupt is for the first process
+    )

@@ -50,7 +50,7 @@ def test_the_paper_preset_holds_the_papers_values() -> None:
         },
         "MDPO": {"stop_at_termination": True, "iterations_per_call": 50, "test_every": 10},
     }
-    assert DEFAULT_PRESET == "paper"
+    assert DEFAULT_PRESET == "auto"
 
 
 @pytest.mark.parametrize("domain", ["hvac", "power_gen", "reservoir_control_cont"])

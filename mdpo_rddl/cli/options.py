@@ -77,7 +77,10 @@ def plan_parser() -> OneLineParser:
     parser.add_argument("instance", help="instance file, or an instance of that problem")
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
-        "--preset", choices=["paper"], help="defaults to start from (default: paper)"
+        "--preset",
+        choices=["auto", "paper"],
+        help="defaults to start from (default: auto; paper with an option for the noise, the "
+        "policy, the iterations or --replan)",
     )
     source.add_argument(
         "--config",
@@ -189,6 +192,24 @@ def _add_training_options(group: argparse._ArgumentGroup) -> None:
         help="policies trained side by side; the best is kept (default: 1)",
     )
     group.add_argument("--batch", type=positive_int, help="rollouts an iteration (default: 1)")
+
+
+PLAIN_ONLY = [
+    "noise",
+    "sigma",
+    "sigma_min",
+    "sigma_max",
+    "alpha",
+    "quantile",
+    "policy",
+    "weight",
+    "iterations",
+    "restarts",
+    "batch",
+    "lookahead",
+    "replan",
+]
+"""Options for one training with one policy, which the preset `auto` makes many of."""
 
 
 TRAINING_ONLY = [

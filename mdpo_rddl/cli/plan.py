@@ -14,12 +14,12 @@ from typing import Any
 from rich.console import Console
 
 from mdpo_rddl.cli.display import ProgressBar, print_summary
-from mdpo_rddl.cli.options import TRAINING_ONLY, configure, plan_parser
+from mdpo_rddl.cli.options import PLAIN_ONLY, TRAINING_ONLY, configure, plan_parser
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
-from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
+from mdpo_rddl.presets import DEFAULT_PRESET, PLAIN_PRESET, PRESETS
 from mdpo_rddl.presets.shipped import METHODS, config_for_domain
 from mdpo_rddl.problem import load_problem
 from mdpo_rddl.report.run_folder import free_name
@@ -93,13 +93,24 @@ def _plan_request(options: argparse.Namespace, programs: Path | None) -> PlanReq
     elif options.config is not None:
         name, config = str(options.config), PlannerConfig.from_file(options.config)
     else:
-        name = options.preset or DEFAULT_PRESET
+        name = _preset(options)
         config = PRESETS[name](problem.domain_name)
     config = configure(config, options)
     own_seed = config.section("Optimize").get("key") or 0
     seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
     return PlanRequest(problem, config, name, seed, options.episodes, out, programs)
+
+
+def _preset(options: argparse.Namespace) -> str:
+    """The preset that was asked for, or the one that the other options suppose."""
+    given = [name for name in PLAIN_ONLY if getattr(options, name) not in (None, False)]
+    if options.preset is None:
+        return PLAIN_PRESET if given else DEFAULT_PRESET
+    if options.preset == DEFAULT_PRESET and given:
+        option = "--" + given[0].replace("_", "-")
+        raise InputError(f"{option} does not go with --preset {DEFAULT_PRESET}, which chooses it")
+    return str(options.preset)
 
 
 @contextlib.contextmanager

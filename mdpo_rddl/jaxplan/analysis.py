@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from mdpo_rddl.actions import ActionSpec
@@ -33,7 +34,7 @@ def compile_analysis(
     Returns:
       A function of a key, the policy's parameters and hyperparameters, the initial fluents
       [B, ...], the non-fluents, the model's and the critic's parameters, that gives per
-      fluent the gradient [H, *action shape] in return per unit of action.
+      fluent the gradient [H, *action shape] in return per unit of the fluent's noise.
     """
 
     def analyse(key, params, hyperparams, fluents, nonfluents, model, critic):
@@ -46,6 +47,10 @@ def compile_analysis(
 
         silence = zero_perturbation(horizon, specs, samples, dtype)
         gradients = jax.grad(negative_return)(silence)
-        return {name: -jnp.sum(gradient, axis=0) for name, gradient in gradients.items()}
+        summed = {name: -jnp.sum(gradient, axis=0) for name, gradient in gradients.items()}
+        for name, spec in specs.items():
+            if np.any(spec.unit != 1.0):
+                summed[name] = summed[name] * jnp.asarray(spec.unit, dtype)
+        return summed
 
     return analyse

@@ -7,7 +7,6 @@ file serves both planners.
 """
 
 import dataclasses
-import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +18,14 @@ import optax
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config_text import one_line, parse_sections
+from mdpo_rddl.jaxplan.config_values import (
+    compiler_parameters,
+    concrete_class,
+    is_number,
+    parameters,
+)
+from mdpo_rddl.jaxplan.extensions import OPTIMIZERS, PLANS, stand_ins
+from mdpo_rddl.jaxplan.search_section import Search
 from mdpo_rddl.jaxplan.upstream import (
     JaxBackpropPlanner,
     JaxOfflineController,
@@ -30,7 +37,7 @@ from mdpo_rddl.jaxplan.upstream import (
 from mdpo_rddl.noise import ActionNoise
 
 _JAXPLAN_SECTIONS = ("Compiler", "Planner", "Optimize")
-_SECTIONS = (*_JAXPLAN_SECTIONS, "Noise", "MDPO")
+_SECTIONS = (*_JAXPLAN_SECTIONS, "Noise", "MDPO", "Search")
 _SWITCHES = {"stop_at_termination", "keep_group_limits"}
 _SIZES = ("iterations_per_call", "test_every")
 _DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
@@ -101,6 +108,11 @@ class PlannerConfig:
         config._check()
         return config
 
+    def without_section(self, name: str) -> "PlannerConfig":
+        """A copy without one of the optional sections."""
+        rest = {key: values for key, values in self.sections.items() if key != name}
+        return dataclasses.replace(self, sections=rest)
+
     def with_values(self, name: str, **values: Any) -> "PlannerConfig":
         """A copy in which some keys of one section are set.
 
@@ -136,9 +148,13 @@ class PlannerConfig:
           InputError: if JaxPlan refuses the values.
         """
         try:
-            return planner.load_config_from_string(self.to_text(for_jaxplan=True))
+            section, ours = stand_ins(self.section("Planner"))
+            known = dataclasses.replace(self, sections={**self.sections, "Planner": section})
+            text = known.to_text(for_jaxplan=True)
+            planner_args, plan_args, train_args = planner.load_config_from_string(text)
         except Exception as error:  # JaxPlan raises whatever the values make Python raise
             raise InputError(f"{self.source}: JaxPlan refuses it: {one_line(error)}") from error
+        return {**planner_args, **ours}, plan_args, train_args
 
     def mdpo_arguments(self) -> dict[str, Any]:
         """What `MDPOPlanner` takes beside JaxPlan's arguments: the noise and the switches."""
@@ -165,6 +181,7 @@ class PlannerConfig:
         for section, keys in _POSITIVE_NUMBERS.items():
             self._check_positive(section, *keys)
         self._check_sizes()
+        self._check_search()
         for section, values in self.sections.items():
             for key, value in values.items():
                 if key.endswith("_kwargs") and not isinstance(value, dict | None):
@@ -172,7 +189,7 @@ class PlannerConfig:
 
     def _check_compiler(self) -> None:
         method = self.section("Compiler").get("method", _DEFAULT_COMPILER)
-        compiler = _concrete_class(logic, method, logic.JaxRDDLCompilerWithGrad)
+        compiler = concrete_class(logic, method, logic.JaxRDDLCompilerWithGrad)
         if compiler is None:
             raise self._error(f"[Compiler] method: JaxPlan has no relaxing compiler {method!r}")
         self._check_keys("Compiler", compiler_parameters(compiler) | {"method"})
@@ -182,16 +199,16 @@ class PlannerConfig:
         values = self.section("Planner")
         if "method" not in values:
             raise self._error("[Planner] method is missing")
-        plan = _concrete_class(planner, values["method"], JaxPlan)
+        plan = PLANS.get(values["method"]) or concrete_class(planner, values["method"], JaxPlan)
         if plan is None:
             raise self._error(f"[Planner] method: JaxPlan has no plan {values['method']!r}")
-        known = _parameters(JaxBackpropPlanner) - {"rddl", "plan", "compiler_kwargs"}
+        known = parameters(JaxBackpropPlanner) - {"rddl", "plan", "compiler_kwargs"}
         extra = {"method", "method_kwargs", "pgpe_kwargs", "preprocessor_kwargs"}
         self._check_keys("Planner", known | extra)
         plan_values = values.get("method_kwargs", {})
         if not isinstance(plan_values, dict):
             raise self._error(f"[Planner] method_kwargs: must be a dictionary, got {plan_values!r}")
-        plan_keys = _parameters(plan) | {"initializer_kwargs"}
+        plan_keys = parameters(plan) | {"initializer_kwargs"}
         for key in plan_values:
             if key not in plan_keys:
                 known_keys = ", ".join(sorted(plan_keys))
@@ -202,10 +219,11 @@ class PlannerConfig:
         self._check_function("method_kwargs: initializer", plan_values.get("initializer"), modules)
         modules = (jax.nn, jax.numpy)
         self._check_function("method_kwargs: activation", plan_values.get("activation"), modules)
-        self._check_function("optimizer", values.get("optimizer"), (optax,))
+        if values.get("optimizer") not in OPTIMIZERS:
+            self._check_function("optimizer", values.get("optimizer"), (optax,))
         for key, base in (("pgpe", planner.PGPE), ("preprocessor", planner.Preprocessor)):
             name = values.get(key)
-            if name is not None and _concrete_class(planner, name, base) is None:
+            if name is not None and concrete_class(planner, name, base) is None:
                 raise self._error(f"[Planner] {key}: JaxPlan has no {key} {name!r}")
         utility = values.get("utility", "mean")
         if str(utility).lower() not in planner.UTILITY_LOOKUP:
@@ -223,15 +241,15 @@ class PlannerConfig:
         keys = optimize_parameters() | {"stopping_rule_kwargs"}
         # what JaxPlan's scripts hand on to a controller
         for controller in (JaxOfflineController, JaxOnlineController):
-            keys |= _parameters(controller) - {"planner"}
+            keys |= parameters(controller) - {"planner"}
         self._check_keys("Optimize", keys)
         values = self.section("Optimize")
         rule = values.get("stopping_rule")
         base = planner.JaxPlannerStoppingRule
-        if rule is not None and _concrete_class(planner, rule, base) is None:
+        if rule is not None and concrete_class(planner, rule, base) is None:
             raise self._error(f"[Optimize] stopping_rule: JaxPlan has no stopping rule {rule!r}")
         key = values.get("key")
-        if key is not None and not (_is_number(key, int) and 0 <= key <= _MAX_KEY):
+        if key is not None and not (is_number(key, int) and 0 <= key <= _MAX_KEY):
             raise self._error(
                 f"[Optimize] key: must be an integer from 0 to {_MAX_KEY}, got {key!r}"
             )
@@ -242,19 +260,19 @@ class PlannerConfig:
             value = self.section(section).get(key, 1)
             if value is None and key in _OPTIONAL:
                 continue
-            if not (_is_number(value, kind) and value > 0):
+            if not (is_number(value, kind) and value > 0):
                 raise self._error(f"[{section}] {key}: must be a positive {name}, got {value!r}")
 
     def _check_noise(self) -> None:
         values = self.section("Noise")
         method = values.pop("method", _DEFAULT_NOISE)
-        rule = _concrete_class(noise_rules, method, ActionNoise)
+        rule = concrete_class(noise_rules, method, ActionNoise)
         if rule is None:
             raise self._error(f"[Noise] method: no noise rule {method!r}")
-        known = _parameters(rule)
+        known = parameters(rule)
         self._check_keys("Noise", known | {"method"})
         for key, value in values.items():
-            if not _is_number(value, int | float):
+            if not is_number(value, int | float):
                 raise self._error(f"[Noise] {key} must be a number, got {value!r}")
         try:
             rule(**values)
@@ -277,6 +295,17 @@ class PlannerConfig:
             needs = "needs pgpe=None in [Planner], and no preprocessor"
             raise self._error(f"[MDPO] iterations_per_call: more than 1 {needs}")
 
+    def _check_search(self) -> None:
+        if "Search" not in self.sections:
+            return
+        values = self.section("Search")
+        try:
+            Search(**values)
+        except (TypeError, ValueError) as error:
+            raise self._error(f"[Search] {error}") from error
+        if self.section("Planner").get("method") != "FeedbackPlan":
+            raise self._error("[Search] needs method='FeedbackPlan' in [Planner]")
+
     def _check_keys(self, section: str, known: set[str]) -> None:
         for key in self.section(section):
             if key not in known:
@@ -289,16 +318,7 @@ class PlannerConfig:
 
 def optimize_parameters() -> set[str]:
     """Names of the arguments of JaxPlan's `optimize`."""
-    return _parameters(JaxBackpropPlanner.optimize_generator)
-
-
-def compiler_parameters(compiler: type) -> set[str]:
-    """Names of the keyword arguments that a relaxing compiler accepts, its mixins' included."""
-    names: set[str] = set()
-    for base in inspect.getmro(compiler):
-        if "__init__" in vars(base):
-            names |= _parameters(vars(base)["__init__"])
-    return names - {"rddl", "logger", "python_functions"}
+    return parameters(JaxBackpropPlanner.optimize_generator)
 
 
 def relaxation_weights(compiler: type) -> set[str]:
@@ -326,19 +346,3 @@ def load_config_from_string(value: str) -> JaxPlanArguments:
 def _arguments(config: PlannerConfig) -> JaxPlanArguments:
     planner_args, plan_args, train_args = config.jaxplan_arguments()
     return {**planner_args, **config.mdpo_arguments()}, plan_args, train_args
-
-
-def _parameters(function: Any) -> set[str]:
-    kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    parameters = inspect.signature(function).parameters.values()
-    return {p.name for p in parameters if p.kind in kinds} - {"self"}
-
-
-def _concrete_class(module: ModuleType, name: object, base: type) -> type | None:
-    found = getattr(module, str(name), None)
-    is_usable = isinstance(found, type) and issubclass(found, base)
-    return found if is_usable and not inspect.isabstract(found) else None
-
-
-def _is_number(value: object, kind: Any) -> bool:
-    return isinstance(value, kind) and not isinstance(value, bool)

@@ -44,7 +44,8 @@ def action_specs(plan: JaxPlan, compiled: Any) -> dict[str, ActionSpec]:
         kind = ActionKind.REAL if prange == "real" else ActionKind.INTEGER
         lower, upper = (np.broadcast_to(bound, shape) for bound in plan.bounds[name])
         squashed = bool(getattr(plan, "_wrap_non_bool", False))
-        specs[name] = ActionSpec(name, shape, kind, lower, upper, squashed)
+        unit = np.asarray(getattr(plan, "units", {}).get(name, 1.0))
+        specs[name] = ActionSpec(name, shape, kind, lower, upper, squashed, unit)
     return specs
 
 

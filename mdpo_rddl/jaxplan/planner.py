@@ -20,7 +20,7 @@ from mdpo_rddl.jaxplan.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
-from mdpo_rddl.jaxplan.restarts import Restarts
+from mdpo_rddl.jaxplan.restarts import PerRestart, Restarts
 from mdpo_rddl.jaxplan.rollout import PerturbedModel, compile_rollouts
 from mdpo_rddl.jaxplan.sharding import restart_sharding, shard
 from mdpo_rddl.jaxplan.termination import stop_at_termination
@@ -231,6 +231,8 @@ class MDPOPlanner(ActingPlanner):
         return subs
 
     def _broadcast_pytree(self, pytree: Any) -> Any:
+        if isinstance(pytree, PerRestart):
+            return shard(pytree.params, self._sharding)
         return shard(super()._broadcast_pytree(pytree), self._sharding)
 
     def _jax_compile_train_update(self) -> None:

@@ -1,6 +1,7 @@
 """What the parallel updates of a planner may differ in: noise rules and step sizes."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -9,6 +10,17 @@ import optax
 from jax import Array
 
 from mdpo_rddl.noise import ActionNoise
+
+
+@dataclass(frozen=True)
+class PerRestart:
+    """A guess for `optimize` that differs between the parallel updates.
+
+    Attributes:
+      params: parameters with a leading axis of restarts, each leaf [R, ...].
+    """
+
+    params: Any
 
 
 class Restarts:

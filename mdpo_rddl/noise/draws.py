@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from mdpo_rddl.actions import ActionKind, ActionSpec
@@ -36,7 +37,7 @@ def draw_perturbation(
 
     Args:
       key: random key, used for this draw alone.
-      sigma: scale per step [H], in the unit of the raw action.
+      sigma: scale per step [H], in each fluent's unit.
       specs: the fluents to perturb.
       batch_size: number of rollouts B.
       dtype: floating type of the model.
@@ -50,6 +51,8 @@ def draw_perturbation(
     for subkey, (name, spec) in zip(keys, sorted(specs.items()), strict=True):
         unit = unit_noise(subkey, spec.kind, (batch_size, horizon, *spec.shape), dtype)
         scale = jnp.reshape(sigma.astype(dtype), (1, horizon) + (1,) * len(spec.shape))
+        if np.any(spec.unit != 1.0):
+            scale = scale * jnp.asarray(spec.unit, dtype)
         perturbation[name] = scale * unit
     return perturbation
 

@@ -1,8 +1,11 @@
 """Named sets of defaults for the planner, chosen by measurement."""
 
+from mdpo_rddl.presets.auto import auto_preset
 from mdpo_rddl.presets.paper import paper_preset
 
-PRESETS = {"paper": paper_preset}
-DEFAULT_PRESET = "paper"
+PRESETS = {"auto": auto_preset, "paper": paper_preset}
+DEFAULT_PRESET = "auto"
+# what options for one training with one policy start from
+PLAIN_PRESET = "paper"
 
-__all__ = ["DEFAULT_PRESET", "PRESETS"]
+__all__ = ["DEFAULT_PRESET", "PLAIN_PRESET", "PRESETS"]

@@ -1,12 +1,16 @@
 """Train a policy once, then evaluate it."""
 
+import contextlib
+import dataclasses
 import logging
 from typing import Any
 
 import jax
 
+from mdpo_rddl.auto import AutoResult, plan_automatically
 from mdpo_rddl.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.upstream import JaxStraightLinePlan
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.report.policy_file import SavedPolicy, problem_identity
@@ -15,7 +19,7 @@ from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.summary import identity, return_figures, title, training_figures
-from mdpo_rddl.training import train
+from mdpo_rddl.training import TrainingResult, train
 
 logger = logging.getLogger(__name__)
 
@@ -30,31 +34,17 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
         is left behind then.
     """
-    with RunFolder(request.out) as folder, SecondEvaluator(request) as second:
-        reporter.stage("compiling")
-        planner, optimize_args = build_planner(request.problem, request.config, request.programs)
-        steps, horizon = planner.horizon, request.problem.horizon
-        if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
-            message = "the plan has %d steps, its last action is repeated up to the horizon %d"
-            logger.warning(message, steps, horizon)
-        budget = {
-            "iterations": optimize_args.pop("epochs", JAXPLAN_EPOCHS),
-            "seconds": optimize_args.pop("train_seconds", JAXPLAN_SECONDS),
-        }
-        for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
-            optimize_args.pop(name, None)
-        try:
-            result = train(
-                planner,
-                key=jax.random.PRNGKey(request.seed),
-                **budget,
-                optimize_kwargs=optimize_args,
-                on_progress=reporter.training,
-            )
-        except InputError as error:
-            raise InputError(
-                f"{request.problem.instance_path}: {error} (configured by {request.config.source})"
-            ) from error
+    auto = "Search" in request.config.sections
+    with RunFolder(request.out) as folder, contextlib.ExitStack() as stack:
+        found: dict[str, Any] = {}
+        second = None
+        if auto:
+            chosen = _plan_automatically(request, reporter)
+            planner, result, found = chosen.planner, chosen.training, {"auto": chosen.diagnostics}
+            request = dataclasses.replace(request, config=chosen.config)
+        else:
+            second = stack.enter_context(SecondEvaluator(request))
+            planner, result = _train(request, reporter)
         saved = SavedPolicy(
             params=result.best_params,
             policy_hyperparams=dict(result.policy_hyperparams),
@@ -64,14 +54,16 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         )
         reporter.stage("evaluating")
         evaluator = Evaluator(request, planner, result.policy_hyperparams, reporter)
-        second.begin(result.best_params, result.policy_hyperparams)
+        if second is not None:
+            second.begin(result.best_params, result.policy_hyperparams)
         last = evaluator.run(result.last_params)
-        best = second.result() or evaluator.run(result.best_params)
+        best = (second and second.result()) or evaluator.run(result.best_params)
         summary = {
             **identity(request, planner),
             **return_figures(best),
             "last_iterate": return_figures(last),
             **training_figures(planner, result),
+            **found,
         }
         config = {
             "source": request.config_name,
@@ -84,3 +76,43 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             write_json(folder.staging / SUMMARY, summary)
         folder.commit()
     return summary
+
+
+def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, TrainingResult]:
+    """One training as the configuration has it."""
+    reporter.stage("compiling")
+    planner, optimize_args = build_planner(request.problem, request.config, request.programs)
+    steps, horizon = planner.horizon, request.problem.horizon
+    if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
+        message = "the plan has %d steps, its last action is repeated up to the horizon %d"
+        logger.warning(message, steps, horizon)
+    budget = {
+        "iterations": optimize_args.pop("epochs", JAXPLAN_EPOCHS),
+        "seconds": optimize_args.pop("train_seconds", JAXPLAN_SECONDS),
+    }
+    for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
+        optimize_args.pop(name, None)
+    try:
+        result = train(
+            planner,
+            key=jax.random.PRNGKey(request.seed),
+            **budget,
+            optimize_kwargs=optimize_args,
+            on_progress=reporter.training,
+        )
+    except InputError as error:
+        raise InputError(
+            f"{request.problem.instance_path}: {error} (configured by {request.config.source})"
+        ) from error
+    return planner, result
+
+
+def _plan_automatically(request: PlanRequest, reporter: Reporter) -> AutoResult:
+    return plan_automatically(
+        request.problem,
+        request.config,
+        seed=request.seed,
+        programs=request.programs,
+        on_stage=reporter.stage,
+        on_progress=reporter.training,
+    )

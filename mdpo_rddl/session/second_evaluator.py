@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.evaluation import Evaluation, evaluate
-from mdpo_rddl.machine import usable_cores
+from mdpo_rddl.machine import start_python, usable_cores
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.problem import make_environment
 from mdpo_rddl.session.requests import PlanRequest
@@ -51,15 +51,7 @@ class SecondEvaluator:
         is_alike = jax.default_backend() == "cpu"
         if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike or not sys.executable:
             return
-        paths = os.pathsep.join(path for path in sys.path if path)
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _COMMAND],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"},
-            start_new_session=True,  # an interrupt is for the first process
-        )
+        self._process = start_python(_COMMAND)
         self._threads.submit(self._send, request)
 
     def __enter__(self) -> "SecondEvaluator":

@@ -14,7 +14,11 @@ from mdpo_rddl.session.requests import PlanRequest
 from mdpo_rddl.training import TrainingResult
 
 _NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
-_POLICY_NAMES = {"JaxDeepReactivePolicy": "drp", "JaxStraightLinePlan": "slp"}
+_POLICY_NAMES = {
+    "JaxDeepReactivePolicy": "drp",
+    "JaxStraightLinePlan": "slp",
+    "FeedbackPlan": "feedback",
+}
 _PACKAGES = (
     "mdpo-rddl",
     "pyRDDLGym",
@@ -23,6 +27,7 @@ _PACKAGES = (
     "jax",
     "jaxlib",
     "optax",
+    "cmaes",
     "numpy",
     "scipy",
     "safetensors",

@@ -1,0 +1,162 @@
+"""The part of the recipe that follows the gradient: MDPO in phases, each from the best so far."""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.feedback import Params
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.jaxplan.restarts import PerRestart
+from mdpo_rddl.training import Progress, Record, TrainingResult, train
+
+logger = logging.getLogger(__name__)
+
+_PHASES = 3
+_FIRST_STEPS = (1e-3, 3e-4)
+_LATER_STEPS = (1.0, 0.3)
+# of the step size after a phase that found nothing better
+_SHRINK = 0.3
+# the gradient's program takes about so long to compile; later phases know how long it took
+_COMPILE_SECONDS = 10.0
+_SHORTEST_SECONDS = 1.0
+_ITERATIONS = 10**6
+
+
+class Choice(Protocol):
+    """The best policy so far."""
+
+    best: Params
+
+    def add(self, name: str, params: Params) -> bool:
+        """Whether a policy is better than all before it."""
+
+
+@dataclass
+class Descent:
+    """What the phases did.
+
+    Attributes:
+      steps: each phase's step sizes, one for each restart.
+      results: each phase's training.
+      improved: whether each phase found a better policy.
+    """
+
+    steps: list[list[float]] = field(default_factory=list)
+    results: list[TrainingResult] = field(default_factory=list)
+    improved: list[bool] = field(default_factory=list)
+
+    def summary(self) -> list[dict[str, Any]]:
+        """A line for each phase, as JSON can hold it."""
+        return [
+            {
+                "iterations": result.iterations,
+                "step": steps[result.restart],
+                "seconds": round(result.train_seconds, 2),
+                "improved": improved,
+            }
+            for steps, result, improved in zip(self.steps, self.results, self.improved, strict=True)
+        ]
+
+    def result(self, best: Params, seconds: float) -> TrainingResult:
+        """All phases as one training that found `best`.
+
+        Args:
+          best: the chosen parameters.
+          seconds: that everything took.
+        """
+        best = jax.tree.map(np.asarray, best)
+        if not self.results:
+            one = jax.tree.map(lambda leaf: leaf[np.newaxis], best)
+            nothing = (Record(0, float("nan"), float("nan"), 0.0),)
+            return TrainingResult(
+                best, one, {}, 0, 0, 0, "no_gradient", nothing, np.zeros((1, 1)), 0.0, seconds
+            )
+        last = self.results[-1]
+        history: list[Record] = []
+        done, best_iteration = 0, 0
+        for result, improved in zip(self.results, self.improved, strict=True):
+            history += [r._replace(iteration=r.iteration + done) for r in result.history]
+            best_iteration = done + result.best_iteration if improved else best_iteration
+            done += result.iterations
+        return TrainingResult(
+            best_params=best,
+            last_params_by_restart=last.last_params_by_restart,
+            policy_hyperparams=last.policy_hyperparams,
+            iterations=done,
+            best_iteration=best_iteration,
+            restart=last.restart,
+            status=last.status,
+            history=tuple(history),
+            sigma=np.concatenate([result.sigma for result in self.results]),
+            compile_seconds=sum(result.compile_seconds for result in self.results),
+            train_seconds=seconds,
+        )
+
+
+def descend(
+    planner: MDPOPlanner,
+    starts: Sequence[Params],
+    choice: Choice,
+    *,
+    key: Any,
+    deadline: float,
+    on_progress: Callable[[Progress], None],
+) -> Descent:
+    """Trains in phases.
+
+    The first goes from all starts, with several step sizes each; the later ones from the best
+    policy so far, with the step size that found it and a smaller one.
+
+    Args:
+      planner: compiled, with several parallel updates and an optimiser with a `learning_rate`.
+      starts: parameters of single policies.
+      choice: is told of each phase's best and last iterate.
+      key: JAX random key.
+      deadline: when to end, by `time.monotonic`; compilation counts.
+      on_progress: called while training goes on.
+    """
+    descent = Descent()
+    count = planner.parallel_updates
+    guesses = [starts[number * len(starts) // count] for number in range(count)]
+    steps = [_FIRST_STEPS[number % len(_FIRST_STEPS)] for number in range(count)]
+    for phase in range(_PHASES):
+        compiling = 0.0 if descent.results else _COMPILE_SECONDS
+        seconds = (deadline - time.monotonic() - compiling) / (_PHASES - phase)
+        if seconds < _SHORTEST_SECONDS:
+            break
+        planner.vary_restarts(learning_rate=steps)
+        try:
+            result = train(
+                planner,
+                key=jax.random.fold_in(key, phase),
+                iterations=_ITERATIONS,
+                seconds=seconds,
+                optimize_kwargs={"guess": _stack(guesses), "test_rolling_window": 1},
+                on_progress=on_progress,
+            )
+        except InputError as error:
+            # the search has found a policy without the gradient
+            logger.warning("the gradient is of no use: %s", error)
+            break
+        better = choice.add(f"phase {phase + 1}", result.best_params)
+        better |= choice.add(f"phase {phase + 1}, last iterate", result.last_params)
+        descent.steps.append(steps)
+        descent.results.append(result)
+        descent.improved.append(better)
+        if result.status == "interrupted":
+            break
+        step = steps[result.restart] if better else max(steps) * _SHRINK
+        guesses = [choice.best] * count
+        steps = [step * _LATER_STEPS[number % len(_LATER_STEPS)] for number in range(count)]
+    return descent
+
+
+def _stack(guesses: Sequence[Params]) -> PerRestart:
+    return PerRestart(jax.tree.map(lambda *leaves: jnp.stack(leaves), *guesses))

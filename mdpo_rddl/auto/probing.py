@@ -1,0 +1,151 @@
+"""What the model itself says about the scale of its states and actions.
+
+The exact model is played with constant actions. That costs a second, and says in which units
+states and actions are of order 1, and which constant action is a good start.
+"""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mdpo_rddl.feedback import Params
+from mdpo_rddl.jaxplan.exact import compile_visits
+from mdpo_rddl.jaxplan.feedback_plan import box_width
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+
+logger = logging.getLogger(__name__)
+
+_SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
+_STARTS = 32
+_ROLLOUTS = 4
+_WIDE_UNITS = 1.5
+# a constant action is better than doing nothing if it gains so much of the return
+_GAIN = 0.005
+# and still harmless if it loses no more than that
+_LOSS = 0.1
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What constant actions show.
+
+    Attributes:
+      units: per action fluent without a box, the size at which the return answers.
+      state_scales: per observed fluent its median and its spread over what was seen.
+      nothing: mean return of doing nothing.
+      start: the constant raw action that earned most, per fluent [*shape].
+      start_return: what it earned.
+    """
+
+    units: dict[str, float]
+    state_scales: dict[str, tuple[float, float]]
+    nothing: float
+    start: dict[str, np.ndarray]
+    start_return: float
+
+
+def probe(planner: MDPOPlanner, seed: int) -> Probe:
+    """Plays constant actions on the exact model.
+
+    Args:
+      planner: with a `FeedbackPlan` without scales, whose units are 1 where there is no box.
+      seed: of the actions and of the model.
+    """
+    play = compile_visits(planner, _ROLLOUTS)
+    key = jax.random.PRNGKey(seed)
+    params = planner.plan.initializer(key, {}, None)
+    shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
+    numbers = list(planner.plan.units)
+
+    def returns(starts: list[dict[str, np.ndarray]]) -> tuple[np.ndarray, dict[str, Any]]:
+        batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[_with(params, s) for s in starts])
+        found, states = play(key, batch)
+        means = np.mean(np.asarray(found, float), axis=1)
+        return np.where(np.isfinite(means), means, -np.inf), states
+
+    nothing = {name: np.zeros(shape) for name, shape in shapes.items()}
+    units = {}
+    for name in numbers:
+        if box_width(*planner.compiled.constraints.bounds[name]) is None:
+            sizes = [0.0, *_SIZES, *-_SIZES]
+            scan = [{**nothing, name: np.full(shapes[name], size)} for size in sizes]
+            units[name] = _unit(np.array(sizes), returns(scan)[0])
+            logger.info("unit of %s: %g", name, units[name])
+    random = np.random.default_rng(seed)
+    boxes = _boxes(planner, units)
+    starts = [nothing, *(_random_start(random, boxes) for _ in range(_STARTS - 1))]
+    # the planner's units are 1 where there is no box
+    scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
+    earned, states = returns(scaled)
+    best = int(np.argmax(earned))
+    scales = {
+        name: (0.5, 0.5) if planner.rddl.variable_ranges[name] == "bool" else _scale(values)
+        for name, values in states.items()
+    }
+    return Probe(units, scales, float(earned[0]), starts[best], float(earned[best]))
+
+
+def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
+    """Parameters whose policy adds a constant to each object's raw action."""
+    return _with(params, bias)
+
+
+def _with(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
+    own = {
+        name: {**entries, "bias": jnp.asarray(bias[name], entries["bias"].dtype)}
+        for name, entries in params["own"].items()
+    }
+    return {**params, "own": own}
+
+
+def _unit(sizes: np.ndarray, earned: np.ndarray) -> float:
+    """The best size where that is better than nothing, else the largest harmless one."""
+    nothing, best = earned[0], int(np.argmax(earned))
+    margin = abs(nothing)
+    if earned[best] > nothing + _GAIN * margin:
+        return float(abs(sizes[best]))
+    harmless = np.abs(sizes[1:])[earned[1:] >= nothing - _LOSS * margin]
+    return float(np.max(harmless, initial=_SIZES[0]))
+
+
+def _boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Where to draw each raw action from: its box, or a unit to either side [2, *shape]."""
+    values, boxes = planner.compiled.init_values, {}
+    for name in planner.rddl.action_fluents:
+        shape = np.shape(values[name])
+        box = np.stack([np.full(shape, -1.0), np.full(shape, 1.0)])
+        if name in planner.plan.units:
+            unit = units.get(name, planner.plan.units[name])
+            bounds = planner.compiled.constraints.bounds[name]
+            ends = np.stack([np.broadcast_to(bound, shape) for bound in bounds]) - values[name]
+            box = np.where(np.isfinite(ends), ends / unit, box * _WIDE_UNITS)
+        boxes[name] = box
+    return boxes
+
+
+def _random_start(
+    random: np.random.Generator, boxes: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Per fluent nothing, one place in the box for all objects, or one for each."""
+    start = {}
+    for name, (lower, upper) in boxes.items():
+        place = random.random(lower.shape) if random.random() < 0.5 else random.random()
+        start[name] = (lower + (upper - lower) * place) * (random.random() < 0.75)
+    return start
+
+
+def _scale(values: Any) -> tuple[float, float]:
+    """Median and spread of all values of a fluent, neither moved by a few that run away."""
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
+    if not finite.size:
+        return 0.0, 1.0
+    low, median, high = (float(q) for q in np.percentile(finite, [10, 50, 90]))
+    # of a normal law they are 2.56 deviations apart
+    spread = (high - low) / 2.56 or min(float(np.std(finite)), 1e3)
+    return median, spread if spread > 1e-6 * max(1.0, abs(median)) else 1.0

@@ -1,0 +1,138 @@
+"""What an action fluent's objects can see of the state, shared by all objects.
+
+RDDL is lifted: an action fluent a(?x) stands for one action per object x, and a state fluent
+f(?x) describes the same objects. A feature is a number per object of the action, made from the
+fluents by types alone, so that one weight serves all objects (and a rule such as "release what
+stands above the minimum" is a handful of numbers, however many reservoirs there are).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+
+class Feature(NamedTuple):
+    """One feature of one action fluent.
+
+    Attributes:
+      name: for diagnostics, such as "rlevel" or "rlevel via RES_CONNECT".
+      fluent: the state fluent that it reads.
+      spread: from that fluent's value [*its shape] to one per object [*action shape].
+    """
+
+    name: str
+    fluent: str
+    spread: Callable[[Array], Array]
+
+
+class ActionFeatures(NamedTuple):
+    """The features of one action fluent.
+
+    Attributes:
+      state: those that change with the state.
+      constant: by name, those of the objects themselves [*action shape], with mean 0 and
+        deviation 1 over the objects.
+    """
+
+    state: tuple[Feature, ...]
+    constant: dict[str, np.ndarray]
+
+
+def observed_fluents(rddl: Any) -> list[str]:
+    """What a policy may read: the observations of a partially observed problem, else the state."""
+    return list(rddl.observ_fluents or rddl.state_fluents)
+
+
+def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> ActionFeatures:
+    """Finds the features of an action fluent.
+
+    A state fluent counts with its value at the action's own objects where the types match, and
+    with its mean over the objects that the action knows nothing of. A fluent of one object
+    also counts with its mean over the neighbours, for each binary bool non-fluent that relates
+    the types, in both directions.
+
+    Args:
+      rddl: pyRDDLGym's lifted model.
+      values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
+      action: the action fluent's name.
+    """
+    types = list(rddl.variable_params[action])
+    shape = tuple(np.shape(values[action]))
+    features = []
+    for fluent in observed_fluents(rddl):
+        own = list(rddl.variable_params[fluent])
+        features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
+        if len(own) == 1:
+            features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))
+    return ActionFeatures(tuple(features), _constants(rddl, values, types, shape))
+
+
+def _aligned(
+    own: Sequence[str], types: Sequence[str], shape: tuple[int, ...]
+) -> Callable[[Array], Array]:
+    """Lays a fluent's axes along the action's axes of the same types; averages over the rest."""
+    axes: list[int | None] = []
+    for kind in own:
+        free = (axis for axis, other in enumerate(types) if other == kind and axis not in axes)
+        axes.append(next(free, None))
+    rest = tuple(number for number, axis in enumerate(axes) if axis is None)
+    kept = [axis for axis in axes if axis is not None]
+    order = [int(place) for place in np.argsort(kept)]
+    broadcast = tuple(size if axis in kept else 1 for axis, size in enumerate(shape))
+
+    def spread(value: Array) -> Array:
+        value = jnp.mean(value, axis=rest) if rest else value
+        value = jnp.transpose(value, order)
+        return jnp.broadcast_to(jnp.reshape(value, broadcast), shape)
+
+    return spread
+
+
+def _through_relations(
+    rddl: Any,
+    values: Mapping[str, Any],
+    fluent: str,
+    kind: str,
+    types: Sequence[str],
+    shape: tuple[int, ...],
+) -> list[Feature]:
+    found = []
+    for relation in rddl.non_fluents:
+        ends = list(rddl.variable_params[relation])
+        if rddl.variable_ranges[relation] != "bool" or len(ends) != 2:
+            continue
+        matrix = np.asarray(values[relation], float)
+        directions = ((ends[0], ends[1], matrix, "from"), (ends[1], ends[0], matrix.T, "to"))
+        for here, there, weights, word in directions:
+            if there != kind or here not in types or not np.any(weights):
+                continue
+            mean = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+            spread = _neighbours(mean, [here], types, shape)
+            found.append(Feature(f"{fluent} {word} {relation}", fluent, spread))
+    return found
+
+
+def _neighbours(
+    mean: np.ndarray, here: Sequence[str], types: Sequence[str], shape: tuple[int, ...]
+) -> Callable[[Array], Array]:
+    align = _aligned(here, types, shape)
+    return lambda value: align(jnp.asarray(mean, value.dtype) @ value)
+
+
+def _constants(
+    rddl: Any, values: Mapping[str, Any], types: Sequence[str], shape: tuple[int, ...]
+) -> dict[str, np.ndarray]:
+    found = {}
+    for name in rddl.non_fluents:
+        own = list(rddl.variable_params[name])
+        if not set(own) & set(types):
+            continue
+        value = jnp.asarray(np.asarray(values[name], float))
+        per_object = np.asarray(_aligned(own, types, shape)(value), float)
+        deviation = per_object.std()
+        if deviation > 1e-6 * np.max(np.abs(per_object), initial=1e-9):
+            found[name] = (per_object - per_object.mean()) / deviation
+    return found

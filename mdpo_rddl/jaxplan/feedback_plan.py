@@ -1,0 +1,139 @@
+"""The feedback policy as a plan that JaxPlan can train."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from mdpo_rddl.feedback import Feedback, FeedbackShape, Params
+from mdpo_rddl.jaxplan.limited_bools import limited_bools
+from mdpo_rddl.jaxplan.upstream import JaxPlan
+from mdpo_rddl.limits import GroupLimit, choose_within_limits, scale_to_limits
+
+# a bool's log-odds for a raw value of 1
+_BOOL_SCALE = 4.0
+
+
+class FeedbackPlan(JaxPlan):
+    """Plays do-nothing + unit * u, clipped to the box, u being the raw action of `Feedback`.
+
+    For bools u is, up to a factor, the log-odds of doing something. The initial policy does
+    nothing.
+    """
+
+    history_dependent = False
+
+    def __init__(
+        self,
+        topology: Sequence[int] | None = (64, 64),
+        cosines: int = 4,
+        squares: bool = True,
+        state_scales: Mapping[str, Sequence[float]] | None = None,
+        units: Mapping[str, float] | None = None,
+        cut_feedback: bool = True,
+    ) -> None:
+        """Describes the policy.
+
+        Args:
+          topology, cosines, squares, state_scales: see `FeedbackShape`.
+          units: per real or integer action fluent what a raw value of 1 means; the width of
+            its box where it is not named, 1 if it has none.
+          cut_feedback: `FeedbackShape.cut`.
+        """
+        super().__init__()
+        self._shape = FeedbackShape(
+            tuple(topology or ()), cosines, squares, dict(state_scales or {}), cut_feedback
+        )
+        self._given_units = dict(units or {})
+        self.units: dict[str, np.ndarray] = {}
+        self.feedback: Feedback | None = None
+
+    def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
+        """Compiles the policy, as JaxPlan asks its plans to.
+
+        Raises:
+          ValueError: if there is a preprocessor: the policy scales the states itself.
+        """
+        if preprocessor is not None:
+            raise ValueError("FeedbackPlan scales the states itself: preprocessor must be None")
+        ranges = compiled.rddl.variable_ranges
+        _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
+        feedback = Feedback(compiled.rddl, compiled.init_values, self._shape, compiled.REAL)
+        self.feedback = feedback
+        bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
+        numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
+        self.units = {name: self._unit(compiled, name) for name in numbers}
+        nothing = {name: np.asarray(compiled.init_values[name]) for name in bools + numbers}
+        limits = _concurrency(compiled.rddl, feedback.action_shapes)
+
+        def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:
+            """Numbers in their box, and of bools the probability of not doing nothing."""
+            raw = feedback.raw(params, state, step / horizon)
+            actions = {name: jax.nn.sigmoid(_BOOL_SCALE * raw[name]) for name in bools}
+            for name in numbers:
+                action = nothing[name] + self.units[name] * raw[name]
+                actions[name] = _clip(action.astype(compiled.REAL), *self.bounds[name])
+            return actions
+
+        def train_policy(key, params, hyperparams, step, state, history):
+            del key, hyperparams, history
+            actions = scale_to_limits(relaxed(params, step, state), limits)
+            flipped = {n: jnp.where(nothing[n], 1.0 - actions[n], actions[n]) for n in bools}
+            return {**actions, **flipped}
+
+        def test_policy(key, params, hyperparams, step, state, history):
+            del key, hyperparams, history
+            actions = relaxed(params, step, state)
+            chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
+            for name in bools:
+                actions[name] = chosen[name] ^ nothing[name]
+            for name in numbers:
+                if ranges[name] != "real":
+                    actions[name] = jnp.asarray(jnp.round(actions[name]), compiled.INT)
+            return actions
+
+        self.train_policy, self.test_policy = train_policy, test_policy
+        self.projection = lambda params, hyperparams: (params, jnp.array(True))
+        self.initializer = lambda key, hyperparams, state: feedback.initial(key)
+
+    def guess_next_epoch(self, params: Params) -> Params:
+        """A policy of the state is a warm start as it is."""
+        return params
+
+    def _unit(self, compiled: Any, name: str) -> np.ndarray:
+        """What a raw value of 1 means, for one action fluent [*shape]."""
+        shape = np.shape(compiled.init_values[name])
+        if name in self._given_units:
+            return np.full(shape, self._given_units[name])
+        prange = compiled.rddl.variable_ranges[name]
+        if prange in compiled.rddl.enum_types:
+            return np.full(shape, max(1.0, len(compiled.rddl.type_to_objects[prange]) - 1.0))
+        return np.full(shape, box_width(*compiled.constraints.bounds[name]) or 1.0)
+
+
+def box_width(lower: Any, upper: Any) -> float | None:
+    """The median width of an action fluent's boxes; None if none of them is finite.
+
+    One width for all objects, so that shared weights mean the same for each.
+    """
+    width = np.subtract(upper, lower, dtype=float)
+    finite = width[np.isfinite(width) & (width > 0)]
+    return float(np.median(finite)) if finite.size else None
+
+
+def _clip(action: Array, lower: Any, upper: Any) -> Array:
+    """Clips to the box; a value on a bound keeps its gradient."""
+    lower, upper = jnp.asarray(lower, action.dtype), jnp.asarray(upper, action.dtype)
+    return jnp.where(action < lower, lower, jnp.where(action > upper, upper, action))
+
+
+def _concurrency(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:
+    """`max-nondef-actions` as a limit on one group of bools, if it limits anything."""
+    names = limited_bools(rddl)
+    if not names:
+        return []
+    groups = {name: np.zeros(shapes[name], dtype=int) for name in names}
+    return [GroupLimit(groups, np.array([rddl.max_allowed_actions]))]
