@@ -10,6 +10,7 @@ from typing import Any
 
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments.auto import PLANNERS, auto_table, run_auto
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
 from mdpo_rddl.experiments.config_candidates import PLANS, SCALES
 from mdpo_rddl.experiments.config_sweep import config_sweep_table, run_config_sweep, ship
@@ -21,7 +22,8 @@ from mdpo_rddl.experiments.profile import profile_table, run_profile
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
 from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
-from mdpo_rddl.machine import use_all_cores
+from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
+from mdpo_rddl.presets.auto import AUTO_SECONDS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -96,8 +98,24 @@ def _parser() -> OneLineParser:
     )
     speed.set_defaults(run=_speed, out=Path("results/speed"))
 
+    auto = commands.add_parser(
+        "auto", help="the preset auto against experts and JaxPlan's defaults"
+    )
+    auto.add_argument(
+        "--problems",
+        nargs="+",
+        metavar="NAME",
+        default=list(DOMAIN_FILES),
+        help="settings, or Problem:instance of rddlrepository (default: the six settings)",
+    )
+    auto.add_argument("--planners", nargs="+", choices=PLANNERS, default=["expert", "auto"])
+    auto.add_argument("--seeds", type=positive_int, default=5)
+    auto.add_argument("--seconds", type=number(above=0), default=AUTO_SECONDS)
+    auto.add_argument("--episodes", type=positive_int, default=50)
+    auto.set_defaults(run=_auto, out=Path("results/auto"))
+
     trials = _add_trial_commands(commands)
-    for command in (noise, paper, speed, profile, *trials):
+    for command in (noise, paper, speed, profile, auto, *trials):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser
 
@@ -165,6 +183,12 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             help="of each process (default: %(default)s)",
         )
     return [everything, smoke, configs, growth]
+
+
+def _auto(options: argparse.Namespace) -> str:
+    keep_compiled_programs()
+    names = ("problems", "planners", "seeds", "seconds", "episodes")
+    return auto_table(run_auto(options.out, *(getattr(options, name) for name in names)))
 
 
 def _compatibility(options: argparse.Namespace) -> str:

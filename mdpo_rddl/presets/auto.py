@@ -5,7 +5,7 @@ from typing import Any
 from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
 from mdpo_rddl.jaxplan.upstream import logic
 
-AUTO_SECONDS = 110.0
+AUTO_SECONDS = 90.0
 RESTARTS = 4
 _WEIGHT = 100.0
 
