@@ -14,12 +14,14 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.feedback import Params
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.restarts import PerRestart
+from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.training import Progress, Record, TrainingResult, train
 
 logger = logging.getLogger(__name__)
 
 _PHASES = 3
-_FIRST_STEPS = (1e-3, 3e-4)
+_FIRST_STEPS = (3e-4, 1e-3, 1e-3, 3e-3)
+_FIRST_NOISE = (0.3, 0.3, 1.0, 1.0)
 _LATER_STEPS = (1.0, 0.3)
 # of the step size after a phase that found nothing better
 _SHRINK = 0.3
@@ -126,12 +128,13 @@ def descend(
     count = planner.parallel_updates
     guesses = [starts[number * len(starts) // count] for number in range(count)]
     steps = [_FIRST_STEPS[number % len(_FIRST_STEPS)] for number in range(count)]
+    noise = [_FIRST_NOISE[number % len(_FIRST_NOISE)] for number in range(count)]
     for phase in range(_PHASES):
         compiling = 0.0 if descent.results else _COMPILE_SECONDS
         seconds = (deadline - time.monotonic() - compiling) / (_PHASES - phase)
         if seconds < _SHORTEST_SECONDS:
             break
-        planner.vary_restarts(learning_rate=steps)
+        planner.vary_restarts(learning_rate=steps, noise=_scaled_noise(planner, noise))
         try:
             result = train(
                 planner,
@@ -154,9 +157,17 @@ def descend(
             break
         step = steps[result.restart] if better else max(steps) * _SHRINK
         guesses = [choice.best] * count
+        noise = [noise[result.restart] * _SHRINK] * count if better else noise
         steps = [step * _LATER_STEPS[number % len(_LATER_STEPS)] for number in range(count)]
     return descent
 
 
 def _stack(guesses: Sequence[Params]) -> PerRestart:
     return PerRestart(jax.tree.map(lambda *leaves: jnp.stack(leaves), *guesses))
+
+
+def _scaled_noise(planner: MDPOPlanner, factors: Sequence[float]) -> list[ActionNoise] | None:
+    """The planner's noise rule, weaker for some restarts."""
+    if planner.noise.silent:
+        return None
+    return [planner.noise.scaled(factor) for factor in factors]

@@ -5,8 +5,9 @@
    return, which neither flat regions nor cliffs stop; then each object's own weights.
 3. MDPO follows the relaxed model's gradient from there and from the best constant action, with
    several step sizes side by side, in phases, each from the best policy so far.
-4. Meanwhile, in a second process, JaxPlan's default planners have their try.
-5. Whatever earns most in fresh exact rollouts is the result.
+4. Another search around the best policy evens out what the relaxed model has wrong.
+5. Meanwhile, in a second process, JaxPlan's default planners have their try.
+6. Whatever earns most in fresh exact rollouts is the result.
 """
 
 import logging
@@ -37,6 +38,7 @@ logger = logging.getLogger(__name__)
 
 _CHOICE_ROLLOUTS = 128
 _PROBING_SEED = 0
+_POLISHING_SIGMA = 0.01
 
 
 @dataclass(frozen=True)
@@ -112,9 +114,11 @@ def plan_automatically(
             [choice.best, constant],
             choice,
             key=jax.random.PRNGKey(seed),
-            deadline=started + seconds,
+            deadline=started + budget.gradient_until * seconds,
             on_progress=on_progress,
         )
+        polished, _ = searched.polish(choice.best, _POLISHING_SIGMA, started + seconds, seed)
+        choice.add("polished", polished)
         other = alternatives.best(until=started + seconds + 5.0)
     diagnostics = _diagnostics(found, searched, descent, choice)
     if other is not None:

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import numpy as np
@@ -28,6 +29,10 @@ _MOST_OWN_WEIGHTS = 5000
 _FINAL_BATCHES = 8
 
 
+Earn = Callable[[Weights, int, np.ndarray], np.ndarray]
+"""(which weights, iteration, vectors [P, D]) -> mean returns [P]."""
+
+
 @dataclass(frozen=True)
 class Searched:
     """What the search found.
@@ -36,12 +41,14 @@ class Searched:
       shared: parameters after the search for the shared weights.
       params: after the search for each object's own, which starts there.
       shared_iterations, own_iterations: done.
+      polish: (policy, sigma, until, seed) -> a policy searched for around it, and iterations.
     """
 
     shared: Params
     params: Params
     shared_iterations: int
     own_iterations: int
+    polish: Callable[[Params, float, float, int], tuple[Params, int]]
 
 
 def search_feedback(
@@ -65,23 +72,33 @@ def search_feedback(
     earned = np.concatenate([earn(simple, 0, batch) for batch in np.split(wide, _WIDE_BATCHES)])
     found, iterations = [wide[np.argmax(earned)]], 0
     for number, start in enumerate([found[0], simple.start]):
-        result = _adapt(earn, simple, start, _SHARED_SIGMA, _share(shared_until, 3 - number), seed)
+        result = _adapt(earn, simple, start, _SHARED_SIGMA, _share(shared_until, 4 - number), seed)
         found.append(result.mean)
         iterations += result.iterations
-    rule = simple.into(_best(earn, simple, found))
-    shared = weights_of(rule, ["shared"])
-    result = _adapt(earn, shared, shared.start, _REFINING_SIGMA, shared_until, seed)
-    iterations += result.iterations
-    best = shared.into(_best(earn, shared, [shared.start, result.mean]))
-    own = weights_of(best, ["shared", "own"])
+    every = weights_of(params, ["shared"])
+    refined = weights_of(simple.into(_best(earn, simple, found)), ["shared"])
+    found = [refined.start]
+    for parts, start, sigma in (
+        (2, refined.start, _REFINING_SIGMA),
+        (1, every.start, _SHARED_SIGMA),
+    ):
+        result = _adapt(earn, every, start, sigma, _share(shared_until, parts), seed)
+        found.append(result.mean)
+        iterations += result.iterations
+    best = every.into(_best(earn, every, found))
+    own, own_iterations = _search_own(earn, best, _OWN_SIGMA, own_until, seed)
+    return Searched(best, own, iterations, own_iterations, partial(_search_own, earn))
+
+
+def _search_own(
+    earn: Earn, params: Params, sigma: float, until: float, seed: int
+) -> tuple[Params, int]:
+    """Searches around a policy for all weights but the net's."""
+    own = weights_of(params, ["shared", "own"])
     if own.start.size > _MOST_OWN_WEIGHTS:
-        return Searched(best, best, iterations, 0)
-    result = _adapt(earn, own, own.start, _OWN_SIGMA, own_until, seed, separable=True)
-    return Searched(best, own.into(result.mean), iterations, result.iterations)
-
-
-Earn = Callable[[Weights, int, np.ndarray], np.ndarray]
-"""(which weights, iteration, vectors [P, D]) -> mean returns [P]."""
+        return params, 0
+    result = _adapt(earn, own, own.start, sigma, until, seed, separable=True)
+    return own.into(result.mean), result.iterations
 
 
 def _adapt(

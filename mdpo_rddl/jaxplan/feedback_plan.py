@@ -66,7 +66,9 @@ class FeedbackPlan(JaxPlan):
         bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
         numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
         self.units = {name: self._unit(compiled, name) for name in numbers}
-        nothing = {name: np.asarray(compiled.init_values[name]) for name in bools + numbers}
+        # a relaxed model's bools are numbers
+        nothing = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
+        nothing |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
         limits = _concurrency(compiled.rddl, feedback.action_shapes)
 
         def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:

@@ -1,8 +1,9 @@
 """What every action noise has in common."""
 
 import abc
+import dataclasses
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from jax import Array
 
@@ -46,6 +47,14 @@ class ActionNoise(abc.ABC):
     def silent(self) -> bool:
         """Whether the rule never perturbs anything, so that the plain planner can run instead."""
         return False
+
+    def scaled(self, factor: float) -> Self:
+        """The same rule with all its scales, the fields called sigma..., times a factor."""
+        if not dataclasses.is_dataclass(self):
+            raise TypeError(f"{type(self).__name__} is no dataclass")
+        names = [field.name for field in dataclasses.fields(self)]
+        scales = {name: factor * getattr(self, name) for name in names if name.startswith("sigma")}
+        return dataclasses.replace(self, **scales)
 
     def initial_state(self, horizon: int) -> Any:
         """State that the rule carries from one iteration to the next: a pytree, here empty."""

@@ -24,7 +24,7 @@ def auto_preset(domain_name: str) -> PlannerConfig:
         },
         "Planner": {
             "method": "FeedbackPlan",
-            "method_kwargs": {"topology": [64, 64]},
+            "method_kwargs": {"topology": [32, 32]},
             "optimizer": "normalized_adam",
             "optimizer_kwargs": {"learning_rate": 0.001},
             "batch_size_train": 8,
@@ -41,11 +41,16 @@ def auto_preset(domain_name: str) -> PlannerConfig:
         "Noise": {
             "method": "AdaptiveNoise",
             "sigma_min": 0.0,
-            "sigma_max": 0.05,
+            "sigma_max": 0.1,
             "alpha": 1.0,
             "quantile": 0.95,
         },
-        "Search": {"shared_until": 0.25, "own_until": 0.45, "alternatives": True},
-        "MDPO": {"stop_at_termination": True, "iterations_per_call": 50, "test_every": 25},
+        "Search": {
+            "shared_until": 0.25,
+            "own_until": 0.4,
+            "gradient_until": 0.85,
+            "alternatives": True,
+        },
+        "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 100},
     }
     return PlannerConfig(sections, "preset 'auto'")

@@ -1,0 +1,172 @@
+"""The feedback policy as a plan: legal actions of every kind, and how a configuration names it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from problems import shipped, tiny_files
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.feedback_plan import FeedbackPlan
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.jaxplan.restarts import PerRestart
+from mdpo_rddl.noise import ConstantNoise
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.problem import load_problem
+
+KEY = jax.random.PRNGKey(0)
+DOMAIN = """
+domain kinds {
+    types { item : object; };
+    pvariables {
+        x(item) : { state-fluent, real, default = 0.0 };
+        push(item) : { action-fluent, real, default = 0.0 };
+        count(item) : { action-fluent, int, default = 1 };
+        on(item) : { action-fluent, bool, default = false };
+        off(item) : { action-fluent, bool, default = true };
+    };
+    cpfs { x'(?i) = x(?i) + push(?i) + count(?i) + on(?i) - off(?i); };
+    reward = -(sum_{?i : item} [pow[x(?i), 2]]);
+    action-preconditions {
+        forall_{?i : item} [count(?i) >= 0]; forall_{?i : item} [count(?i) <= 4];
+    };
+}
+"""
+INSTANCE = """
+non-fluents nf { domain = kinds; objects { item : {i1, i2, i3}; }; }
+instance one {
+    domain = kinds; non-fluents = nf; max-nondef-actions = LIMIT; horizon = 3; discount = 1.0;
+}
+"""
+
+
+def make(folder, limit="pos-inf", **arguments):
+    domain, instance = folder / "d.rddl", folder / "i.rddl"
+    domain.write_text(DOMAIN)
+    instance.write_text(INSTANCE.replace("LIMIT", str(limit)))
+    plan = FeedbackPlan(topology=[3], **arguments)
+    problem = load_problem(str(domain), str(instance))
+    return MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
+
+
+def act(planner, params):
+    return planner.get_action(KEY, params, 0, {"x": np.zeros(3)})
+
+
+def pushed(planner, value):
+    """The policy whose raw actions are all `value`."""
+    params = planner.plan.initializer(KEY, {}, None)
+    for own in params["own"].values():
+        own["bias"] = jnp.full_like(own["bias"], value)
+    return params
+
+
+def test_the_initial_policy_does_nothing(tmp_path):
+    planner = make(tmp_path)
+    actions = act(planner, planner.plan.initializer(KEY, {}, None))
+    np.testing.assert_array_equal(actions["push"], [0, 0, 0])
+    np.testing.assert_array_equal(actions["count"], [1, 1, 1])
+    np.testing.assert_array_equal(actions["on"], [False] * 3)
+    np.testing.assert_array_equal(actions["off"], [True] * 3)
+
+
+def test_every_kind_answers_in_its_unit(tmp_path):
+    planner = make(tmp_path, units={"push": 100.0})
+    actions = act(planner, pushed(planner, 0.5))
+    np.testing.assert_allclose(actions["push"], [50.0] * 3)
+    # the box is 4 wide and begins at 0; doing nothing is 1
+    np.testing.assert_array_equal(actions["count"], [3, 3, 3])
+    np.testing.assert_array_equal(actions["on"], [True] * 3)
+    np.testing.assert_array_equal(actions["off"], [False] * 3)
+    assert np.issubdtype(actions["count"].dtype, np.integer)
+
+
+def test_actions_stay_in_their_box(tmp_path):
+    planner = make(tmp_path)
+    np.testing.assert_array_equal(act(planner, pushed(planner, 1e6))["count"], [4, 4, 4])
+    np.testing.assert_array_equal(act(planner, pushed(planner, -1e6))["count"], [0, 0, 0])
+
+
+def test_few_bools_at_a_time_where_the_instance_says_so(tmp_path):
+    planner = make(tmp_path, limit=2)
+    actions = act(planner, pushed(planner, 1.0))
+    assert np.sum(actions["on"]) + np.sum(~actions["off"]) == 2
+    relaxed = planner.plan.train_policy(KEY, pushed(planner, 1.0), {}, 0, {"x": jnp.zeros(3)}, {})
+    assert float(jnp.sum(relaxed["on"]) + jnp.sum(1.0 - relaxed["off"])) == pytest.approx(2.0)
+
+
+def test_noise_is_in_the_plans_units(tmp_path):
+    problem = shipped("reservoir15", 2)
+    plan = FeedbackPlan(topology=None)
+    planner = MDPOPlanner(
+        problem.model, plan, pgpe=None, batch_size_train=1, noise=ConstantNoise(0.1)
+    )
+    width = np.median(problem.model.non_fluents["TOP_RES"])
+    np.testing.assert_allclose(planner.action_specs["release"].unit, np.full(15, width))
+
+
+def test_a_preprocessor_is_refused(tmp_path):
+    problem = load_problem(*tiny_files(tmp_path))
+    with pytest.raises(ValueError, match="preprocessor must be None"):
+        FeedbackPlan().compile(
+            MDPOPlanner(problem.model, FeedbackPlan(), pgpe=None).compiled, {}, 4, object()
+        )
+
+
+CONFIG = """
+[Compiler]
+[Planner]
+method='FeedbackPlan'
+method_kwargs={'topology': [4], 'units': {'push': 0.5}, 'state_scales': {'x': [0.5, 2.0]}}
+optimizer='normalized_adam'
+optimizer_kwargs={'learning_rate': 0.01}
+batch_size_train=2
+parallel_updates=2
+pgpe=None
+[Optimize]
+key=1
+"""
+
+
+def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
+    config = PlannerConfig.from_text(CONFIG)
+    planner, _ = build_planner(load_problem(*tiny_files(tmp_path)), config)
+    assert isinstance(planner.plan, FeedbackPlan)
+    np.testing.assert_array_equal(planner.plan.units["push"], [0.5, 0.5])
+    assert PlannerConfig.from_text(config.to_text()).sections == config.sections
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("'topology'", "'topologi'", "unknown key 'topologi'"),
+        ("normalized_adam", "abnormal_adam", "optax has no function 'abnormal_adam'"),
+        ("[Optimize]", "[Search]\nshared_until=2\n[Optimize]", "shared_until <= own_until"),
+        ("[Optimize]", "[Search]\nuntil=2\n[Optimize]", "unexpected keyword argument 'until'"),
+        ("[Optimize]", "[Search]\nalternatives=1\n[Optimize]", "must be True or False, got 1"),
+    ],
+)
+def test_mistakes_are_named(old, new, said):
+    with pytest.raises(InputError, match=said.replace("[", r"\[")):
+        PlannerConfig.from_text(CONFIG.replace(old, new))
+
+
+def test_a_search_needs_the_feedback_plan():
+    text = CONFIG.replace("FeedbackPlan", "JaxStraightLinePlan")
+    lines = [line for line in text.splitlines() if not line.startswith("method_kwargs")]
+    with pytest.raises(InputError, match="needs method='FeedbackPlan'"):
+        PlannerConfig.from_text("\n".join([*lines, "[Search]", "shared_until=0.4"]))
+
+
+def test_restarts_can_start_from_different_policies(tmp_path):
+    config = PlannerConfig.from_text(CONFIG)
+    planner, _ = build_planner(load_problem(*tiny_files(tmp_path)), config)
+    one, other = pushed(planner, 0.0), pushed(planner, 0.3)
+    stacked = PerRestart(jax.tree.map(lambda *leaves: jnp.stack(leaves), one, other))
+    planner.vary_restarts(learning_rate=[1e-9, 1e-9])
+    callback = planner.optimize(
+        key=KEY, epochs=2, guess=stacked, print_summary=False, print_progress=False
+    )
+    bias = callback["params"]["own"]["push"]["bias"]
+    np.testing.assert_allclose(bias, [[0.0, 0.0], [0.3, 0.3]], atol=1e-6)
