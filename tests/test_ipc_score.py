@@ -143,7 +143,7 @@ def test_without_a_floor_there_is_no_normalised_score():
 
 
 def written(folder, results, lenient=True):
-    keep_conditions(folder, Rules(trials=2, lenient=lenient), "local")
+    keep_conditions(folder, Rules(trials=2, lenient=lenient), {"cores": 2})
     for each in results:
         each.save(folder)
     return write_report(folder)
@@ -208,7 +208,7 @@ def test_a_damaged_file_is_named(tmp_path, name, content, complaint):
 def test_a_folder_without_a_run_is_refused(tmp_path):
     missing = f"{tmp_path}: holds no run of mdpo-ipc (run.json is missing)"
     assert one_line(lambda: write_report(tmp_path)) == missing
-    keep_conditions(tmp_path, Rules(), "local")
+    keep_conditions(tmp_path, Rules(), {"cores": 2})
     message = one_line(lambda: write_report(tmp_path))
     assert message == f"{tmp_path}: no entry has been played to its end yet"
 

@@ -129,3 +129,17 @@ class NoActs:
 
     def prepare(self, problem, seconds, seed):
         pass
+
+
+class Pausing(Steady):
+    """Takes its time, and can be taken up again."""
+
+    def push(self, step, state, rng):
+        time.sleep(0.2)
+        return super().push(step, state, rng)
+
+    def save(self, folder: Path) -> None:
+        pass
+
+    def restore(self, problem: Any, folder: Path) -> None:
+        self.prepare(problem, 1.0, 0)

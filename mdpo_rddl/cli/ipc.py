@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rddlrepository import RDDLRepoManager
 
-from mdpo_rddl.cli.executor_options import add_executor_options, executor_from
+from mdpo_rddl.cli.executor_options import add_executor_options, executor_from, hardware
 from mdpo_rddl.cli.ipc_display import LiveTable
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
@@ -23,6 +23,7 @@ from mdpo_rddl.ipc.results import load_result
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.run import run
 from mdpo_rddl.ipc.trial import OK
+from mdpo_rddl.machine import usable_cores
 
 _SUFFIX = "_ippc2023"
 
@@ -72,7 +73,7 @@ def _parser() -> OneLineParser:
     runs.add_argument("--trials", type=positive_int, default=Rules.trials)
     runs.add_argument("--out", metavar="DIR", type=Path, required=True, help="the run's folder")
     runs.add_argument("--quiet", action="store_true", help="no table while it runs")
-    add_executor_options(runs.add_argument_group("where it runs"))
+    add_executor_options(runs)
     runs.set_defaults(command=_run)
 
     scores = commands.add_parser("score", help="score a run, finished or not")
@@ -130,7 +131,7 @@ def _run(options: argparse.Namespace) -> int:
         check_planner(name)
     executor = executor_from(options, options.out)
     rules = _rules(options, options.trials)
-    keep_conditions(options.out, rules, options.executor)
+    keep_conditions(options.out, rules, hardware(options))
     entries = [Entry(problem, name) for problem in problems for name in dict.fromkeys(names)]
     shown = not options.quiet and sys.stderr.isatty()
     level = logging.WARNING if shown or options.quiet else logging.INFO
@@ -153,7 +154,7 @@ def _agent(options: argparse.Namespace) -> int:
     (problem,) = parse_problems(f"{domain}:{options.instance}")
     check_planner(options.method)
     rules, entry = _rules(options, options.episodes), Entry(problem, options.method)
-    keep_conditions(options.out, rules, "agent")
+    keep_conditions(options.out, rules, {"executor": "local", "cores": usable_cores()})
     _log_to_stderr(logging.INFO)
     run(options.out, [entry], rules, LocalExecutor())
     result = load_result(options.out, entry, rules.trials)

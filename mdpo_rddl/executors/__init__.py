@@ -6,9 +6,9 @@ from typing import Any
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.executors.base import Executor
 from mdpo_rddl.executors.local import LocalExecutor
+from mdpo_rddl.executors.slurm import SlurmExecutor
 
-_EXECUTORS = {"local": LocalExecutor}
-EXECUTORS = tuple(_EXECUTORS)
+EXECUTORS = ("local", "slurm")
 
 
 def make_executor(name: str, options: Mapping[str, Any]) -> Executor:
@@ -16,14 +16,16 @@ def make_executor(name: str, options: Mapping[str, Any]) -> Executor:
 
     Args:
       name: out of `EXECUTORS`.
-      options: the keyword arguments of its class.
+      options: the keyword arguments of its class; "local" takes none.
 
     Raises:
       InputError: if there is none of that name.
     """
-    if name not in _EXECUTORS:
-        raise InputError(f"unknown executor {name!r}, known are {', '.join(EXECUTORS)}")
-    return _EXECUTORS[name](**options)
+    if name == "local":
+        return LocalExecutor(**options)
+    if name == "slurm":
+        return SlurmExecutor(**options)
+    raise InputError(f"unknown executor {name!r}, known are {', '.join(EXECUTORS)}")
 
 
-__all__ = ["EXECUTORS", "Executor", "LocalExecutor", "make_executor"]
+__all__ = ["EXECUTORS", "Executor", "LocalExecutor", "SlurmExecutor", "make_executor"]

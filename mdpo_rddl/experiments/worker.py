@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -155,9 +156,17 @@ def _end_with(parent: int) -> None:
     os.killpg(0, signal.SIGKILL)
 
 
+def _ignore(number: int, frame: Any) -> None:
+    """Leaves a signal to the parent; unlike `SIG_IGN`, no program that we start inherits it."""
+
+
 def _serve(work: Callable[[Any], dict[str, Any]], items: list[Any], sender: Any, log: str) -> None:
     os.setsid()  # whatever the work starts ends with us
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    # a cluster that wants the machine back signals us too; what the work starts stays killable
+    for number in (signal.SIGTERM, signal.SIGUSR2):
+        signal.signal(number, _ignore)
+        os.register_at_fork(after_in_child=partial(signal.signal, number, signal.SIG_DFL))
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     # what native code prints is all that a crash leaves behind
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)

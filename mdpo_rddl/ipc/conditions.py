@@ -2,6 +2,7 @@
 
 import json
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,17 @@ from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.versions import versions
 from mdpo_rddl.ipc.rules import Rules
-from mdpo_rddl.machine import usable_cores
 
 CONDITIONS = "run.json"
 
 
-def keep_conditions(root: Path, rules: Rules, where: str) -> None:
+def keep_conditions(root: Path, rules: Rules, hardware: Mapping[str, Any]) -> None:
     """Writes them into a new folder, and compares them with those of an old one.
 
     Args:
       root: the run's folder; made if missing.
       rules: of the run.
-      where: the executor's name.
+      hardware: what the planners run on.
 
     Raises:
       InputError: if the folder was begun under others, holds something else, or cannot be
@@ -29,8 +29,7 @@ def keep_conditions(root: Path, rules: Rules, where: str) -> None:
     """
     current = {
         **asdict(rules),
-        "executor": where,
-        "cores": usable_cores(),
+        **hardware,
         "machine": platform.machine(),
         "versions": versions(),
     }
