@@ -42,3 +42,22 @@ def test_options_of_slurm_need_slurm(tmp_path, capsys):
     arguments = ["run", "--planners", "noop", "--out", str(tmp_path / "out"), "--slurm-cpus", "4"]
     assert ipc.main(arguments) == 2
     assert capsys.readouterr().err == "mdpo-ipc: error: --slurm-cpus needs --executor slurm\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--memory-gb", "8"], "jobs of 8 GB cannot hold planners of 8 GB: set --slurm-memory-gb"),
+        (
+            ["--memory-gb", "4", "--slurm-minutes", "61"],
+            "jobs of 61 minutes cannot hold a preparation of 3600 s: set --slurm-minutes",
+        ),
+    ],
+)
+def test_jobs_must_hold_what_the_rules_give(tmp_path, capsys, options, complaint):
+    out = tmp_path / "out"
+    arguments = ["run", "--planners", "noop", "--out", str(out), "--executor", "slurm"]
+    assert ipc.main([*arguments, *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"mdpo-ipc: error: {complaint}")
+    assert not out.exists()

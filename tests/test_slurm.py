@@ -78,6 +78,17 @@ def test_a_task_whose_jobs_are_lost_is_given_up_in_the_end(slurm, tmp_path):
     )
 
 
+def test_a_folder_with_jobs_in_the_queue_is_refused(slurm, tmp_path):
+    executor = quick(tmp_path)
+    command = ["sbatch", "--hold", f"--job-name={executor._name}", "--wrap=true"]
+    subprocess.run([*command, "--output=/dev/null"], check=True, capture_output=True)
+    message = one_line(lambda: executor.run(write_name, [(tmp_path, "done")]))
+    end = f"scancel --name={executor._name}"
+    assert message.startswith(f"{tmp_path / 'jobs'}: 1 jobs of an earlier run have not ended")
+    assert message.endswith(end)
+    subprocess.run(end.split(), check=True)
+
+
 def test_jobs_that_slurm_refuses_are_an_input_error(slurm, tmp_path):
     executor = quick(tmp_path, partition="nowhere")
     message = one_line(lambda: executor.run(write_name, [(tmp_path, "done")]))
@@ -95,7 +106,7 @@ def test_a_preempted_run_has_the_results_of_one_that_was_not(slurm, tmp_path):
     out = tmp_path / "out"
     options = ["--problems", f"{problem.domain}:{problem.instance}", "--trials", "4"]
     options += ["--plan-seconds", "60", "--trial-seconds", "60", "--memory-gb", "2"]
-    options += ["--executor", "slurm", "--slurm-cpus", "1", "--slurm-memory-gb", "2"]
+    options += ["--executor", "slurm", "--slurm-cpus", "1", "--slurm-memory-gb", "3"]
     begun = each.folder(out / "traces") / "trial-01.npz"
     preempting = threading.Thread(target=preempt, args=(begun.exists,), daemon=True)
     preempting.start()

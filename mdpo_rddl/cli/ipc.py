@@ -14,7 +14,7 @@ from mdpo_rddl.cli.ipc_display import LiveTable
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.executors import LocalExecutor
+from mdpo_rddl.executors import LocalExecutor, SlurmExecutor
 from mdpo_rddl.ipc.conditions import keep_conditions
 from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
 from mdpo_rddl.ipc.registry import PLANNERS, check_planner
@@ -129,8 +129,10 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError("--planners: there is no planner in it")
     for name in names:
         check_planner(name)
-    executor = executor_from(options, options.out)
     rules = _rules(options, options.trials)
+    executor = executor_from(options, options.out)
+    if isinstance(executor, SlurmExecutor):
+        _check_jobs(rules, executor)
     keep_conditions(options.out, rules, hardware(options))
     entries = [Entry(problem, name) for problem in problems for name in dict.fromkeys(names)]
     shown = not options.quiet and sys.stderr.isatty()
@@ -140,6 +142,20 @@ def _run(options: argparse.Namespace) -> int:
         run(options.out, entries, rules, executor)
     print(write_report(options.out), end="")
     return 0
+
+
+def _check_jobs(rules: Rules, jobs: SlurmExecutor) -> None:
+    """Raises `InputError` if a planner could not use up what the rules give it."""
+    if jobs.memory_gb <= rules.memory_gb:
+        raise InputError(
+            f"jobs of {jobs.memory_gb:g} GB cannot hold planners of {rules.memory_gb:g} GB: set "
+            "--slurm-memory-gb or --memory-gb"
+        )
+    if 60 * jobs.minutes - jobs.signal_seconds <= rules.plan_seconds:
+        raise InputError(
+            f"jobs of {jobs.minutes} minutes cannot hold a preparation of {rules.plan_seconds:g} "
+            "s: set --slurm-minutes or --plan-seconds"
+        )
 
 
 def _score(options: argparse.Namespace) -> int:

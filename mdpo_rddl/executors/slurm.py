@@ -1,5 +1,6 @@
 """On a Slurm cluster, as a job array."""
 
+import hashlib
 import logging
 import subprocess
 import time
@@ -73,17 +74,23 @@ class SlurmExecutor:
         """Runs each task as a job; an interrupt cancels the jobs.
 
         Raises:
-          InputError: if submitit or Slurm is missing here, or Slurm refuses the jobs; if a task
-            failed, with its error and the folder of the logs, after all others have ended.
+          InputError: if submitit or Slurm is missing here, or Slurm refuses the jobs, or jobs of
+            an earlier run on this folder have not ended; if a task failed, with its error and the
+            folder of the logs, after all others have ended.
         """
         submitter, failures = self._submitter(), []
+        if earlier := _queued(self._name):
+            raise InputError(
+                f"{self.folder}: {len(earlier)} jobs of an earlier run have not ended; wait for "
+                f"them or end them by: scancel --name={self._name}"
+            )
         waiting = _submit(submitter, work, tasks, range(len(tasks)))
         submissions = Counter(waiting.values())
         unseen: Counter[Any] = Counter()
         try:
             while waiting:
                 time.sleep(self.look_seconds)
-                queued, lost = _queued(), []
+                queued, lost = _queued(self._name), []
                 for job in list(waiting):
                     if job.paths.result_pickle.exists():
                         del waiting[job]
@@ -97,11 +104,16 @@ class SlurmExecutor:
                 waiting |= _submit(submitter, work, tasks, again)
                 submissions.update(again)
         except BaseException:
-            subprocess.run(["scancel", *(job.job_id for job in waiting)], check=False)
+            subprocess.run(["scancel", f"--name={self._name}", "--me"], check=False)
             raise
         if failures:
             count = f"{len(failures)} of {len(tasks)} tasks failed"
             raise InputError(f"{self.folder}: {count}, see the logs there; first: {failures[0]}")
+
+    @property
+    def _name(self) -> str:
+        """The jobs' name in the queue, the same for all runs on one folder."""
+        return "mdpo-" + hashlib.sha256(bytes(self.folder.resolve())).hexdigest()[:8]
 
     def _submitter(self) -> Any:
         try:
@@ -115,7 +127,7 @@ class SlurmExecutor:
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from error
         submitter.update_parameters(
-            job_name="mdpo",
+            job_name=self._name,
             cpus_per_task=self.cpus,
             mem=f"{round(self.memory_gb * 1024)}M",
             time=self.minutes,
@@ -141,9 +153,9 @@ def _submit(
     return dict(zip(jobs, numbers, strict=True))
 
 
-def _queued() -> set[str] | None:
-    """The ids of all our jobs that have not ended; None if Slurm does not answer."""
-    command = ["squeue", "--me", "--noheader", "--array", "--format=%i"]
+def _queued(name: str) -> set[str] | None:
+    """The ids of our jobs of this name that have not ended; None if Slurm does not answer."""
+    command = ["squeue", "--me", f"--name={name}", "--noheader", "--array", "--format=%i"]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
