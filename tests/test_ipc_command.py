@@ -4,7 +4,6 @@ import io
 import os
 
 import pytest
-import toy_contest
 from mistakes import one_line
 from rich.console import Console
 from toy_contest import RULES, entry, tiny_instance
@@ -185,7 +184,9 @@ def test_a_folder_with_something_else_is_left_alone(problem, tmp_path, capsys):
 def test_the_live_table_shows_what_is_done_and_what_leads(problem, tmp_path):
     planners = ["noop", "random", "mdpo", "jaxplan-slp", "jaxplan-drp"]
     entries = [entry(problem, name) for name in planners]
-    entries += [entry(Instance("UAV_ippc2023", "1"), name) for name in planners]
+    entries += [
+        entry(Instance("UAV_ippc2023", number), name) for number in "12" for name in planners
+    ]
     ready = Preparation("ok", "", 1.0, 100.0)
     trials = [Trial(i, "ok", "", -float(i), 3, 0, 0.1) for i in range(3)]
     EntryResult(entries[0], 3, ready, tuple(trials)).save(tmp_path)
@@ -196,10 +197,11 @@ def test_the_live_table_shows_what_is_done_and_what_leads(problem, tmp_path):
     console = Console(width=100, record=True, file=io.StringIO())
     console.print(table)
     text = console.export_text()
-    assert "2 of 10 entries, 4 trials" in text
+    assert "2 of 15 entries, 4 trials" in text
     (row,) = [line for line in text.splitlines() if "d i" in line]
     cells = [cell.strip() for cell in row.split("│")[1:-1]]
     assert cells == ["d i", "-1", "-2 1", "ready", "timeout", ""]
-    assert "UAV" not in text  # not begun
-    assert table.columns[1]._cells == ["[green]-1[/green]"]
-    assert toy_contest.RULES.trials == 3
+    assert "UAV_ippc2023 1" in text  # what comes next
+    assert "UAV_ippc2023 2" not in text
+    assert table.columns[1].footer == "1"
+    assert table.columns[1]._cells == ["[green]-1[/green]", ""]

@@ -1,5 +1,6 @@
 """The live table of a run, read from its folder, wherever the work is done."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +17,7 @@ from mdpo_rddl.ipc.tables import format_return
 from mdpo_rddl.ipc.trial import OK
 
 # the table's own lines
-_FRAME = 7
+_FRAME = 9
 
 
 class LiveTable:
@@ -63,19 +64,22 @@ class LiveTable:
         trials = sum(len(result.trials) for result in results.values())
         table = Table(
             title=f"{complete} of {len(results)} entries, {trials:,} trials",
-            caption="mean return so far; the leader is green",
+            caption="mean return so far, of how many trials; the leader is green",
+            show_footer=True,
         )
         planners = list(dict.fromkeys(entry.planner for entry in self._entries))
-        table.add_column("instance", no_wrap=True)
+        table.add_column("instance", "leads on", no_wrap=True)
         for name in planners:
             table.add_column(escape(name), justify="right", no_wrap=True)
         rows: dict[Instance, dict[str, EntryResult]] = {}
         for entry, result in results.items():
             rows.setdefault(entry.problem, {})[entry.planner] = result
-        begun = {problem: row for problem, row in rows.items() if any(map(_is_begun, row.values()))}
-        for problem in list(begun)[-max(1, self._console.height - _FRAME) :]:
+        leads = Counter(name for row in rows.values() for name in _leaders(row))
+        for column, name in zip(table.columns[1:], planners, strict=True):
+            column.footer = str(leads[name])
+        for problem in _worth_showing(rows)[-max(1, self._console.height - _FRAME) :]:
             label = escape(f"{problem.domain_label} {problem.label}")
-            table.add_row(label, *_cells(begun[problem], planners))
+            table.add_row(label, *_cells(rows[problem], planners))
         return table
 
     def _result(self, entry: Entry) -> EntryResult:
@@ -91,12 +95,26 @@ def _is_begun(result: EntryResult) -> bool:
     return result.preparation is not None
 
 
+def _worth_showing(rows: Mapping[Instance, Mapping[str, EntryResult]]) -> list[Instance]:
+    """The instances that are done or begun, and the first that is neither."""
+    shown = []
+    for problem, row in rows.items():
+        shown.append(problem)
+        if not any(map(_is_begun, row.values())):
+            break
+    return shown
+
+
+def _leaders(row: Mapping[str, EntryResult]) -> list[str]:
+    means = {name: mean for name, result in row.items() if (mean := _mean(result)) is not None}
+    return [name for name, mean in means.items() if mean == max(means.values())]
+
+
 def _cells(row: Mapping[str, EntryResult], planners: Sequence[str]) -> list[str]:
-    means = {name: _mean(result) for name, result in row.items()}
-    best = max((mean for mean in means.values() if mean is not None), default=None)
-    cells = []
+    leaders, cells = _leaders(row), []
     for name in planners:
-        result, mean = row[name], means[name]
+        result = row[name]
+        mean = _mean(result)
         failure = _failure(result)
         if failure:
             cells.append(f"[red]{failure}[/red]")
@@ -105,7 +123,7 @@ def _cells(row: Mapping[str, EntryResult], planners: Sequence[str]) -> list[str]
         else:
             done = "" if result.is_complete else f" [dim]{len(result.trials)}[/dim]"
             text = format_return(mean)
-            cells.append((f"[green]{text}[/green]" if mean == best else text) + done)
+            cells.append((f"[green]{text}[/green]" if name in leaders else text) + done)
     return cells
 
 
