@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mdpo_rddl.ipc.noop import Noop
-from mdpo_rddl.ipc.random import Random
+from mdpo_rddl.ipc.noop_player import NoopPlayer
+from mdpo_rddl.ipc.random_player import RandomPlayer
 from mdpo_rddl.ipc.trial import play
 from mdpo_rddl.problem import load_problem, make_environment
 
@@ -13,6 +13,7 @@ domain mixed {
     types { unit : object; colour : {@red, @green, @blue}; };
     pvariables {
         s : { state-fluent, real, default = 0.0 };
+        shade : { state-fluent, colour, default = @red };
         on(unit) : { action-fluent, bool, default = false };
         box(unit) : { action-fluent, real, default = 0.0 };
         low : { action-fluent, real, default = 0.0 };
@@ -21,13 +22,14 @@ domain mixed {
         count : { action-fluent, int, default = 1 };
         paint : { action-fluent, colour, default = @green };
     };
-    cpfs { s' = s + 1.0; };
+    cpfs { s' = s + 1.0; shade' = @blue; };
     reward = s;
     action-preconditions {
         forall_{?u : unit} [box(?u) >= -1.0 ^ box(?u) <= 2.0];
         low >= 4.0 | s < 1.0;
         low >= -2.0;
         high <= 7.0;
+        shade ~= @blue | paint == @blue;
         count >= 1;
         count <= 3;
     };
@@ -48,7 +50,7 @@ def mixed_problem(folder, most="pos-inf"):
 
 
 def drawn(problem, state, count=200):
-    player, rng = Random(), np.random.default_rng(0)
+    player, rng = RandomPlayer(), np.random.default_rng(0)
     player.prepare(problem, 1.0, 0)
     actions = [player.act(0, state, rng) for _ in range(count)]
     return {name: np.array([action[name] for action in actions]) for name in actions[0]}
@@ -75,11 +77,13 @@ def test_preconditions_are_checked_in_the_observed_state(tmp_path):
     assert drawn(problem, {"s": np.zeros(1)})["low"].min() < 4.0
     later = drawn(problem, {"s": np.ones(1)}, 20)
     assert later["low"].min() >= 4.0
+    # an environment shows objects by their names
+    assert set(drawn(problem, {"shade": np.array(["blue"])}, 20)["paint"]) == {2}
 
 
 def test_no_more_actions_than_allowed_leave_their_default(tmp_path):
     problem = mixed_problem(tmp_path, most="2")
-    env, player = make_environment(problem), Random()
+    env, player = make_environment(problem), RandomPlayer()
     player.prepare(problem, 1.0, 0)
     defaults, rng = env.sampler.noop_actions, np.random.default_rng(0)
     for _ in range(20):
@@ -90,7 +94,7 @@ def test_no_more_actions_than_allowed_leave_their_default(tmp_path):
 
 def test_the_random_numbers_are_those_of_the_trial(tmp_path):
     problem = mixed_problem(tmp_path)
-    player, env = Random(), make_environment(problem)
+    player, env = RandomPlayer(), make_environment(problem)
     player.prepare(problem, 1.0, 0)
     first, second, other = (
         play(env, player, 0, np.random.default_rng(seed), lenient=False)[1] for seed in (1, 1, 2)
@@ -102,7 +106,7 @@ def test_the_random_numbers_are_those_of_the_trial(tmp_path):
 
 def test_recsim_recommends_one_item_to_half_of_the_consumers():
     problem = load_problem("RecSim_ippc2023", "1")
-    player, env = Random(), make_environment(problem, enforce_action_constraints=True)
+    player, env = RandomPlayer(), make_environment(problem, enforce_action_constraints=True)
     player.prepare(problem, 1.0, 0)
     rng, (state, _) = np.random.default_rng(0), env.reset(seed=0)
     totals = []
@@ -117,7 +121,7 @@ def test_recsim_recommends_one_item_to_half_of_the_consumers():
 @pytest.mark.parametrize("name", ["HVAC", "MarsRover", "PowerGen", "RaceCar", "UAV"])
 def test_both_play_legally(name):
     problem = load_problem(f"{name}_ippc2023", "1", 5)
-    for player in (Noop(), Random()):
+    for player in (NoopPlayer(), RandomPlayer()):
         player.prepare(problem, 1.0, 0)
         rng = np.random.default_rng(0)
         result, _ = play(make_environment(problem), player, 0, rng, lenient=False)

@@ -71,6 +71,15 @@ def test_domains_and_the_run_are_means_of_means():
     assert found.count("jaxplan-slp", best_only=True) == 2
 
 
+def test_the_better_of_two_is_taken_instance_by_instance():
+    results = [*of(HVAC, 10, 5), *of(HVAC2, 4, 8), *of(UAV, 2, 20)]
+    found = score(results, "strict", PLANNERS)
+    expected = ((1.0 + 1.0) / 2 + 1.0) / 2
+    assert found.better_of(["mdpo", "jaxplan-slp"]) == expected
+    assert found.better_of(["mdpo"]) == found.overall["mdpo"]
+    assert found.better_of(["mdpo", "jaxplan-drp"]) is None
+
+
 def test_whose_interval_holds_the_best_mean_is_level_with_it():
     # Student's interval of [3, 5] is 4 +- 12.7; of [4, 4] it is a point
     results = [*of(HVAC, 8, 4), result(UAV, "mdpo", [8, 8]), result(UAV, "jaxplan-slp", [4, 4])]
@@ -181,6 +190,17 @@ def test_a_strict_run_has_one_score(tmp_path):
     text = written(tmp_path, of(HVAC, 10, 5), lenient=False)
     assert "| planner | strict score | best |" in text
     assert "lenient" not in json.loads((tmp_path / JSON).read_text())
+
+
+def test_the_report_has_jaxplans_better_one_and_the_remarks(tmp_path):
+    (tmp_path / "run").mkdir()
+    run = tmp_path / "run"
+    written(run, [*of(HVAC, 10, 5), result(HVAC, "jaxplan-drp", [7, 9])])
+    (run / "remarks.md").write_text("Lost for want of time.\n")
+    text = write_report(run)
+    assert "| JaxPlan's better one on each instance | 0.800 | 0.800 |" in text
+    assert "## Remarks\n\nLost for want of time.\n\n##" in text
+    assert json.loads((run / JSON).read_text())["strict"]["jaxplan_better_of_two"] == 0.8
 
 
 def test_an_unfinished_run_says_so(tmp_path):

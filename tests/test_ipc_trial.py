@@ -7,6 +7,7 @@ from problems import tiny_files
 
 from mdpo_rddl.evaluation import episode_seeds, evaluate
 from mdpo_rddl.ipc.referee import ContestReferee, IllegalActionError
+from mdpo_rddl.ipc.traces import Trace
 from mdpo_rddl.ipc.trial import play
 from mdpo_rddl.problem import load_problem, make_environment
 
@@ -54,6 +55,14 @@ def test_the_trace_holds_each_step(problem, tmp_path):
     np.testing.assert_allclose(push, 0.5 - x)
     np.testing.assert_allclose(reward, -np.sum((x - 0.5) ** 2, axis=1))
     assert result.total == pytest.approx(reward.sum())
+
+
+def test_what_is_not_observed_before_the_first_step_is_not_a_number_in_the_trace():
+    trace = Trace()
+    for seen in (None, np.array([1.0, 2.0]), np.array([3.0, 4.0])):
+        trace.add({"x": seen}, {"push": np.zeros(2)}, 0.0)
+    expected = [[np.nan, np.nan], [1.0, 2.0], [3.0, 4.0]]
+    np.testing.assert_array_equal(trace.arrays()["state/x"], expected)
 
 
 def test_a_broken_precondition_ends_a_strict_trial(problem):

@@ -7,17 +7,18 @@ from functools import partial
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.jaxplan import JaxPlanPlanner
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.ipc.noop import Noop
+from mdpo_rddl.ipc.noop_player import NoopPlayer
 from mdpo_rddl.ipc.planner import Planner
-from mdpo_rddl.ipc.random import Random
+from mdpo_rddl.ipc.random_player import RandomPlayer
 
 PLANNERS: dict[str, Callable[[], Planner]] = {
     "mdpo": MDPO,
     "jaxplan-slp": partial(JaxPlanPlanner, "slp"),
     "jaxplan-drp": partial(JaxPlanPlanner, "drp"),
-    "noop": Noop,
-    "random": Random,
+    "noop": NoopPlayer,
+    "random": RandomPlayer,
 }
+JAXPLAN = ("jaxplan-slp", "jaxplan-drp")
 FLOOR = ("noop", "random")
 """The players that mark what 0 is worth."""
 

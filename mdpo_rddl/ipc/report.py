@@ -11,7 +11,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.conditions import load_conditions
 from mdpo_rddl.ipc.figures import draw_domains, draw_profiles
 from mdpo_rddl.ipc.published import published_table
-from mdpo_rddl.ipc.registry import PLANNERS
+from mdpo_rddl.ipc.registry import JAXPLAN, PLANNERS
 from mdpo_rddl.ipc.results import EntryResult, load_results
 from mdpo_rddl.ipc.score import MODES, Scores, score
 from mdpo_rddl.ipc.tables import (
@@ -24,6 +24,8 @@ from mdpo_rddl.ipc.tables import (
 )
 
 MARKDOWN, JSON = "scores.md", "scores.json"
+REMARKS = "remarks.md"
+"""What somebody has to say about the run, in its folder; the report takes it up."""
 DOMAINS_PICTURE, PROFILES_PICTURE = "domains.png", "profiles.png"
 
 
@@ -43,7 +45,7 @@ def write_report(root: Path) -> str:
     # in a strict run nobody knows how a trial would have gone on
     modes = MODES if conditions["lenient"] else MODES[:1]
     by_mode = {mode: score(results, mode, planners) for mode in modes}
-    text = markdown(conditions, results, by_mode)
+    text = markdown(conditions, results, by_mode, _remarks(root))
     write_atomically(root / MARKDOWN, text.encode())
     values = json.dumps(_values(conditions, by_mode), indent=1, allow_nan=False)
     write_atomically(root / JSON, values.encode() + b"\n")
@@ -60,7 +62,10 @@ def ordered_planners(results: Sequence[EntryResult]) -> list[str]:
 
 
 def markdown(
-    conditions: Mapping[str, Any], results: Sequence[EntryResult], by_mode: Mapping[str, Scores]
+    conditions: Mapping[str, Any],
+    results: Sequence[EntryResult],
+    by_mode: Mapping[str, Scores],
+    remarks: str = "",
 ) -> str:
     """The report's text.
 
@@ -68,6 +73,7 @@ def markdown(
       conditions: of the run.
       results: all its entries.
       by_mode: its scores in one or both of `MODES`.
+      remarks: Markdown that goes under a heading of its own.
     """
     strict = by_mode["strict"]
     unfinished = sum(not result.is_complete for result in results)
@@ -81,6 +87,7 @@ def markdown(
         "Instances, mean return": return_table(strict),
         "Failures": failure_lines(strict),
         f"Where {strict.planners[0]} is not best": lost_lines(strict),
+        "Remarks": remarks.strip().splitlines(),
         "Published scores, of other runs": published_table(strict),
     }
     for heading, body in sections.items():
@@ -92,6 +99,14 @@ def markdown(
         f"![Performance profiles]({PROFILES_PICTURE})",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _remarks(root: Path) -> str:
+    path = root / REMARKS
+    try:
+        return path.read_text(encoding="utf-8") if path.exists() else ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
 
 
 def _terms(conditions: Mapping[str, Any]) -> str:
@@ -117,6 +132,7 @@ def _values(conditions: Mapping[str, Any], by_mode: Mapping[str, Scores]) -> dic
         **{
             mode: {
                 "overall": scores.overall,
+                "jaxplan_better_of_two": scores.better_of(JAXPLAN),
                 "domains": scores.domains,
                 "best": {name: scores.count(name, best_only=True) for name in scores.planners},
                 "best_or_level": {name: scores.count(name) for name in scores.planners},

@@ -62,6 +62,21 @@ class Scores:
     domains: Mapping[str, Mapping[str, float]]
     overall: Mapping[str, float]
 
+    def better_of(self, planners: Sequence[str]) -> float | None:
+        """The overall score of whoever of some planners is better, instance by instance.
+
+        Returns:
+          None if one of them has not ended everywhere, or there is no floor.
+        """
+        by_domain: dict[str, list[float]] = {}
+        for problem, row in self.cells.items():
+            values = [row[name].normalised for name in planners if name in row]
+            known = [value for value in values if value is not None]
+            if len(known) < len(planners):
+                return None
+            by_domain.setdefault(problem.domain_label, []).append(max(known))
+        return float(np.mean([np.mean(values) for values in by_domain.values()]))
+
     def count(self, planner: str, best_only: bool = False) -> int:
         """On how many instances a planner is best, or level with the best."""
         found = [row[planner] for row in self.cells.values() if planner in row]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from mdpo_rddl.ipc.registry import JAXPLAN
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.ipc.score import Cell, Scores
 
@@ -21,6 +22,9 @@ def overall_table(by_mode: Mapping[str, Scores]) -> list[str]:
         trials = f"{sum(cell.failed_trials for cell in cells):,}"
         violations = f"{sum(cell.violations for cell in cells):,}"
         rows.append([name, *scores, *won, failed, trials, violations])
+    if set(JAXPLAN) <= set(strict.planners):
+        better = [_score(scores.better_of(JAXPLAN)) for scores in by_mode.values()]
+        rows.append(["JaxPlan's better one on each instance", *better, *([""] * 5)])
     columns = ["best", "best or level", "failed instances", "failed trials", "illegal actions"]
     return table(["planner", *heads, *columns], rows)
 

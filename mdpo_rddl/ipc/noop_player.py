@@ -8,7 +8,7 @@ import numpy as np
 from mdpo_rddl.problem import Problem
 
 
-class Noop:
+class NoopPlayer:
     """Leaves every action fluent at its default."""
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:

@@ -15,7 +15,7 @@ _WIDTH = 10.0
 _DRAWS = 20
 
 
-class Random:
+class RandomPlayer:
     """Draws each action anew at every step.
 
     Reals and integers are uniform in their box, of width 10 where it has but one bound; where it
