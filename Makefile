@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all lint bench sweep paper-preset decay clean
+.PHONY: plan test test-all lint bench sweep paper-preset decay ipc clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
@@ -39,6 +39,10 @@ paper-preset: $(VENV)/.installed
 decay: $(VENV)/.installed
 	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep
 	$(BIN)/mdpo-bench paper-preset --decay 0.9 --noises none --out results/decay_0.9/paper_preset
+
+# the 2023 competition's forty instances, a minute to prepare for each
+ipc: $(VENV)/.installed
+	$(BIN)/mdpo-ipc run --plan-seconds 60 --memory-gb 12 --lenient --out results/ipc2023
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

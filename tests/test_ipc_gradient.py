@@ -14,7 +14,7 @@ from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.problem import load_problem, make_environment
 
-SECONDS = 4.0
+SECONDS = 2.5
 
 
 @pytest.mark.parametrize("name", ["mdpo", "jaxplan-slp"])

@@ -32,10 +32,10 @@ def statuses(result):
 
 @pytest.fixture(scope="module")
 def mishaps(tmp_path_factory):
-    """A run in which one planner after the other fails in its own way, and the last does not."""
+    """A run in which one planner after the other fails in its own way."""
     folder = tmp_path_factory.mktemp("mishaps")
     problem = tiny_instance(folder / "tiny")
-    kinds = ("Raising", "Dying", "Hanging", "Unready", "Steady")
+    kinds = ("Dying", "Hanging", "Raising")
     entries = [entry(problem, getattr(toy_contest, kind)) for kind in kinds]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CHILD_FILE", str(folder / "child"))
@@ -44,7 +44,7 @@ def mishaps(tmp_path_factory):
 
 
 def test_every_failure_is_recorded_and_the_run_goes_on(mishaps):
-    _, _, (raising, dying, hanging, unready, steady) = mishaps
+    _, _, (dying, hanging, raising) = mishaps
     assert statuses(raising) == ["ok", "error", "ok"]
     assert raising.trials[1].cause == "step 0: RuntimeError: no plan for this"
     # there is no planner left to play with
@@ -53,12 +53,19 @@ def test_every_failure_is_recorded_and_the_run_goes_on(mishaps):
     assert statuses(hanging) == ["ok", "timeout"]
     assert hanging.trials[1].cause == "over 1 s"
     assert hanging.trials[1].seconds == pytest.approx(1.0, abs=0.9)
-    assert unready.trials == ()
-    assert unready.preparation is not None
-    assert unready.preparation.status == "error"
-    assert unready.preparation.cause == "ValueError: out of ideas"
-    assert statuses(steady) == ["ok"] * 3
     assert all(result.is_complete for result in mishaps[2])
+
+
+def test_a_planner_that_cannot_prepare_plays_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "run_guarded", in_this_process)
+    task = EntryTask(entry(tiny_instance(tmp_path), toy_contest.Unready), RULES, tmp_path / "out")
+    run_entry(task)
+    result = task.result
+    assert result.is_complete
+    assert result.trials == ()
+    assert result.preparation is not None
+    assert result.preparation.status == "error"
+    assert result.preparation.cause == "ValueError: out of ideas"
 
 
 def test_a_planner_leaves_no_process_behind(mishaps):

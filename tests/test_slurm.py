@@ -70,6 +70,7 @@ def test_a_killed_job_is_submitted_again_and_a_failed_one_is_named(slurm, tmp_pa
         assert (tmp_path / name).read_text() == "1"
 
 
+@pytest.mark.slow
 def test_a_task_whose_jobs_are_lost_is_given_up_in_the_end(slurm, tmp_path):
     executor = quick(tmp_path, submissions=1)
     message = one_line(lambda: executor.run(write_name, [(tmp_path, "killed")]))

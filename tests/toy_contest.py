@@ -95,13 +95,6 @@ class Unready(Steady):
         raise ValueError("out of ideas")
 
 
-class Unprepared(Steady):
-    """Never stops preparing."""
-
-    def prepare(self, problem, seconds, seed):
-        time.sleep(600)
-
-
 class Erratic(Steady):
     """Prepares otherwise each time, and draws random numbers while it plays."""
 

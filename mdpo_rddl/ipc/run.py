@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -96,7 +96,7 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     return result
 
 
-def _limits(rules: Rules) -> Any:
+def _limits(rules: Rules) -> Callable[[int], Limits]:
     planning = Limits(rules.plan_seconds, rules.memory_gb)
     playing = Limits(rules.trial_seconds, rules.memory_gb)
     return lambda phase: planning if phase < 0 else playing
