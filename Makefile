@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all lint bench sweep paper-preset decay clean
+.PHONY: plan test test-all lint bench sweep paper-preset decay ipc clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
@@ -40,6 +40,10 @@ decay: $(VENV)/.installed
 	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep
 	$(BIN)/mdpo-bench paper-preset --decay 0.9 --noises none --out results/decay_0.9/paper_preset
 
+# the 2023 competition's forty instances, a minute to prepare for each
+ipc: $(VENV)/.installed
+	$(BIN)/mdpo-ipc run --plan-seconds 60 --memory-gb 12 --lenient --out results/ipc2023
+
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "mdpo-rddl needs Python 3.11 or later; try: make PYTHON=python3.12"; exit 2; }
@@ -47,7 +51,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	  { echo "Python lacks venv; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev,tuning]'
+	  --constraint constraints.txt --editable '.[dev,tuning,slurm]'
 	touch $@
 
 clean:

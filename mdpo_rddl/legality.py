@@ -24,17 +24,22 @@ class Verdict(NamedTuple):
     fallback: bool
 
 
+def action_box(env: RDDLEnv) -> dict[str, tuple[Any, Any]]:
+    """Lower and upper bound [*shape], infinite where there is none, of each action fluent."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is no box, already said for `env`
+        bounds = RDDLConstraints(env.sampler, vectorized=True).bounds
+    return {name: bounds[name] for name in env.model.action_ranges}
+
+
 class Referee:
     """Checks proposals against the current state of one environment."""
 
     def __init__(self, env: RDDLEnv) -> None:
         """Reads the action box of a vectorized environment."""
         self._env = env
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what is no box, already said for `env`
-            bounds = RDDLConstraints(env.sampler, vectorized=True).bounds
-        ranges = env.model.action_ranges
-        self._box = {name: bounds[name] for name, kind in ranges.items() if kind == "real"}
+        ranges, box = env.model.action_ranges, action_box(env)
+        self._box = {name: box[name] for name, kind in ranges.items() if kind == "real"}
         self._noop = dict(env.sampler.noop_actions)
         self._bools = [name for name, kind in ranges.items() if kind == "bool"]
 

@@ -122,12 +122,22 @@ def test_evaluation_knows_no_planner():
     assert violations(paths, "jax", "mdpo_rddl.jaxplan", "mdpo_rddl.noise") == []
 
 
-def test_the_core_imports_neither_experiments_nor_commands():
-    outer = ("mdpo_rddl.experiments", "mdpo_rddl.cli")
+def test_the_core_imports_neither_experiments_nor_runs_nor_commands():
+    outer = ("mdpo_rddl.experiments", "mdpo_rddl.ipc", "mdpo_rddl.cli")
     core = [path for path in FILES if not is_of(module_name(path), *outer)]
     names = {module_name(path) for path in core}
     assert names >= {f"mdpo_rddl.{name}" for name in ("training", "evaluation", "planning")}
     assert violations(core, *outer) == []
+
+
+def test_experiments_do_not_know_the_competition():
+    assert violations(modules("mdpo_rddl.experiments"), "mdpo_rddl.ipc") == []
+
+
+def test_executors_know_nothing_of_the_work():
+    names = {name for path in modules("mdpo_rddl.executors") for name in imports(path)}
+    ours = {name for name in names if is_of(name, "mdpo_rddl")}
+    assert all(is_of(name, "mdpo_rddl.executors", "mdpo_rddl.errors") for name in ours)
 
 
 def test_nothing_but_the_commands_imports_the_commands():

@@ -1,6 +1,7 @@
 """Training: its budgets, what it keeps, and that without noise it is JaxPlan's own."""
 
 import itertools
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -84,6 +85,16 @@ def test_seconds_are_honoured_and_do_not_count_compilation(compiling):
     assert result.compile_seconds > 0.3
     assert result.iterations > 10
     assert 0.3 <= result.train_seconds < result.compile_seconds + 0.3
+
+
+def test_seconds_may_count_compilation(planner, monkeypatch):
+    monkeypatch.setattr(training, "_force_compilation", lambda *_: time.sleep(0.2))
+    result, _ = trained(planner, 10**6, seconds=0.1, counts_compilation=True)
+    assert result.status == "time_budget_reached"
+    assert result.iterations == 1
+    result, _ = trained(planner, 10**6, seconds=0.5, counts_compilation=True)
+    assert result.iterations > 10
+    assert result.train_seconds < 0.5
 
 
 def test_seconds_move_the_progress(planner):

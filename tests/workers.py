@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import time
 from typing import Any
 
@@ -25,3 +26,23 @@ def fate(trial: Trial) -> dict[str, Any]:
         del hoard
     os.write(1, b"noise on standard output\n")
     return {**ROW, "return": float(os.getpid())}
+
+
+class Counting:
+    """Counts its calls; some of them do more."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, item: str) -> dict[str, Any]:
+        self.count += 1
+        child = None
+        if item == "hang":
+            time.sleep(600)
+        if item == "signals":
+            for number in (signal.SIGTERM, signal.SIGUSR2):
+                os.kill(os.getpid(), number)
+            process = subprocess.Popen(["sleep", "600"])
+            process.terminate()
+            child = process.wait(10)
+        return {"count": self.count, "child": child}

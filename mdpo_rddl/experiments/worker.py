@@ -1,5 +1,6 @@
 """Work in a process of its own, within a time and a memory: however it ends, we go on."""
 
+import contextlib
 import json
 import multiprocessing
 import os
@@ -7,7 +8,8 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,14 +48,20 @@ class Death(NamedTuple):
 
 
 def run_guarded(
-    work: Callable[[Any], dict[str, Any]], items: Sequence[Any], limits: Limits
-) -> Iterator[tuple[Any, dict[str, Any] | Death]]:
+    work: Callable[[Any], dict[str, Any]],
+    items: Sequence[Any],
+    limits: Limits | Callable[[Any], Limits],
+) -> Generator[tuple[Any, dict[str, Any] | Death], None, None]:
     """Works on the items in turn, all in one fresh process, and in another after a death.
 
+    The process, and whatever it has started, ends with the iteration. Who leaves that before
+    its end closes it.
+
     Args:
-      work: a function at the top of a module; its result is anything that JSON can hold.
+      work: a function at the top of a module, or a picklable object that can be called, which
+        may keep things from one item to the next; its result is anything that JSON can hold.
       items: what to call it with.
-      limits: for each item.
+      limits: for each item, or a function that tells an item's.
 
     Yields:
       Each item with its result as soon as it is there, or with the death of its process.
@@ -62,7 +70,8 @@ def run_guarded(
     while left:
         with _Process(work, left) as process:
             while left:
-                outcome = process.next_result(limits)
+                limit = limits if isinstance(limits, Limits) else limits(left[0])
+                outcome = process.next_result(limit)
                 yield left.pop(0), outcome
                 if isinstance(outcome, Death):
                     break
@@ -77,7 +86,8 @@ class _Process:
         context = multiprocessing.get_context("spawn")
         self._results, sender = context.Pipe(duplex=False)
         arguments = (work, list(items), sender, str(self._log))
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        # not a daemon: the work may start processes of its own
+        self._process = context.Process(target=_serve, args=arguments)
         self._is_ready = False
         self._process.start()
         sender.close()  # so that the child's death is the end of the pipe
@@ -86,6 +96,9 @@ class _Process:
         return self
 
     def __exit__(self, *error: object) -> None:
+        if self._is_ready and self._process.pid is not None:  # it leads a group by then
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._process.kill()
         self._process.join()
         self._results.close()
@@ -137,14 +150,23 @@ class _Process:
 
 
 def _end_with(parent: int) -> None:
-    """Ends the process once its parent is gone, which a killed parent cannot do itself."""
+    """Ends the process and its children once its parent is gone, as a killed one cannot."""
     while os.getppid() == parent:
         time.sleep(1.0)
-    os._exit(1)
+    os.killpg(0, signal.SIGKILL)
+
+
+def _ignore(number: int, frame: Any) -> None:
+    """Leaves a signal to the parent; unlike `SIG_IGN`, no program that we start inherits it."""
 
 
 def _serve(work: Callable[[Any], dict[str, Any]], items: list[Any], sender: Any, log: str) -> None:
+    os.setsid()  # whatever the work starts ends with us
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    # a cluster that wants the machine back signals us too; what the work starts stays killable
+    for number in (signal.SIGTERM, signal.SIGUSR2):
+        signal.signal(number, _ignore)
+        os.register_at_fork(after_in_child=partial(signal.signal, number, signal.SIG_DFL))
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     # what native code prints is all that a crash leaves behind
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)

@@ -1,0 +1,1 @@
+"""Runs and scores planners as the 2023 planning competition did."""

@@ -1,0 +1,103 @@
+"""One planner on one instance, as the process does it that is its own."""
+
+import shutil
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.evaluation import episode_seeds
+from mdpo_rddl.experiments.trial import one_line_cause, peak_mb
+from mdpo_rddl.ipc.planner import Planner, Restorable
+from mdpo_rddl.ipc.registry import make_planner
+from mdpo_rddl.ipc.results import Preparation, Trial
+from mdpo_rddl.ipc.rules import Entry, Rules
+from mdpo_rddl.ipc.trial import OK, play
+from mdpo_rddl.problem import load_problem, make_environment
+from mdpo_rddl.session.summary import finite_or_none
+
+PREPARE, RESTORE = -2, -1
+"""The phases that are no trials; those are named by their numbers, from 0."""
+
+_PREPARED = "prepared"
+_TRACES = "traces"
+
+
+class Contestant:
+    """Does the phases of an entry when called, and keeps the planner from one to the next.
+
+    Attributes:
+      entry: which planner and instance.
+      rules: of the run.
+      root: the run's folder; what was prepared and the traces are written there.
+    """
+
+    def __init__(self, entry: Entry, rules: Rules, root: Path) -> None:
+        """Does nothing yet, so that it can be sent to the process."""
+        self.entry, self.rules, self.root = entry, rules, root
+        self._planner: Planner | None = None
+        self._env: Any = None
+
+    @property
+    def prepared_folder(self) -> Path:
+        """What the planner keeps of its preparation; complete if it is there."""
+        return self.entry.folder(self.root / _PREPARED)
+
+    def __call__(self, phase: int) -> dict[str, Any]:
+        """`PREPARE` or `RESTORE`, or a trial.
+
+        Returns:
+          A `Preparation` or a `Trial`, as a dictionary.
+        """
+        started = time.perf_counter()
+        if phase >= 0:
+            return asdict(self._trial(phase, started))
+        status, cause = OK, ""
+        try:
+            self._get_ready(phase, started)
+        except Exception as error:  # whatever a planner raises fails the instance, not the run
+            status, cause = "error", f"{type(error).__name__}: {one_line_cause(error)}"
+        seconds = time.perf_counter() - started
+        return asdict(Preparation(status, cause, round(seconds, 3), round(peak_mb())))
+
+    def _get_ready(self, phase: int, started: float) -> None:
+        problem = load_problem(self.entry.problem.domain, self.entry.problem.instance)
+        self._env = make_environment(problem)
+        self._planner = planner = make_planner(self.entry.planner)
+        if phase == RESTORE:
+            assert isinstance(planner, Restorable)
+            planner.restore(problem, self.prepared_folder)
+            return
+        left = self.rules.plan_seconds - (time.perf_counter() - started)
+        planner.prepare(problem, left, self.rules.seed)
+        if isinstance(planner, Restorable):
+            self._keep(planner)
+
+    def _keep(self, planner: Restorable) -> None:
+        folder = self.prepared_folder
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as temporary:
+            staging = Path(temporary) / folder.name
+            staging.mkdir()
+            planner.save(staging)
+            shutil.rmtree(folder, ignore_errors=True)
+            staging.rename(folder)
+
+    def _trial(self, trial: int, started: float) -> Trial:
+        assert self._planner is not None
+        seed = episode_seeds(self.rules.seed, trial + 1)[trial]
+        rng = np.random.default_rng([self.rules.seed, trial])
+        played, trace = play(self._env, self._planner, seed, rng, self.rules.lenient)
+        trace.write(self.entry.folder(self.root / _TRACES) / f"trial-{trial:02}.npz")
+        return Trial(
+            trial=trial,
+            status=played.status,
+            cause=played.cause,
+            total=finite_or_none(played.total),
+            steps=played.steps,
+            violations=played.violations,
+            seconds=round(time.perf_counter() - started, 3),
+        )

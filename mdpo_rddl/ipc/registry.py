@@ -1,0 +1,61 @@
+"""The planners by their names."""
+
+import pkgutil
+from collections.abc import Callable
+from functools import partial
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.ipc.jaxplan import JaxPlanPlanner
+from mdpo_rddl.ipc.mdpo import MDPO
+from mdpo_rddl.ipc.noop_player import NoopPlayer
+from mdpo_rddl.ipc.planner import Planner
+from mdpo_rddl.ipc.random_player import RandomPlayer
+
+PLANNERS: dict[str, Callable[[], Planner]] = {
+    "mdpo": MDPO,
+    "jaxplan-slp": partial(JaxPlanPlanner, "slp"),
+    "jaxplan-drp": partial(JaxPlanPlanner, "drp"),
+    "noop": NoopPlayer,
+    "random": RandomPlayer,
+}
+JAXPLAN = ("jaxplan-slp", "jaxplan-drp")
+FLOOR = ("noop", "random")
+"""The players that mark what 0 is worth."""
+
+
+def make_planner(name: str) -> Planner:
+    """A fresh planner.
+
+    Args:
+      name: a key of `PLANNERS`, or "module:Class" of someone else's.
+
+    Raises:
+      InputError: naming it, if there is none of that name or its class cannot be used.
+    """
+    return _class(name)()
+
+
+def check_planner(name: str) -> None:
+    """Looks a planner up without making one.
+
+    Raises:
+      InputError: as `make_planner` does.
+    """
+    _class(name)
+
+
+def _class(name: str) -> Callable[[], Planner]:
+    if name in PLANNERS:
+        return PLANNERS[name]
+    known = f"known are {', '.join(PLANNERS)}, and any module:Class"
+    if name.count(":") != 1:
+        raise InputError(f"unknown planner {name!r}, {known}")
+    try:
+        found = pkgutil.resolve_name(name)
+    except Exception as error:  # whatever the module raises when it is imported
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"planner {name!r} cannot be loaded: {cause}") from error
+    for method in ("prepare", "act"):
+        if not callable(getattr(found, method, None)):
+            raise InputError(f"planner {name!r} has no method {method!r}")
+    return found

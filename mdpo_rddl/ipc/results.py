@@ -1,0 +1,138 @@
+"""What is known of an entry, in a file that is rewritten in one step after each trial."""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.atomic import write_atomically
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.ipc.rules import Entry, Instance
+from mdpo_rddl.ipc.trial import OK
+
+RESULTS = "entries"
+FINAL = ("timeout", "memory", "crash")
+"""How a process ends for good, see `mdpo_rddl.experiments.worker.Death`."""
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How a preparation phase went.
+
+    Attributes:
+      status: "ok", "error" (the planner raised one) or one of `FINAL`.
+      cause: one line; empty if "ok".
+      seconds: wall time.
+      peak_mb: largest resident memory of the process.
+    """
+
+    status: str
+    cause: str
+    seconds: float
+    peak_mb: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How one trial went.
+
+    Attributes:
+      trial: counted from 0.
+      status: of `mdpo_rddl.ipc.trial.Played`, or one of `FINAL`.
+      cause: one line; empty if "ok".
+      total: the return; what had been earned, if the trial ended early; None where it is not
+        finite or ended with the process.
+      steps, violations: of `Played`; 0 where they ended with the process.
+      seconds: wall time.
+    """
+
+    trial: int
+    status: str
+    cause: str
+    total: float | None
+    steps: int
+    violations: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class EntryResult:
+    """What is known of one planner on one instance.
+
+    Attributes:
+      entry: which.
+      wanted: how many trials there are to be.
+      preparation: None before its end.
+      trials: in their order.
+    """
+
+    entry: Entry
+    wanted: int
+    preparation: Preparation | None = None
+    trials: tuple[Trial, ...] = ()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all is played, or the planner failed in a way that leaves nothing to play."""
+        if self.preparation is not None and self.preparation.status != OK:
+            return True
+        has_died = bool(self.trials) and self.trials[-1].status in FINAL
+        return has_died or len(self.trials) == self.wanted
+
+    def with_trial(self, trial: Trial) -> "EntryResult":
+        """A copy with one more trial."""
+        return replace(self, trials=(*self.trials, trial))
+
+    def save(self, root: Path) -> None:
+        """Writes the entry's file under a run's folder.
+
+        Raises:
+          InputError: naming the file, if it cannot be written.
+        """
+        text = json.dumps(asdict(self), indent=1, allow_nan=False)
+        write_atomically(_path(root, self.entry), text.encode() + b"\n")
+
+
+def load_result(root: Path, entry: Entry, wanted: int) -> EntryResult:
+    """What a run's folder knows of an entry.
+
+    Raises:
+      InputError: naming the file, if it does not hold what `EntryResult.save` writes.
+    """
+    path = _path(root, entry)
+    return _read(path) if path.exists() else EntryResult(entry, wanted)
+
+
+def load_results(root: Path) -> list[EntryResult]:
+    """All entries of which a run's folder has a file, by their paths.
+
+    Raises:
+      InputError: as `load_result`.
+    """
+    return [_read(path) for path in sorted((root / RESULTS).glob("*/*/*.json"))]
+
+
+def _path(root: Path, entry: Entry) -> Path:
+    folder = entry.folder(root / RESULTS)
+    return folder.with_name(folder.name + ".json")
+
+
+def _read(path: Path) -> EntryResult:
+    try:
+        return _parse(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{path}: is not the result of an entry: {error!r}") from error
+
+
+def _parse(values: Mapping[str, Any]) -> EntryResult:
+    entry, preparation = values["entry"], values["preparation"]
+    trials: Iterable[Mapping[str, Any]] = values["trials"]
+    return EntryResult(
+        entry=Entry(Instance(**entry["problem"]), entry["planner"]),
+        wanted=values["wanted"],
+        preparation=None if preparation is None else Preparation(**preparation),
+        trials=tuple(Trial(**trial) for trial in trials),
+    )

@@ -1,0 +1,187 @@
+"""The scores of a run: raw returns with intervals, and the competition's normalised ones.
+
+An instance is worth 0 at the better one of doing nothing and playing at random, and 1 at the best
+planner of the run, linearly between them and clipped to [0, 1]; a failure in any trial is worth
+0 (IPPC 2023). A domain is worth the mean over its instances, a run the mean over its domains.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdpo_rddl.evaluation import Evaluation
+from mdpo_rddl.ipc.registry import FLOOR
+from mdpo_rddl.ipc.results import EntryResult
+from mdpo_rddl.ipc.rules import Instance
+from mdpo_rddl.ipc.trial import OK
+
+MODES = ("strict", "lenient")
+"""Whether a broken precondition fails the trial, as an action that cannot be taken always does."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One planner on one instance.
+
+    Attributes:
+      mean: mean return over the trials that count; None where the planner failed.
+      interval: Student's 95% interval of the mean; None as `mean`, or with one trial.
+      normalised: the competition's score in [0, 1]; None if no player of `FLOOR` was ranked.
+      failure: why the instance is worth 0, one line; empty if it did not fail.
+      failed_trials: how many trials failed; trials never played are among them.
+      violations: actions that broke a precondition, over all trials.
+      is_best: whether no other planner has a higher mean.
+      is_level: whether the best mean lies within this planner's interval, or it is the best.
+    """
+
+    mean: float | None
+    interval: tuple[float, float] | None
+    normalised: float | None
+    failure: str
+    failed_trials: int
+    violations: int
+    is_best: bool
+    is_level: bool
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The scores of a run in one mode.
+
+    Attributes:
+      planners: in the order of the run.
+      cells: per instance and planner; what has not ended yet is missing.
+      domains: per domain label and planner, the mean normalised score over its instances;
+        missing where an instance has none yet.
+      overall: per planner, the mean over the domains; missing as in `domains`.
+    """
+
+    planners: tuple[str, ...]
+    cells: Mapping[Instance, Mapping[str, Cell]]
+    domains: Mapping[str, Mapping[str, float]]
+    overall: Mapping[str, float]
+
+    def better_of(self, planners: Sequence[str]) -> float | None:
+        """The overall score of whoever of some planners is better, instance by instance.
+
+        Returns:
+          None if one of them has not ended everywhere, or there is no floor.
+        """
+        by_domain: dict[str, list[float]] = {}
+        for problem, row in self.cells.items():
+            values = [row[name].normalised for name in planners if name in row]
+            known = [value for value in values if value is not None]
+            if len(known) < len(planners):
+                return None
+            by_domain.setdefault(problem.domain_label, []).append(max(known))
+        return float(np.mean([np.mean(values) for values in by_domain.values()]))
+
+    def count(self, planner: str, best_only: bool = False) -> int:
+        """On how many instances a planner is best, or level with the best."""
+        found = [row[planner] for row in self.cells.values() if planner in row]
+        return sum(cell.is_best if best_only else cell.is_level for cell in found)
+
+
+def score(results: Iterable[EntryResult], mode: str, planners: Sequence[str]) -> Scores:
+    """Scores all entries that have ended.
+
+    Args:
+      results: of one run.
+      mode: out of `MODES`.
+      planners: in the order wanted.
+    """
+    by_problem: dict[Instance, dict[str, EntryResult]] = {}
+    for result in results:
+        row = by_problem.setdefault(result.entry.problem, {})
+        if result.is_complete:
+            row[result.entry.planner] = result
+    cells = {problem: _row(row, mode) for problem, row in by_problem.items()}
+    domains: dict[str, dict[str, float]] = {}
+    for label in dict.fromkeys(problem.domain_label for problem in cells):
+        rows = [row for problem, row in cells.items() if problem.domain_label == label]
+        domains[label] = _means(rows, planners)
+    return Scores(tuple(planners), cells, domains, _overall(domains, planners))
+
+
+def _row(results: Mapping[str, EntryResult], mode: str) -> dict[str, Cell]:
+    failures = {name: _failure(result, mode) for name, result in results.items()}
+    played = {
+        name: np.array([trial.total for trial in result.trials], float)
+        for name, result in results.items()
+        if not failures[name]
+    }
+    means = {name: float(returns.mean()) for name, returns in played.items()}
+    best = max(means.values(), default=-np.inf)
+    floor = max((means[name] for name in FLOOR if name in means), default=None)
+    row = {}
+    for name, result in results.items():
+        mean, interval = means.get(name), _interval(played.get(name))
+        is_best = mean is not None and mean >= best
+        ok = sum(_counts(trial.status, trial.violations, mode) for trial in result.trials)
+        row[name] = Cell(
+            mean=mean,
+            interval=interval,
+            normalised=normalise(mean, floor, best),
+            failure=failures[name],
+            failed_trials=result.wanted - ok,
+            violations=sum(trial.violations for trial in result.trials),
+            is_best=is_best,
+            is_level=is_best or (interval is not None and interval[0] <= best <= interval[1]),
+        )
+    return row
+
+
+def normalise(mean: float | None, floor: float | None, best: float) -> float | None:
+    """The competition's score of a mean return; 0 for a failure, None without a floor.
+
+    Where no planner is above the floor, all are worth 0.
+    """
+    if floor is None:
+        return None
+    if mean is None or best <= floor:
+        return 0.0
+    return float(np.clip((mean - floor) / (best - floor), 0.0, 1.0))
+
+
+def _counts(status: str, violations: int, mode: str) -> bool:
+    return status == OK and (mode == "lenient" or violations == 0)
+
+
+def _failure(result: EntryResult, mode: str) -> str:
+    preparation = result.preparation
+    if preparation is not None and preparation.status != OK:
+        return f"preparation: {preparation.status}: {preparation.cause}"
+    for trial in result.trials:
+        if not _counts(trial.status, trial.violations, mode):
+            if trial.status == OK:
+                return f"trial {trial.trial}: {trial.violations} illegal actions"
+            return f"trial {trial.trial}: {trial.status}: {trial.cause}"
+    return ""
+
+
+def _interval(returns: np.ndarray | None) -> tuple[float, float] | None:
+    if returns is None:
+        return None
+    return Evaluation(returns, np.zeros(len(returns), int), 0, 0).ci95
+
+
+def _means(rows: Sequence[Mapping[str, Cell]], planners: Iterable[str]) -> dict[str, float]:
+    means = {}
+    for name in planners:
+        values = [row[name].normalised for row in rows if name in row]
+        known = [value for value in values if value is not None]
+        if len(known) == len(rows):
+            means[name] = float(np.mean(known))
+    return means
+
+
+def _overall(
+    domains: Mapping[str, Mapping[str, float]], planners: Iterable[str]
+) -> dict[str, float]:
+    overall = {}
+    for name in planners:
+        values = [scores[name] for scores in domains.values() if name in scores]
+        if values and len(values) == len(domains):
+            overall[name] = float(np.mean(values))
+    return overall
