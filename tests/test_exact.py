@@ -7,7 +7,7 @@ import pytest
 from problems import tiny_files
 
 from mdpo_rddl.evaluation import evaluate
-from mdpo_rddl.jaxplan.exact import compile_returns, compile_visits, state_bytes
+from mdpo_rddl.jaxplan.exact import compile_returns, compile_visits, step_bytes
 from mdpo_rddl.jaxplan.feedback_plan import FeedbackPlan
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.planning import playable
@@ -75,12 +75,21 @@ def test_policies_see_the_same_random_numbers(tmp_path):
     assert len(set(returns[0])) == 4
 
 
+def test_policies_one_after_the_other_earn_the_same(tmp_path):
+    planner = make(load_problem(*tiny_files(tmp_path, spread=1.0)))
+    policies = with_biases(planner, 0.0, 0.1, 0.2)
+    together = compile_returns(planner, 2)(KEY, policies)
+    in_turn = compile_returns(planner, 2, side_by_side=2)(KEY, policies)
+    np.testing.assert_allclose(in_turn, together, rtol=1e-5)
+
+
 def test_what_the_policies_saw(tmp_path):
     planner = make(load_problem(*tiny_files(tmp_path)))
     # the unit is the box's width, 2
     _, states = compile_visits(planner, 1)(KEY, with_biases(planner, 0.1))
     np.testing.assert_allclose(states["x"][0, 0, :, 0], [0.2, 0.4, 0.6, 0.8], rtol=1e-6)
-    assert state_bytes(planner) >= 2 * 4
+    # two positions, two actions of more than one feature
+    assert step_bytes(planner) > 2 * 4 + 2 * 4
 
 
 def test_the_end_and_the_discount_count(tmp_path):

@@ -97,14 +97,18 @@ class Alternatives:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+        self.stop()
         self._threads.shutdown()
         if self._process is not None:
             for stream in (self._process.stdin, self._process.stdout):
                 with contextlib.suppress(OSError):
                     stream.close()
+
+    def stop(self) -> None:
+        """Ends the process; there is no alternative then."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
 
     def best(self, until: float) -> Alternative | None:
         """The best that was found in time; None if there is none.

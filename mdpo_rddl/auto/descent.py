@@ -26,8 +26,8 @@ _LATER_STEPS = (1.0, 0.3)
 # of the step size after a phase that found nothing better
 _SHRINK = 0.3
 # the gradient's program takes about so long to compile; later phases know how long it took
-_COMPILE_SECONDS = 10.0
-_SHORTEST_SECONDS = 1.0
+_COMPILE_SECONDS, _COMPILE_SHARE = 10.0, 0.4
+_SHORTEST_SECONDS = 0.5
 _ITERATIONS = 10**6
 
 
@@ -66,21 +66,21 @@ class Descent:
             for steps, result, improved in zip(self.steps, self.results, self.improved, strict=True)
         ]
 
-    def result(self, best: Params, seconds: float) -> TrainingResult:
+    def result(self, best: Params, last: Params, seconds: float) -> TrainingResult:
         """All phases as one training that found `best`.
 
         Args:
           best: the chosen parameters.
+          last: the recipe's last ones.
           seconds: that everything took.
         """
         best = jax.tree.map(np.asarray, best)
+        one = jax.tree.map(lambda leaf: np.asarray(leaf)[np.newaxis], last)
         if not self.results:
-            one = jax.tree.map(lambda leaf: leaf[np.newaxis], best)
             nothing = (Record(0, float("nan"), float("nan"), 0.0),)
             return TrainingResult(
                 best, one, {}, 0, 0, 0, "no_gradient", nothing, np.zeros((1, 1)), 0.0, seconds
             )
-        last = self.results[-1]
         history: list[Record] = []
         done, best_iteration = 0, 0
         for result, improved in zip(self.results, self.improved, strict=True):
@@ -89,12 +89,12 @@ class Descent:
             done += result.iterations
         return TrainingResult(
             best_params=best,
-            last_params_by_restart=last.last_params_by_restart,
-            policy_hyperparams=last.policy_hyperparams,
+            last_params_by_restart=one,
+            policy_hyperparams=self.results[-1].policy_hyperparams,
             iterations=done,
             best_iteration=best_iteration,
-            restart=last.restart,
-            status=last.status,
+            restart=0,
+            status=self.results[-1].status,
             history=tuple(history),
             sigma=np.concatenate([result.sigma for result in self.results]),
             compile_seconds=sum(result.compile_seconds for result in self.results),
@@ -130,8 +130,9 @@ def descend(
     steps = [_FIRST_STEPS[number % len(_FIRST_STEPS)] for number in range(count)]
     noise = [_FIRST_NOISE[number % len(_FIRST_NOISE)] for number in range(count)]
     for phase in range(_PHASES):
-        compiling = 0.0 if descent.results else _COMPILE_SECONDS
-        seconds = (deadline - time.monotonic() - compiling) / (_PHASES - phase)
+        left = deadline - time.monotonic()
+        compiling = 0.0 if descent.results else min(_COMPILE_SECONDS, _COMPILE_SHARE * left)
+        seconds = (left - compiling) / (_PHASES - phase)
         if seconds < _SHORTEST_SECONDS:
             break
         planner.vary_restarts(learning_rate=steps, noise=_scaled_noise(planner, noise))

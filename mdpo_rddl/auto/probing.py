@@ -5,6 +5,8 @@ states and actions are of order 1, and which constant action is a good start.
 """
 
 import logging
+import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mdpo_rddl.auto.sizes import is_large
 from mdpo_rddl.feedback import Params
 from mdpo_rddl.jaxplan.exact import compile_visits
 from mdpo_rddl.jaxplan.feedback_plan import box_width
@@ -21,7 +24,7 @@ from mdpo_rddl.jaxplan.planner import MDPOPlanner
 logger = logging.getLogger(__name__)
 
 _SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
-_STARTS = 32
+_STARTS, _FEW_STARTS = 32, 4
 _ROLLOUTS = 4
 _WIDE_UNITS = 1.5
 # a constant action is better than doing nothing if it gains so much of the return
@@ -40,6 +43,7 @@ class Probe:
       nothing: mean return of doing nothing.
       start: the constant raw action that earned most, per fluent [*shape].
       start_return: what it earned.
+      policy_seconds: that one policy takes where the problem is large; None elsewhere.
     """
 
     units: dict[str, float]
@@ -47,16 +51,20 @@ class Probe:
     nothing: float
     start: dict[str, np.ndarray]
     start_return: float
+    policy_seconds: float | None
 
 
-def probe(planner: MDPOPlanner, seed: int) -> Probe:
+def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
     """Plays constant actions on the exact model.
 
     Args:
       planner: with a `FeedbackPlan` without scales, whose units are 1 where there is no box.
       seed: of the actions and of the model.
+      until: when to end at the latest, by `time.monotonic`, once two were played.
     """
-    play = compile_visits(planner, _ROLLOUTS)
+    large = is_large(planner)
+    count, rollouts = (_FEW_STARTS, 1) if large else (_STARTS, _ROLLOUTS)
+    play = compile_visits(planner, rollouts, side_by_side=1 if large else None)
     key = jax.random.PRNGKey(seed)
     params = planner.plan.initializer(key, {}, None)
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
@@ -78,16 +86,25 @@ def probe(planner: MDPOPlanner, seed: int) -> Probe:
             logger.info("unit of %s: %g", name, units[name])
     random = np.random.default_rng(seed)
     boxes = _boxes(planner, units)
-    starts = [nothing, *(_random_start(random, boxes) for _ in range(_STARTS - 1))]
+    full = {name: np.ones(shape) for name, shape in shapes.items()}
+    starts = [nothing, full, *(_random_start(random, boxes) for _ in range(count - 2))]
     # the planner's units are 1 where there is no box
     scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
-    earned, states = returns(scaled)
+    earned, states = returns(scaled[:1] if large else scaled)
+    seconds = 0.0
+    for start in scaled[1:] if large else []:
+        if seconds and time.monotonic() + seconds > until:
+            break
+        began = time.monotonic()
+        more, states = returns([start])
+        earned, seconds = np.append(earned, more), time.monotonic() - began
     best = int(np.argmax(earned))
     scales = {
         name: (0.5, 0.5) if planner.rddl.variable_ranges[name] == "bool" else _scale(values)
         for name, values in states.items()
     }
-    return Probe(units, scales, float(earned[0]), starts[best], float(earned[best]))
+    returned = float(earned[0]), starts[best], float(earned[best])
+    return Probe(units, scales, *returned, seconds if large else None)
 
 
 def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:

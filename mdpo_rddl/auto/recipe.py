@@ -36,9 +36,15 @@ from mdpo_rddl.training import Progress, TrainingResult
 
 logger = logging.getLogger(__name__)
 
-_CHOICE_ROLLOUTS = 128
+_CHOICE_ROLLOUTS, _FEW_ROLLOUTS = 128, 2
+# of the time, for the rollouts of one population: the gradient's program is then too slow, too
+_SLOW_SHARE = 0.01
 _PROBING_SEED = 0
 _POLISHING_SIGMA = 0.01
+# a search of a large problem evaluates at least so many policies
+_FEWEST_POLICIES = 30
+# the second process may be late
+_LATE_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
@@ -88,50 +94,66 @@ def plan_automatically(
     with Alternatives(problem, seed, seconds, wanted=budget.alternatives) as alternatives:
         on_stage("probing")
         # the same for all seeds, whose programs then are the same too
-        found = probe(build_planner(problem, without_scales(config))[0], _PROBING_SEED)
+        bare, _ = build_planner(problem, without_scales(config))
+        found = probe(bare, _PROBING_SEED, started + budget.shared_until * seconds)
         config = scaled(config, found)
+        large = found.policy_seconds is not None
+        if large:
+            alternatives.stop()  # its memory is needed
+            config = simplified(config)
         planner, _ = build_planner(problem, config, programs)
-        returns = compile_returns(planner, _CHOICE_ROLLOUTS)
-        choice = _Choice(returns, jax.random.PRNGKey(seed + 1))
         params = planner.plan.initializer(jax.random.PRNGKey(seed), {}, None)
         constant = with_bias(params, found.start)
-        choice.add("constant", constant)
-
-        on_stage("searching")
-        searched = search_feedback(
-            planner,
-            params,
-            seed=seed,
-            shared_until=started + budget.shared_until * seconds,
-            own_until=started + budget.own_until * seconds,
-        )
-        choice.add("shared weights", searched.shared)
-        choice.add("own weights", searched.params)
-
-        on_stage("compiling")
-        descent = descend(
-            planner,
-            [choice.best, constant],
-            choice,
-            key=jax.random.PRNGKey(seed),
-            deadline=started + budget.gradient_until * seconds,
-            on_progress=on_progress,
-        )
-        polished, _ = searched.polish(choice.best, _POLISHING_SIGMA, started + seconds, seed)
-        choice.add("polished", polished)
-        other = alternatives.best(until=started + seconds + 5.0)
+        choice = _Choice(planner, _FEW_ROLLOUTS if large else _CHOICE_ROLLOUTS, seed)
+        searched, descent, last = None, Descent(), constant
+        left = started + seconds - time.monotonic()
+        if found.policy_seconds is not None and found.policy_seconds * _FEWEST_POLICIES > left:
+            logger.warning("the problem is too large to search in %g s", seconds)
+            choice.take("constant", constant, found.start_return, np.inf)
+        else:
+            choice.add("constant", constant)
+            on_stage("searching")
+            searched = search_feedback(
+                planner,
+                params,
+                seed=seed,
+                shared_until=started + budget.shared_until * seconds,
+                own_until=started + budget.own_until * seconds,
+            )
+            choice.add("shared weights", searched.shared)
+            choice.add("own weights", searched.params)
+            if large or searched.evaluation_seconds > _SLOW_SHARE * seconds:
+                logger.warning("the problem is too large for the gradient in %g s", seconds)
+            else:
+                on_stage("compiling")
+                descent = descend(
+                    planner,
+                    [choice.best, constant],
+                    choice,
+                    key=jax.random.PRNGKey(seed),
+                    deadline=started + budget.gradient_until * seconds,
+                    on_progress=on_progress,
+                )
+            last, _ = searched.polish(choice.best, _POLISHING_SIGMA, started + seconds, seed)
+            choice.add("polished", last)
+        other = alternatives.best(until=started + seconds + _LATE_SECONDS)
     diagnostics = _diagnostics(found, searched, descent, choice)
     if other is not None:
         diagnostics["returns"][other.name] = other.mean
         if other.mean - choice.best_mean > 2.0 * np.hypot(other.error, choice.best_error):
             diagnostics["chosen"] = other.name
             return AutoResult(other.config, other.planner(problem), other.training, diagnostics)
-    training = descent.result(choice.best, time.monotonic() - started)
+    training = descent.result(choice.best, last, time.monotonic() - started)
     return AutoResult(config, planner, training, diagnostics)
 
 
 def without_scales(config: PlannerConfig) -> PlannerConfig:
     """The configuration for probing: no net, states as they are, units of 1 without a box."""
+    return simplified(config)
+
+
+def simplified(config: PlannerConfig) -> PlannerConfig:
+    """The configuration for a problem of many objects: no net, and few features."""
     return _with_plan(config, topology=[], cosines=0, squares=False)
 
 
@@ -162,8 +184,10 @@ class _Choice:
       means: of all that were added, by name.
     """
 
-    def __init__(self, returns: Callable[[Any, Any], Any], key: Any) -> None:
-        self._returns, self._key = returns, key
+    def __init__(self, planner: MDPOPlanner, rollouts: int, seed: int) -> None:
+        side_by_side = None if rollouts > _FEW_ROLLOUTS else 1
+        self._returns = compile_returns(planner, rollouts, side_by_side)
+        self._key = jax.random.PRNGKey(seed + 1)
         self.best: Any = None
         self.best_mean, self.best_error = -np.inf, np.inf
         self.name = ""
@@ -173,18 +197,22 @@ class _Choice:
         """Whether the policy is the best so far."""
         one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[jnp.newaxis], params)
         returns = np.asarray(self._returns(self._key, one), float)[0]
-        mean = float(np.mean(returns))
+        error = float(np.std(returns) / np.sqrt(len(returns)))
+        return self.take(name, params, float(np.mean(returns)), error)
+
+    def take(self, name: str, params: Params, mean: float, error: float) -> bool:
+        """As `add`, for a policy whose return is known."""
         self.means[name] = mean
         logger.info("%s: %.6g", name, mean)
         if self.best is not None and not mean > self.best_mean:
             return False
-        self.best, self.best_mean, self.name = params, mean, name
-        self.best_error = float(np.std(returns) / np.sqrt(len(returns)))
+        self.best, self.name = params, name
+        self.best_mean, self.best_error = mean, error
         return True
 
 
 def _diagnostics(
-    found: Probe, searched: Searched, descent: Descent, choice: _Choice
+    found: Probe, searched: Searched | None, descent: Descent, choice: _Choice
 ) -> dict[str, Any]:
     def finite(value: float) -> float | None:
         return value if np.isfinite(value) else None
@@ -197,6 +225,9 @@ def _diagnostics(
         },
         "units": found.units,
         "state_scales": {name: list(pair) for name, pair in found.state_scales.items()},
-        "search_iterations": {"shared": searched.shared_iterations, "own": searched.own_iterations},
+        "search_iterations": {
+            "shared": searched.shared_iterations if searched else 0,
+            "own": searched.own_iterations if searched else 0,
+        },
         "phases": descent.summary(),
     }

@@ -10,27 +10,44 @@ import jax
 import numpy as np
 
 from mdpo_rddl.auto.search import SearchResult, search
+from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.weights import Weights, weights_of
 from mdpo_rddl.feedback import Params
-from mdpo_rddl.jaxplan.exact import compile_returns, state_bytes
+from mdpo_rddl.jaxplan.exact import compile_returns
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
-_POPULATION = 32
-# rollouts of a candidate, the first that fits: they are all computed side by side
-_ROLLOUTS = (4, 2, 1)
-_MOST_BYTES = 2 * 10**7
 # a search of fewer iterations than that finds nothing: then one rollout has to do
 _FEWEST_ITERATIONS = 100
-_WIDE_BATCHES = 16
+_WIDE = 512
 _SHARED_SIGMA, _REFINING_SIGMA, _OWN_SIGMA = 0.5, 0.1, 0.03
 _MOST_OWN_WEIGHTS = 5000
 _FINAL_BATCHES = 8
+_SLOW_SECONDS = 0.5
 
 
-Earn = Callable[[Weights, int, np.ndarray], np.ndarray]
-"""(which weights, iteration, vectors [P, D]) -> mean returns [P]."""
+class Earn:
+    """What a population earns on the exact model.
+
+    Attributes:
+      population: candidates P of an iteration.
+      seconds: that one iteration takes.
+    """
+
+    def __init__(self, planner: MDPOPlanner, size: Size, seed: int) -> None:
+        """Compiles it when it is first called."""
+        self.population, self.seconds = size.population, 0.0
+        self._returns = compile_returns(planner, size.rollouts, size.side_by_side)
+        self._key = jax.random.PRNGKey(seed)
+
+    def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:
+        """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
+        started = time.monotonic()
+        key = jax.random.fold_in(self._key, iteration)
+        returns = np.asarray(self._returns(key, weights.batch(vectors)), float)
+        self.seconds = time.monotonic() - started
+        return np.mean(returns, axis=1)
 
 
 @dataclass(frozen=True)
@@ -41,6 +58,7 @@ class Searched:
       shared: parameters after the search for the shared weights.
       params: after the search for each object's own, which starts there.
       shared_iterations, own_iterations: done.
+      evaluation_seconds: that the rollouts of one population took.
       polish: (policy, sigma, until, seed) -> a policy searched for around it, and iterations.
     """
 
@@ -48,6 +66,7 @@ class Searched:
     params: Params
     shared_iterations: int
     own_iterations: int
+    evaluation_seconds: float
     polish: Callable[[Params, float, float, int], tuple[Params, int]]
 
 
@@ -64,12 +83,7 @@ def search_feedback(
     """
     earn = _compile(planner, params, seed, shared_until)
     simple = weights_of(params, ["shared"], _simple(planner))
-    random = np.random.default_rng(seed)
-    size = (_POPULATION * _WIDE_BATCHES, simple.start.size)
-    # most of the weights of a simple rule are zero
-    scales = random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
-    wide = random.normal(size=size) * scales * _SHARED_SIGMA
-    earned = np.concatenate([earn(simple, 0, batch) for batch in np.split(wide, _WIDE_BATCHES)])
+    wide, earned = _search_wide(earn, simple, _share(shared_until, 4), seed)
     found, iterations = [wide[np.argmax(earned)]], 0
     for number, start in enumerate([found[0], simple.start]):
         result = _adapt(earn, simple, start, _SHARED_SIGMA, _share(shared_until, 4 - number), seed)
@@ -87,18 +101,19 @@ def search_feedback(
         iterations += result.iterations
     best = every.into(_best(earn, every, found))
     own, own_iterations = _search_own(earn, best, _OWN_SIGMA, own_until, seed)
-    return Searched(best, own, iterations, own_iterations, partial(_search_own, earn))
+    polish = partial(_search_own, earn)
+    return Searched(best, own, iterations, own_iterations, earn.seconds, polish)
 
 
 def _search_own(
     earn: Earn, params: Params, sigma: float, until: float, seed: int
 ) -> tuple[Params, int]:
-    """Searches around a policy for all weights but the net's."""
-    own = weights_of(params, ["shared", "own"])
-    if own.start.size > _MOST_OWN_WEIGHTS:
-        return params, 0
-    result = _adapt(earn, own, own.start, sigma, until, seed, separable=True)
-    return own.into(result.mean), result.iterations
+    """Searches around a policy for all weights but the net's, or the shared ones of too many."""
+    weights = weights_of(params, ["shared", "own"])
+    if weights.start.size > _MOST_OWN_WEIGHTS:
+        weights = weights_of(params, ["shared"])
+    result = _adapt(earn, weights, weights.start, sigma, until, seed, separable=True)
+    return weights.into(result.mean), result.iterations
 
 
 def _adapt(
@@ -114,7 +129,7 @@ def _adapt(
         lambda iteration, batch: earn(weights, iteration, batch),
         start,
         sigma=sigma,
-        population=_POPULATION,
+        population=earn.population,
         until=until,
         seed=seed + 1,  # the candidates' generator refuses 0
         separable=separable,
@@ -136,33 +151,43 @@ def _simple(planner: MDPOPlanner) -> dict[str, list[bool]]:
     }
 
 
+def _search_wide(
+    earn: Earn, weights: Weights, until: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Random vectors [N, D] and what they earn [N]: at least one population."""
+    random = np.random.default_rng(seed)
+    size = (earn.population, weights.start.size)
+    wide: list[np.ndarray] = []
+    earned: list[np.ndarray] = []
+    while not wide or (len(wide) * earn.population < _WIDE and time.monotonic() < until):
+        # most of the weights of a simple rule are zero
+        scales = random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
+        wide.append(random.normal(size=size) * scales * _SHARED_SIGMA)
+        earned.append(earn(weights, 0, wide[-1]))
+    returns = np.concatenate(earned)
+    return np.concatenate(wide), np.where(np.isfinite(returns), returns, -np.inf)
+
+
 def _compile(planner: MDPOPlanner, params: Params, seed: int, until: float) -> Earn:
-    """Exact returns of a population, with as many rollouts as memory and time allow."""
-    size = state_bytes(planner) * _POPULATION
-    fitting = [count for count in _ROLLOUTS if count * size <= _MOST_BYTES] or [1]
-    key = jax.random.PRNGKey(seed)
+    """With fewer rollouts where a search would have too few iterations."""
+    size = fitting_size(planner)
     shared = weights_of(params, ["shared"])
-    zeros = np.zeros((_POPULATION, shared.start.size))
-    for count in dict.fromkeys([fitting[0], 1]):
-        returns = compile_returns(planner, count)
-
-        def earn(weights: Weights, iteration: int, vectors: np.ndarray, returns=returns):
-            now = jax.random.fold_in(key, iteration)
-            return np.mean(np.asarray(returns(now, weights.batch(vectors)), float), axis=1)
-
+    zeros = np.zeros((size.population, shared.start.size))
+    for rollouts in sorted({size.rollouts, 1}, reverse=True):
+        earn = Earn(planner, size._replace(rollouts=rollouts), seed)
         earn(shared, 0, zeros)
-        started = time.monotonic()
-        earn(shared, 0, zeros)
-        seconds = time.monotonic() - started
-        logger.info("%d rollouts of %d candidates take %.3g s", count, _POPULATION, seconds)
-        if seconds * _FEWEST_ITERATIONS < until - started:
+        if size.side_by_side is None:
+            earn(shared, 0, zeros)  # the first call compiled
+        logger.info("%d rollouts of %d take %.3g s", rollouts, size.population, earn.seconds)
+        if earn.seconds * _FEWEST_ITERATIONS < until - time.monotonic():
             break
     return earn
 
 
 def _best(earn: Earn, weights: Weights, found: list[np.ndarray]) -> np.ndarray:
     """The vector that earns most in fresh rollouts."""
-    batch = np.stack([found[number % len(found)] for number in range(_POPULATION)])
-    fresh = [earn(weights, 10**6 + number, batch) for number in range(_FINAL_BATCHES)]
+    batch = np.stack([found[number % len(found)] for number in range(earn.population)])
+    batches = 1 if earn.seconds > _SLOW_SECONDS else _FINAL_BATCHES
+    fresh = [earn(weights, 10**6 + number, batch) for number in range(batches)]
     means = np.mean(fresh, axis=0)[: len(found)]
     return found[int(np.argmax(np.where(np.isfinite(means), means, -np.inf)))]

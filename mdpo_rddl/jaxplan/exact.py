@@ -1,12 +1,13 @@
 """Many policies side by side on the exact model, compiled: no relaxation, no gradient."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from mdpo_rddl.features import observed_fluents
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
@@ -14,7 +15,9 @@ from mdpo_rddl.jaxplan.rollout import compile_rollouts
 from mdpo_rddl.jaxplan.termination import stop_at_termination
 
 
-def compile_returns(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Any], Array]:
+def compile_returns(
+    planner: MDPOPlanner, rollouts: int, side_by_side: int | None = None
+) -> Callable[[Array, Any], Array]:
     """Compiles rollouts of the planner's policy on the exact model.
 
     A reward after termination counts for nothing, whatever the planner's own switch says.
@@ -22,17 +25,18 @@ def compile_returns(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Any
     Args:
       planner: the compiled planner.
       rollouts: number of rollouts N of each policy.
+      side_by_side: policies that are computed at once; all if None.
 
     Returns:
       A function of a random key and parameters with a leading axis of policies [P, ...] that
       gives their discounted returns [P, N]; all see the same random numbers.
     """
     play = _compile_play(planner, rollouts, with_states=False)
-    return jax.jit(jax.vmap(lambda key, params: play(key, params)[0], in_axes=(None, 0)))
+    return _over_policies(lambda key, params: play(key, params)[0], side_by_side)
 
 
 def compile_visits(
-    planner: MDPOPlanner, rollouts: int
+    planner: MDPOPlanner, rollouts: int, side_by_side: int | None = None
 ) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
     """As `compile_returns`, and what the policies saw.
 
@@ -40,14 +44,26 @@ def compile_visits(
       A function that gives the returns [P, N], and per observed fluent its values
       [P, N, H, *shape].
     """
-    play = _compile_play(planner, rollouts, with_states=True)
-    return jax.jit(jax.vmap(play, in_axes=(None, 0)))
+    return _over_policies(_compile_play(planner, rollouts, with_states=True), side_by_side)
 
 
-def state_bytes(planner: MDPOPlanner) -> int:
-    """Size of all fluents of one rollout at one step."""
+def step_bytes(planner: MDPOPlanner) -> int:
+    """What one rollout of a feedback policy holds at one step, about: fluents and features."""
     fluents, _ = planner._batched_init_subs(planner.test_compiled.init_values)[1]
-    return sum(leaf[:1].nbytes for leaf in jax.tree.leaves(fluents))
+    state = sum(leaf[:1].nbytes for leaf in jax.tree.leaves(fluents))
+    feedback = planner.plan.feedback
+    real = jnp.dtype(planner.compiled.REAL).itemsize
+    features = sum(
+        len(feedback.names(name)) * math.prod(shape) * real
+        for name, shape in feedback.action_shapes.items()
+    )
+    return state + features
+
+
+def _over_policies(play: Callable[..., Any], side_by_side: int | None) -> Callable[..., Any]:
+    if side_by_side is None:
+        return jax.jit(jax.vmap(play, in_axes=(None, 0)))
+    return jax.jit(lambda key, params: lax.map(partial(play, key), params, batch_size=side_by_side))
 
 
 def _compile_play(

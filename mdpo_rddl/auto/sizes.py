@@ -1,0 +1,41 @@
+"""How much of a problem can be computed at once."""
+
+from typing import NamedTuple
+
+from mdpo_rddl.jaxplan.exact import step_bytes
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+
+_AT_ONCE_BYTES = 10**8
+
+
+class Size(NamedTuple):
+    """How to search on one problem.
+
+    Attributes:
+      population: candidates of an iteration.
+      rollouts: of each candidate.
+      side_by_side: candidates that are computed at once; all if None.
+    """
+
+    population: int
+    rollouts: int
+    side_by_side: int | None
+
+
+_SIZES = (Size(32, 4, None), Size(32, 1, None), Size(8, 1, 1))
+
+
+def fitting_size(planner: MDPOPlanner) -> Size:
+    """The largest search whose step fits into memory with ease.
+
+    Args:
+      planner: with a `FeedbackPlan`.
+    """
+    one = step_bytes(planner)
+    fits = (s for s in _SIZES if s.population * s.rollouts * one <= _AT_ONCE_BYTES)
+    return next(fits, _SIZES[-1])
+
+
+def is_large(planner: MDPOPlanner) -> bool:
+    """Whether candidates must be computed one by one."""
+    return fitting_size(planner).side_by_side is not None
