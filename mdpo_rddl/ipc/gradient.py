@@ -1,10 +1,9 @@
 """What planners of JaxPlan's kind have in common: a policy that is trained, kept and played."""
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,25 +22,36 @@ _FILE = "policy.safetensors"
 _MARGIN_SHARE, _MOST_MARGIN_SECONDS = 0.15, 30.0
 
 
+class Found(NamedTuple):
+    """A policy and what it takes to play it.
+
+    Attributes:
+      planner: compiled for the configuration.
+      config: of the planner.
+      params, hyperparams: of the policy.
+    """
+
+    planner: Any
+    config: PlannerConfig
+    params: Any
+    hyperparams: dict[str, Any]
+
+
 class GradientPlanner(ABC):
     """A planner that trains the parameters of a policy and then plays it."""
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Trains for the time given, less a margin."""
-        started = time.perf_counter()
-        config = self._config(problem)
-        planner, arguments = self._build(problem, config)
         margin = min(_MARGIN_SHARE * seconds, _MOST_MARGIN_SECONDS)
-        left = seconds - margin - (time.perf_counter() - started)
-        params, hyperparams = self._train(planner, arguments, seed, max(left, 1.0))
+        found = self._find(problem, max(seconds - margin, 1.0), seed)
         self._saved = SavedPolicy(
-            params=params,
-            policy_hyperparams=hyperparams,
-            config=config.to_text(),
+            params=found.params,
+            policy_hyperparams=found.hyperparams,
+            config=found.config.to_text(),
             problem=problem_identity(problem),
             seed=seed,
         )
-        self._take_up(problem, planner)
+        self._take_up(problem, found.planner)
 
     def save(self, folder: Path) -> None:
         """Writes the policy."""
@@ -50,7 +60,7 @@ class GradientPlanner(ABC):
     def restore(self, problem: Problem, folder: Path) -> None:
         """Reads the policy and compiles it."""
         self._saved = load_policy(folder / _FILE)
-        planner, _ = self._build(problem, PlannerConfig.from_text(self._saved.config))
+        planner = self._build(problem, PlannerConfig.from_text(self._saved.config))
         self._take_up(problem, planner)
 
     def act(
@@ -60,18 +70,12 @@ class GradientPlanner(ABC):
         return self._policy(step, state)
 
     @abstractmethod
-    def _config(self, problem: Problem) -> PlannerConfig:
-        """The configuration for a problem."""
+    def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
+        """A policy, after so many seconds with compilation."""
 
     @abstractmethod
-    def _build(self, problem: Problem, config: PlannerConfig) -> tuple[Any, dict[str, Any]]:
-        """The planner, and the configuration's arguments of `optimize`."""
-
-    @abstractmethod
-    def _train(
-        self, planner: Any, arguments: dict[str, Any], seed: int, seconds: float
-    ) -> tuple[Any, dict[str, Any]]:
-        """Parameters and policy hyperparameters, after so many seconds with compilation."""
+    def _build(self, problem: Problem, config: PlannerConfig) -> Any:
+        """The planner of a configuration."""
 
     def _take_up(self, problem: Problem, planner: Any) -> None:
         saved = self._saved

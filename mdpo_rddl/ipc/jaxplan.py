@@ -1,12 +1,13 @@
 """JaxPlan's own planner, as its authors configure it."""
 
+import time
 from typing import Any
 
 import jax
 import numpy as np
 
 from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
-from mdpo_rddl.ipc.gradient import GradientPlanner
+from mdpo_rddl.ipc.gradient import Found, GradientPlanner
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.own_configs import own_config
 from mdpo_rddl.presets.shipped import REPOSITORY_NAMES
@@ -26,22 +27,22 @@ class JaxPlanPlanner(GradientPlanner):
         """Takes "slp", a straight-line plan, or "drp", a deep reactive policy."""
         self._method = method
 
-    def _config(self, problem: Problem) -> PlannerConfig:
+    def config(self, problem: Problem) -> PlannerConfig:
+        """JaxPlan's configuration for the problem's domain."""
         return own_config(REPOSITORY_NAMES.get(problem.domain_name, "default"), self._method)
 
-    def _build(self, problem: Problem, config: PlannerConfig) -> tuple[Any, dict[str, Any]]:
-        return build_baseline(problem, config)
-
-    def _train(
-        self, planner: Any, arguments: dict[str, Any], seed: int, seconds: float
-    ) -> tuple[Any, dict[str, Any]]:
+    def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
+        started = time.perf_counter()
+        config = self.config(problem)
+        planner, arguments = build_baseline(problem, config)
+        left = seconds - (time.perf_counter() - started)
         # its clock starts before compilation
         callback = planner.optimize(
             **{
                 **arguments,
                 "key": jax.random.PRNGKey(seed),
                 "epochs": _MANY,
-                "train_seconds": seconds,
+                "train_seconds": max(left, 1.0),
                 "print_summary": False,
                 "print_progress": False,
                 "print_hyperparams": False,
@@ -49,4 +50,7 @@ class JaxPlanPlanner(GradientPlanner):
         )
         trees = callback["best_params"], dict(callback["policy_hyperparams"])
         params, hyperparams = jax.tree.map(np.asarray, trees)
-        return params, hyperparams
+        return Found(planner, config, params, hyperparams)
+
+    def _build(self, problem: Problem, config: PlannerConfig) -> Any:
+        return build_baseline(problem, config)[0]

@@ -4,22 +4,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
-from mdpo_rddl.ipc.gradient import GradientPlanner
+from mdpo_rddl.auto import plan_automatically
+from mdpo_rddl.ipc.gradient import Found, GradientPlanner
 from mdpo_rddl.ipc.legal_moves import LegalMoves
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.planning import build_planner
-from mdpo_rddl.presets.shipped import config_for_domain
+from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.problem import Problem
-from mdpo_rddl.training import train
-
-_MANY = 10_000_000
 
 
 class MDPO(GradientPlanner):
-    """Trains a policy with noise on its actions, and plays a legal action near the policy's."""
+    """Trains a policy by the default preset, and plays a legal action near the policy's."""
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Trains for the time given, less a margin."""
@@ -37,23 +34,13 @@ class MDPO(GradientPlanner):
         """What the policy does if it is legal; it draws nothing."""
         return self._moves.rule(super().act(step, state, rng), state).actions
 
-    def _config(self, problem: Problem) -> PlannerConfig:
-        return config_for_domain(str(problem.domain_path), problem.domain_name, "drp")
+    def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
+        config = PRESETS[DEFAULT_PRESET](problem.domain_name)
+        config = config.with_values("Optimize", train_seconds=seconds)
+        result = plan_automatically(problem, config, seed=seed)
+        training = result.training
+        hyperparams = dict(training.policy_hyperparams)
+        return Found(result.planner, result.config, training.best_params, hyperparams)
 
-    def _build(self, problem: Problem, config: PlannerConfig) -> tuple[Any, dict[str, Any]]:
-        return build_planner(problem, config)
-
-    def _train(
-        self, planner: Any, arguments: dict[str, Any], seed: int, seconds: float
-    ) -> tuple[Any, dict[str, Any]]:
-        for name in ("key", "epochs", "train_seconds"):
-            arguments.pop(name, None)
-        result = train(
-            planner,
-            key=jax.random.PRNGKey(seed),
-            iterations=_MANY,
-            seconds=seconds,
-            counts_compilation=True,
-            optimize_kwargs=arguments,
-        )
-        return result.best_params, dict(result.policy_hyperparams)
+    def _build(self, problem: Problem, config: PlannerConfig) -> Any:
+        return build_planner(problem, config)[0]
