@@ -20,6 +20,8 @@ DOMAINS = (
 )
 INSTANCES = ("1", "2", "3", "4", "5")
 PLANNERS = ("mdpo-drp", "mdpo-slp")
+# the test rollouts of an iteration take most of the time there: two instead of 20
+_TEST_BATCH = {("RecSim", "5"): 2}
 
 
 def run_ipc_smoke(
@@ -48,7 +50,14 @@ def run_ipc_smoke(
     for domain in domains:
         for instance in instances:
             for planner in PLANNERS:
-                trial = Trial(f"{domain}_ippc2023", instance, planner, iterations, episodes)
+                trial = Trial(
+                    f"{domain}_ippc2023",
+                    instance,
+                    planner,
+                    iterations,
+                    episodes,
+                    test_batch=_TEST_BATCH.get((domain, instance)),
+                )
                 try_all(records, [trial], limits)
     return records
 
