@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.cli.bench_paper import add_paper_commands
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
@@ -96,8 +97,8 @@ def _parser() -> OneLineParser:
     )
     speed.set_defaults(run=_speed, out=Path("results/speed"))
 
-    trials = _add_trial_commands(commands)
-    for command in (noise, paper, speed, profile, *trials):
+    others = [*_add_trial_commands(commands), *add_paper_commands(commands)]
+    for command in (noise, paper, speed, profile, *others):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser
 

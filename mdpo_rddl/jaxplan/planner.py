@@ -132,7 +132,7 @@ class MDPOPlanner(ActingPlanner):
         super()._jax_compile_graph()
 
     def _jax_compile_policy(self) -> None:
-        raw_plan = copy_uncompiled(self.plan)
+        raw = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
         limits = group_limits(self.rddl)[0] if self.keep_group_limits else []
         if limits:
@@ -140,9 +140,9 @@ class MDPOPlanner(ActingPlanner):
             self.train_policy = jax.jit(self.plan.train_policy)
             self.test_policy = jax.jit(self.plan.test_policy)
         self.action_specs = action_specs(self.plan, self.compiled)
-        raw_policy = compile_raw_policy(raw_plan, self.compiled, self.horizon, self.preprocessor)
+        self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
-            raw_policy, self.plan, self.rddl, self.action_specs, limits
+            self.raw_policy, self.plan, self.rddl, self.action_specs, limits
         )
 
     @property

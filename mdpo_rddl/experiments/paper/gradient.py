@@ -1,0 +1,91 @@
+"""The methods that differentiate the model: ours in calls of many iterations, and JaxPlan's."""
+
+import collections
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from mdpo_rddl.budgets import A_DAY
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
+from mdpo_rddl.experiments.paper.iterates import Iterate, timed
+from mdpo_rddl.experiments.paper.methods import JAXPLAN
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.problem import Problem
+
+
+def train_by_gradient(
+    problem: Problem, method: str, config: PlannerConfig, key: Any, iterations: Sequence[int]
+) -> Iterator[Iterate]:
+    """Trains all seeds side by side.
+
+    Args:
+      problem: the setting.
+      method: its name; `JAXPLAN` is JaxPlan's own planner and loop.
+      config: its configuration; the seeds are its parallel updates.
+      key: JAX random key; a seed's own keys are split off it, as many as there may be.
+      iterations: which iterates are wanted, in order.
+
+    Raises:
+      InputError: if every seed's return stops being a number.
+    """
+    if method == JAXPLAN:
+        planner, optimize_args = build_baseline(problem, config)
+        train = _train_jaxplan
+    else:
+        planner, optimize_args = build_planner(problem, config)
+        train = _train_ours
+    arguments = {
+        **optimize_args,
+        "key": key,
+        "epochs": max(2, iterations[-1]),  # JaxPlan cannot do with one
+        "train_seconds": A_DAY,
+        "print_summary": False,
+        "print_progress": False,
+        "print_hyperparams": False,
+    }
+    for _ in train(planner, arguments, [1, 2]):
+        pass  # compiles
+    yield from train(planner, arguments, iterations)
+
+
+def _train_ours(
+    planner: MDPOPlanner, arguments: Mapping[str, Any], iterations: Sequence[int]
+) -> Iterator[Iterate]:
+    sizes = planner.iterations_per_call, planner.test_every
+    planner.iterations_per_call = planner.test_every = 1  # so that the loop has turns enough
+    try:
+        generator = planner.optimize_generator(**arguments)
+
+        def resize(count: int) -> int:
+            planner.iterations_per_call = planner.test_every = count
+            return 1
+
+        yield from timed(_advance(generator, resize, planner.is_noisy), iterations)
+    finally:
+        planner.iterations_per_call, planner.test_every = sizes
+
+
+def _train_jaxplan(
+    planner: Any, arguments: Mapping[str, Any], iterations: Sequence[int]
+) -> Iterator[Iterate]:
+    generator = planner.optimize_generator(**arguments)
+    return timed(_advance(generator, lambda count: count, has_noise=False), iterations)
+
+
+def _advance(
+    generator: Iterator[Mapping[str, Any]], turns: Callable[[int], int], has_noise: bool
+) -> Callable[[int], tuple[Any, Any]]:
+    done = 0
+
+    def advance(until: int) -> tuple[Any, Any]:
+        nonlocal done
+        last = collections.deque(itertools.islice(generator, turns(until - done)), maxlen=1)
+        if not last or last[0]["iteration"] + 1 != until:
+            raise InputError(f"training ended before iteration {until}: every seed diverged")
+        callback, done = last[0], until
+        return callback["params"], callback["sigma"] if has_noise else None
+
+    return advance

@@ -1,0 +1,75 @@
+"""The paper's model-free baseline: PPO on the exact model, with the same policy net."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import optax
+from jax import random
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments.paper.iterates import Iterate, timed
+from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.jaxplan.exact_returns import initial_parameters
+from mdpo_rddl.jaxplan.exact_steps import compile_exact_steps
+from mdpo_rddl.jaxplan.sharding import restart_sharding, shard
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.problem import Problem
+
+EPOCHS = 10
+"""Updates after each rollout, as in the paper."""
+# the other methods use the key itself
+_STREAM = 0x70706F
+
+
+def train_ppo(
+    problem: Problem, config: PlannerConfig, key: Any, iterations: Sequence[int]
+) -> Iterator[Iterate]:
+    """Trains all seeds side by side; an iteration is one rollout and `EPOCHS` updates on it.
+
+    Net, initial weights, optimiser and discount are the other methods'; a critic of the same
+    size learns from scaled rewards.
+
+    Args:
+      problem: the setting.
+      config: net and optimiser; the seeds are its parallel updates.
+      key: JAX random key; as the other methods have it.
+      iterations: which iterates are wanted, in order.
+
+    Raises:
+      InputError: if rejax is not installed.
+    """
+    try:
+        from mdpo_rddl.experiments.paper.ppo_learner import make_learner
+    except ModuleNotFoundError as error:
+        needs = f"ppo needs the package {error.name}: pip install 'mdpo-rddl[paper]'"
+        raise InputError(needs) from error
+    planner, _ = build_planner(problem, config)
+    section = config.section("Planner")
+    optimizer = getattr(optax, section["optimizer"])(**section["optimizer_kwargs"])
+    units = tuple(section["method_kwargs"]["topology"])
+    learner = make_learner(compile_exact_steps(planner), optimizer, units, EPOCHS)
+
+    @jax.jit
+    @jax.vmap
+    def start(key, net):
+        return learner.replace(net=net).init_state(key)
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(0, None))
+    def train(state, count):
+        return jax.lax.fori_loop(0, count, lambda _, s: learner.train_iteration(s), state)
+
+    seeds = planner.parallel_updates
+    keys = random.split(random.fold_in(key, _STREAM), seeds)
+    states = shard(start(keys, initial_parameters(planner, key)), restart_sharding(seeds))
+    states = jax.block_until_ready(train(states, 0))  # compiles, and settles the types
+    done = 0
+
+    def advance(until: int) -> tuple[Any, None]:
+        nonlocal states, done
+        states, done = train(states, until - done), until
+        return states.actor_ts.params["net"], None
+
+    return timed(advance, iterations)

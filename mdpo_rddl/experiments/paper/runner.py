@@ -1,0 +1,197 @@
+"""Trains and evaluates the cells of the paper's table."""
+
+import functools
+import logging
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax import random
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.evaluation import evaluate
+from mdpo_rddl.executors import Executor
+from mdpo_rddl.experiments.paper.cells import (
+    Cell,
+    Trained,
+    load_policies,
+    load_trained,
+    open_played,
+    save_trained,
+)
+from mdpo_rddl.experiments.paper.gradient import train_by_gradient
+from mdpo_rddl.experiments.paper.iterates import Iterate, kept_iterations
+from mdpo_rddl.experiments.paper.methods import ADAPTIVE, PPO, method_config
+from mdpo_rddl.experiments.paper.ppo import train_ppo
+from mdpo_rddl.experiments.settings import load_setting
+from mdpo_rddl.experiments.versions import versions
+from mdpo_rddl.jaxplan.exact_returns import compile_exact_returns, unit_hyperparams
+from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.machine import use_all_cores
+from mdpo_rddl.planning import build_planner, playable
+from mdpo_rddl.problem import Problem, make_environment
+from mdpo_rddl.training import select_restart
+
+logger = logging.getLogger(__name__)
+
+_TRAINING_KEY, _EVALUATION_KEY = 0, 1
+
+
+def run_paper(
+    out: Path,
+    settings: Iterable[str],
+    methods: Iterable[str],
+    seeds: int,
+    iterations: int,
+    rollouts: int,
+    episodes: int,
+    executor: Executor,
+) -> None:
+    """Measures every cell that is not there yet.
+
+    Args:
+      out: results folder.
+      settings, methods: of the cells.
+      seeds: number of seeds.
+      iterations: of training.
+      rollouts: of each evaluated iterate on the exact compiled model.
+      episodes: of each seed's last iterate on the exact numpy environment.
+      executor: where a cell is measured.
+    """
+    methods = list(methods)
+    cells = [
+        Cell(out, setting, method, seeds, iterations, rollouts, episodes)
+        for setting in settings
+        for method in methods
+    ]
+    executor.run(run_cell, [cell for cell in cells if not _is_done(cell)])
+
+
+def run_cell(cell: Cell) -> None:
+    """Trains and evaluates one cell; what an earlier run has left is not done again.
+
+    Raises:
+      InputError: if its folder holds results made under other conditions.
+    """
+    use_all_cores()
+    trained = _kept_training(cell)
+    if trained is None:
+        trained = _train(cell)
+    played = open_played(cell.folder, cell.episodes)
+    missing = [seed for seed in range(cell.seeds) if not played.has(seed)]
+    if not missing:
+        return
+    exact = _exact_problem(cell.setting, cell.rollouts)
+    env, policies = make_environment(exact.problem), load_policies(cell.folder)
+    hyperparams = unit_hyperparams(exact.planner)
+    for seed in missing:
+        started = time.perf_counter()
+        policy = playable(exact.planner, select_restart(policies, seed), hyperparams, seed)
+        returns = evaluate(env, policy, cell.episodes, seed).returns
+        text = " ".join(f"{value:.3f}" for value in returns)
+        played.add(seed, text, round(time.perf_counter() - started, 2))
+    logger.info("%s %s: played", cell.setting, cell.method)
+
+
+def _is_done(cell: Cell) -> bool:
+    if _kept_training(cell) is None:
+        return False
+    played = open_played(cell.folder, cell.episodes)
+    return all(played.has(seed) for seed in range(cell.seeds))
+
+
+def _kept_training(cell: Cell) -> Trained | None:
+    """What the folder holds, if it has seeds enough."""
+    trained = load_trained(cell.folder)
+    if trained is None:
+        return None
+    for name, value in _conditions(cell).items():
+        if trained.conditions.get(name) != value:
+            raise InputError(
+                f"{cell.folder}: holds results made with another {name}; use another --out"
+            )
+    return trained if trained.seeds >= cell.seeds else None
+
+
+def _train(cell: Cell) -> Trained:
+    started = time.perf_counter()
+    problem = load_setting(cell.setting)
+    config = method_config(problem.domain_name, cell.method, cell.seeds)
+    key = random.PRNGKey(_TRAINING_KEY)
+    kept = kept_iterations(cell.iterations)
+    if cell.method == PPO:
+        training = train_ppo(problem, config, key, kept)
+    else:
+        training = train_by_gradient(problem, cell.method, config, key, kept)
+    iterates = list(training)
+    after_training = time.perf_counter()
+    returns = _exact_returns(cell, iterates)
+    sigmas = [i.sigma for i in iterates if i.sigma is not None and cell.method == ADAPTIVE]
+    train_seconds = iterates[-1].seconds
+    trained = Trained(
+        conditions={**_conditions(cell), "versions": versions("optax", "rejax")},
+        seconds={
+            "compile": round(after_training - started - train_seconds, 2),
+            "train": round(train_seconds, 2),
+            "evaluate": round(time.perf_counter() - after_training, 2),
+        },
+        iterations=kept,
+        elapsed=[round(iterate.seconds, 3) for iterate in iterates],
+        returns=returns.mean(axis=2).T,
+        last_returns=returns[-1],
+        sigma=np.stack(sigmas) if sigmas else None,
+    )
+    save_trained(cell.folder, trained, iterates[-1].params)
+    logger.info("%s %s: trained in %.0f s", cell.setting, cell.method, train_seconds)
+    return trained
+
+
+def _conditions(cell: Cell) -> dict[str, Any]:
+    problem = _problem(cell.setting)
+    config = method_config(problem.domain_name, cell.method, 1)
+    return {
+        "problem": problem.digest,
+        "iterations": cell.iterations,
+        "rollouts": cell.rollouts,
+        "configuration": config.to_text(),
+    }
+
+
+def _exact_returns(cell: Cell, iterates: Iterable[Iterate]) -> np.ndarray:
+    """Returns of every iterate, seed and rollout [C, S, B].
+
+    The random numbers of a rollout depend on the seed, the iteration and its place in the
+    batch, and not on the method.
+    """
+    exact = _exact_problem(cell.setting, cell.rollouts)
+    seeds = np.arange(cell.seeds)
+    of_seeds = jax.vmap(random.fold_in, (None, 0))(random.PRNGKey(_EVALUATION_KEY), seeds)
+    keys = jax.jit(jax.vmap(random.fold_in, (0, None)))
+    return np.stack(
+        [exact.returns(keys(of_seeds, iterate.iteration), iterate.params) for iterate in iterates]
+    )
+
+
+class _Exact(NamedTuple):
+    """A setting to evaluate policies on, on the compiled model and on the environment."""
+
+    problem: Problem
+    planner: MDPOPlanner
+    returns: Callable[[Any, Any], Any]
+
+
+@functools.lru_cache(maxsize=1)
+def _exact_problem(setting: str, rollouts: int) -> _Exact:
+    problem = _problem(setting)
+    config = method_config(problem.domain_name, "deterministic", 1)
+    config = config.with_values("Planner", batch_size_test=rollouts)
+    planner, _ = build_planner(problem, config)
+    return _Exact(problem, planner, compile_exact_returns(planner))
+
+
+@functools.lru_cache(maxsize=1)
+def _problem(setting: str) -> Problem:
+    return load_setting(setting)
