@@ -6,6 +6,7 @@ from typing import Any
 
 from mdpo_rddl.cli.options import OneLineParser, positive_int
 from mdpo_rddl.executors import EXECUTORS, make_executor
+from mdpo_rddl.experiments.paper.landscape import run_landscape
 from mdpo_rddl.experiments.paper.methods import METHODS
 from mdpo_rddl.experiments.paper.report import write_report
 from mdpo_rddl.experiments.paper.runner import run_paper
@@ -56,6 +57,7 @@ def _paper(options: argparse.Namespace) -> str:
         options.episodes,
         make_executor(options.executor, {}),
     )
+    run_landscape(options.out)
     return write_report(options.out)
 
 

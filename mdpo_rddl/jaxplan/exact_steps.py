@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.jaxplan.exact_returns import unit_hyperparams
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.jaxplan.returns import unit_hyperparams
 
 
 class ExactSteps(NamedTuple):

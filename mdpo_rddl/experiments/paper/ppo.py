@@ -11,8 +11,8 @@ from jax import random
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.paper.iterates import Iterate, timed
 from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.jaxplan.exact_returns import initial_parameters
 from mdpo_rddl.jaxplan.exact_steps import compile_exact_steps
+from mdpo_rddl.jaxplan.returns import initial_parameters
 from mdpo_rddl.jaxplan.sharding import restart_sharding, shard
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.problem import Problem

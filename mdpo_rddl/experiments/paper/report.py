@@ -7,6 +7,12 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.paper.cells import load_played, load_trained
+from mdpo_rddl.experiments.paper.figures import (
+    draw_landscapes,
+    draw_learning_curves,
+    draw_noise,
+)
+from mdpo_rddl.experiments.paper.landscape import load_landscape
 from mdpo_rddl.experiments.paper.methods import METHODS
 from mdpo_rddl.experiments.paper.tables import (
     Key,
@@ -40,6 +46,12 @@ def write_report(out: Path) -> str:
     write_whole(out / "table.json", json.dumps(as_json(rows), indent=1) + "\n")
     write_whole(out / "runs.csv", as_csv(measured))
     write_whole(out / "table.md", table)
+    draw_learning_curves(out / "figure2_iterations.png", measured, over_time=False)
+    draw_learning_curves(out / "figure2_seconds.png", measured, over_time=True)
+    draw_noise(out / "figure3.png", measured)
+    landscape = load_landscape(out)
+    if landscape is not None:
+        draw_landscapes(out / "figure1.png", landscape)
     return table
 
 

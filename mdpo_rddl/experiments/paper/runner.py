@@ -28,8 +28,8 @@ from mdpo_rddl.experiments.paper.methods import ADAPTIVE, PPO, method_config
 from mdpo_rddl.experiments.paper.ppo import train_ppo
 from mdpo_rddl.experiments.settings import load_setting
 from mdpo_rddl.experiments.versions import versions
-from mdpo_rddl.jaxplan.exact_returns import compile_exact_returns, unit_hyperparams
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.jaxplan.returns import compile_returns, unit_hyperparams
 from mdpo_rddl.machine import use_all_cores
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.problem import Problem, make_environment
@@ -189,7 +189,7 @@ def _exact_problem(setting: str, rollouts: int) -> _Exact:
     config = method_config(problem.domain_name, "deterministic", 1)
     config = config.with_values("Planner", batch_size_test=rollouts)
     planner, _ = build_planner(problem, config)
-    return _Exact(problem, planner, compile_exact_returns(planner))
+    return _Exact(problem, planner, compile_returns(planner))
 
 
 @functools.lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Returns on the exact model compiled by JaxPlan: no relaxation, no noise on the actions."""
+"""Returns of many policies at once, on the exact model as JaxPlan compiles it or a relaxed one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,23 +10,28 @@ from jax import Array, random
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 
-def compile_exact_returns(planner: MDPOPlanner) -> Callable[[Array, Any], Array]:
-    """Compiles test rollouts of several policies.
+def compile_returns(planner: MDPOPlanner, relaxed: bool = False) -> Callable[[Array, Any], Array]:
+    """Compiles rollouts of several policies without noise on their actions.
 
     Args:
-      planner: a planner; its `batch_size_test` is the number of rollouts B of each policy.
+      planner: a planner; its test batch is the number of rollouts B of each policy, its
+        training batch that on the relaxed model.
+      relaxed: whether the model is the planner's relaxed one.
 
     Returns:
       A function of one key per policy [P, 2] and the policies' parameters [P, ...] that gives
       the discounted returns [P, B]. They depend on a policy's own key and parameters alone.
     """
-    start, nonfluents = planner._batched_init_subs(planner.test_compiled.init_values)[1]
+    starts = planner._batched_init_subs(planner.test_compiled.init_values)
+    start, nonfluents = starts[0] if relaxed else starts[1]
+    model = planner.compiled if relaxed else planner.test_compiled
+    rollouts = planner.train_rollouts if relaxed else planner.test_rollouts
     hyperparams = unit_hyperparams(planner)
-    model = planner.test_compiled.model_aux["params"]
     discounted = planner._jax_return(False)
 
     def returns(key, params):
-        log, _ = planner.test_rollouts(key, params, hyperparams, start, nonfluents, model)
+        model_params = model.model_aux["params"]
+        log, _ = rollouts(key, params, hyperparams, start, nonfluents, model_params)
         rewards = log["reward"]
         return discounted(rewards, jnp.zeros(rewards.shape[0], rewards.dtype))
 
