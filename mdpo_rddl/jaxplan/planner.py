@@ -27,6 +27,7 @@ from mdpo_rddl.jaxplan.termination import stop_at_termination
 from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
 from mdpo_rddl.limits import group_limits
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
+from mdpo_rddl.projection import perturb_and_project
 
 
 class MDPOPlanner(ActingPlanner):
@@ -42,6 +43,8 @@ class MDPOPlanner(ActingPlanner):
     The loop, the optimiser, the callbacks and the stopping rules are JaxPlan's. With
     `NoNoise` the parameters equal JaxPlan's bit for bit for the same key.
     """
+
+    perturb = staticmethod(perturb_and_project)  # a subclass may perturb elsewhere
 
     def __init__(
         self,
@@ -142,7 +145,7 @@ class MDPOPlanner(ActingPlanner):
         self.action_specs = action_specs(self.plan, self.compiled)
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
-            self.raw_policy, self.plan, self.rddl, self.action_specs, limits
+            self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
         )
 
     @property

@@ -17,7 +17,12 @@ from mdpo_rddl.problem import Problem
 
 
 def train_by_gradient(
-    problem: Problem, method: str, config: PlannerConfig, key: Any, iterations: Sequence[int]
+    problem: Problem,
+    method: str,
+    config: PlannerConfig,
+    key: Any,
+    iterations: Sequence[int],
+    planner_class: type[MDPOPlanner] = MDPOPlanner,
 ) -> Iterator[Iterate]:
     """Trains all seeds side by side.
 
@@ -27,6 +32,7 @@ def train_by_gradient(
       config: its configuration; the seeds are its parallel updates.
       key: JAX random key; a seed's own keys are split off it, as many as there may be.
       iterations: which iterates are wanted, in order.
+      planner_class: ours, for every other method.
 
     Raises:
       InputError: if every seed's return stops being a number.
@@ -35,7 +41,7 @@ def train_by_gradient(
         planner, optimize_args = build_baseline(problem, config)
         train = _train_jaxplan
     else:
-        planner, optimize_args = build_planner(problem, config)
+        planner, optimize_args = build_planner(problem, config, planner_class=planner_class)
         train = _train_ours
     arguments = {
         **optimize_args,
@@ -55,15 +61,16 @@ def _train_ours(
     planner: MDPOPlanner, arguments: Mapping[str, Any], iterations: Sequence[int]
 ) -> Iterator[Iterate]:
     sizes = planner.iterations_per_call, planner.test_every
-    planner.iterations_per_call = planner.test_every = 1  # so that the loop has turns enough
+    generator = planner.optimize_generator(**arguments)
+
+    def callbacks(done: int, until: int) -> Iterator[Mapping[str, Any]]:
+        # the loop counts its turns when it begins: those of one iteration are enough for any
+        for count in (1, until - 1) if done == 0 else (until - done,):
+            planner.iterations_per_call = planner.test_every = max(1, count)
+            yield from itertools.islice(generator, min(1, count))
+
     try:
-        generator = planner.optimize_generator(**arguments)
-
-        def resize(count: int) -> int:
-            planner.iterations_per_call = planner.test_every = count
-            return 1
-
-        yield from timed(_advance(generator, resize, planner.is_noisy), iterations)
+        yield from timed(_advance(callbacks, planner.is_noisy), iterations)
     finally:
         planner.iterations_per_call, planner.test_every = sizes
 
@@ -72,17 +79,21 @@ def _train_jaxplan(
     planner: Any, arguments: Mapping[str, Any], iterations: Sequence[int]
 ) -> Iterator[Iterate]:
     generator = planner.optimize_generator(**arguments)
-    return timed(_advance(generator, lambda count: count, has_noise=False), iterations)
+
+    def callbacks(done: int, until: int) -> Iterator[Mapping[str, Any]]:
+        return itertools.islice(generator, until - done)
+
+    return timed(_advance(callbacks, has_noise=False), iterations)
 
 
 def _advance(
-    generator: Iterator[Mapping[str, Any]], turns: Callable[[int], int], has_noise: bool
+    callbacks: Callable[[int, int], Iterator[Mapping[str, Any]]], has_noise: bool
 ) -> Callable[[int], tuple[Any, Any]]:
     done = 0
 
     def advance(until: int) -> tuple[Any, Any]:
         nonlocal done
-        last = collections.deque(itertools.islice(generator, turns(until - done)), maxlen=1)
+        last = collections.deque(callbacks(done, until), maxlen=1)
         if not last or last[0]["iteration"] + 1 != until:
             raise InputError(f"training ended before iteration {until}: every seed diverged")
         callback, done = last[0], until

@@ -9,8 +9,9 @@ import numpy as np
 from jax import random
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.experiments.paper.relaxation import with_relaxation
 from mdpo_rddl.files import write_whole
-from mdpo_rddl.jaxplan.config import PlannerConfig, compiler_parameters, relaxation_weights
+from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.returns import compile_returns
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.presets import PRESETS
@@ -103,7 +104,4 @@ def _config(domain_name: str, weight: float | None) -> PlannerConfig:
     config = config.with_section("Noise", {"method": "NoNoise"})
     if weight is None:
         return config
-    compiler = config.compiler_class()
-    exact_forward = [n for n in sorted(compiler_parameters(compiler)) if n.endswith("_ste")]
-    weights = dict.fromkeys(sorted(relaxation_weights(compiler)), weight)
-    return config.with_values("Compiler", **weights, **dict.fromkeys(exact_forward, False))
+    return with_relaxation(config, weight, values_too=True)

@@ -1,13 +1,11 @@
 """Trains and evaluates the cells of the paper's table."""
 
-import functools
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
 import numpy as np
 from jax import random
 
@@ -22,22 +20,21 @@ from mdpo_rddl.experiments.paper.cells import (
     open_played,
     save_trained,
 )
+from mdpo_rddl.experiments.paper.exact import exact_problem, exact_returns, problem_of
 from mdpo_rddl.experiments.paper.gradient import train_by_gradient
-from mdpo_rddl.experiments.paper.iterates import Iterate, kept_iterations
+from mdpo_rddl.experiments.paper.iterates import kept_iterations
 from mdpo_rddl.experiments.paper.methods import ADAPTIVE, PPO, method_config
 from mdpo_rddl.experiments.paper.ppo import train_ppo
-from mdpo_rddl.experiments.settings import load_setting
 from mdpo_rddl.experiments.versions import versions
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.jaxplan.returns import compile_returns, unit_hyperparams
+from mdpo_rddl.jaxplan.returns import unit_hyperparams
 from mdpo_rddl.machine import use_all_cores
-from mdpo_rddl.planning import build_planner, playable
-from mdpo_rddl.problem import Problem, make_environment
+from mdpo_rddl.planning import playable
+from mdpo_rddl.problem import make_environment
 from mdpo_rddl.training import select_restart
 
 logger = logging.getLogger(__name__)
 
-_TRAINING_KEY, _EVALUATION_KEY = 0, 1
+_KEY = 0
 
 
 def run_paper(
@@ -84,7 +81,7 @@ def run_cell(cell: Cell) -> None:
     missing = [seed for seed in range(cell.seeds) if not played.has(seed)]
     if not missing:
         return
-    exact = _exact_problem(cell.setting, cell.rollouts)
+    exact = exact_problem(cell.setting, cell.rollouts)
     env, policies = make_environment(exact.problem), load_policies(cell.folder)
     hyperparams = unit_hyperparams(exact.planner)
     for seed in missing:
@@ -118,9 +115,9 @@ def _kept_training(cell: Cell) -> Trained | None:
 
 def _train(cell: Cell) -> Trained:
     started = time.perf_counter()
-    problem = load_setting(cell.setting)
+    problem = problem_of(cell.setting)
     config = method_config(problem.domain_name, cell.method, cell.seeds)
-    key = random.PRNGKey(_TRAINING_KEY)
+    key = random.PRNGKey(_KEY)
     kept = kept_iterations(cell.iterations)
     if cell.method == PPO:
         training = train_ppo(problem, config, key, kept)
@@ -128,7 +125,7 @@ def _train(cell: Cell) -> Trained:
         training = train_by_gradient(problem, cell.method, config, key, kept)
     iterates = list(training)
     after_training = time.perf_counter()
-    returns = _exact_returns(cell, iterates)
+    returns = exact_returns(cell.setting, cell.rollouts, iterates)
     sigmas = [i.sigma for i in iterates if i.sigma is not None and cell.method == ADAPTIVE]
     train_seconds = iterates[-1].seconds
     trained = Trained(
@@ -150,7 +147,7 @@ def _train(cell: Cell) -> Trained:
 
 
 def _conditions(cell: Cell) -> dict[str, Any]:
-    problem = _problem(cell.setting)
+    problem = problem_of(cell.setting)
     config = method_config(problem.domain_name, cell.method, 1)
     return {
         "problem": problem.digest,
@@ -158,40 +155,3 @@ def _conditions(cell: Cell) -> dict[str, Any]:
         "rollouts": cell.rollouts,
         "configuration": config.to_text(),
     }
-
-
-def _exact_returns(cell: Cell, iterates: Iterable[Iterate]) -> np.ndarray:
-    """Returns of every iterate, seed and rollout [C, S, B].
-
-    The random numbers of a rollout depend on the seed, the iteration and its place in the
-    batch, and not on the method.
-    """
-    exact = _exact_problem(cell.setting, cell.rollouts)
-    seeds = np.arange(cell.seeds)
-    of_seeds = jax.vmap(random.fold_in, (None, 0))(random.PRNGKey(_EVALUATION_KEY), seeds)
-    keys = jax.jit(jax.vmap(random.fold_in, (0, None)))
-    return np.stack(
-        [exact.returns(keys(of_seeds, iterate.iteration), iterate.params) for iterate in iterates]
-    )
-
-
-class _Exact(NamedTuple):
-    """A setting to evaluate policies on, on the compiled model and on the environment."""
-
-    problem: Problem
-    planner: MDPOPlanner
-    returns: Callable[[Any, Any], Any]
-
-
-@functools.lru_cache(maxsize=1)
-def _exact_problem(setting: str, rollouts: int) -> _Exact:
-    problem = _problem(setting)
-    config = method_config(problem.domain_name, "deterministic", 1)
-    config = config.with_values("Planner", batch_size_test=rollouts)
-    planner, _ = build_planner(problem, config)
-    return _Exact(problem, planner, compile_returns(planner))
-
-
-@functools.lru_cache(maxsize=1)
-def _problem(setting: str) -> Problem:
-    return load_setting(setting)
