@@ -23,6 +23,7 @@ from mdpo_rddl.experiments.settings import DOMAIN_FILES
 from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
 from mdpo_rddl.machine import use_all_cores
+from mdpo_rddl.presets.paper import PYTORCH_DECAY
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,11 +74,14 @@ def _parser() -> OneLineParser:
             "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(DOMAIN_FILES)
         )
         command.add_argument(
-            "--decay", type=number(above=0, at_most=1), help="RMSProp's (default: the preset's)"
+            "--decay",
+            type=number(above=0, at_most=1),
+            help="RMSProp's (default: 0.99 in the sweep, else the preset's)",
         )
         command.add_argument("--seeds", type=positive_int, default=5)
         command.add_argument("--iterations", type=positive_int, default=3000)
         command.add_argument("--episodes", type=positive_int, default=20)
+    noise.set_defaults(decay=PYTORCH_DECAY)
     speed = commands.add_parser("speed", help="iterations a second, against JaxPlan's loop")
     profile = commands.add_parser("profile", help="where the time of an iteration goes")
     for command, seconds in ((speed, 3), (profile, 1)):

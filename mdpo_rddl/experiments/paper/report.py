@@ -20,6 +20,7 @@ from mdpo_rddl.experiments.paper.tables import (
     as_csv,
     as_json,
     as_markdown,
+    make_overall,
     make_rows,
 )
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
@@ -41,9 +42,9 @@ def write_report(out: Path) -> str:
     measured = load_measured(out)
     if not measured:
         raise InputError(f"{out}: holds no results of mdpo-bench paper")
-    rows = make_rows(measured)
-    table = as_markdown(rows)
-    write_whole(out / "table.json", json.dumps(as_json(rows), indent=1) + "\n")
+    rows, overall = make_rows(measured), make_overall(measured)
+    table = as_markdown(rows, overall)
+    write_whole(out / "table.json", json.dumps(as_json(rows, overall), indent=1) + "\n")
     write_whole(out / "runs.csv", as_csv(measured))
     write_whole(out / "table.md", table)
     draw_learning_curves(out / "figure2_iterations.png", measured, over_time=False)

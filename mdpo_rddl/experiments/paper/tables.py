@@ -10,13 +10,14 @@ import numpy as np
 
 from mdpo_rddl.experiments.paper.cells import Trained
 from mdpo_rddl.experiments.paper.iterates import LAST
-from mdpo_rddl.experiments.paper.methods import ADAPTIVE, METHODS
+from mdpo_rddl.experiments.paper.methods import ADAPTIVE, METHODS, PPO
 from mdpo_rddl.experiments.paper.published import TABLE
 from mdpo_rddl.experiments.paper.statistics import (
     Interval,
     bootstrap_interval,
     interquartile_mean,
     paired_p,
+    stratified_interval,
     within_seed_interval,
 )
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
@@ -119,9 +120,48 @@ def _row(key: Key, cell: Measured, adaptive: Measured | None) -> Row:
     )
 
 
-def as_json(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """The rows as JSON can hold them; what is not a number is null."""
-    return [{name: _plain(value) for name, value in asdict(row).items()} for row in rows]
+@dataclass(frozen=True)
+class Overall:
+    """One method over all settings, on a scale where the paper's PPO is 0 and its adaptive 1.
+
+    Attributes:
+      method: its name.
+      settings, seeds: how many of each.
+      iqm, iqm_ci95: interquartile mean of all scores, and its stratified bootstrap interval.
+    """
+
+    method: str
+    settings: int
+    seeds: int
+    iqm: float
+    iqm_ci95: Interval
+
+
+def make_overall(measured: Mapping[Key, Measured]) -> list[Overall]:
+    """Every method that has been measured on all settings that any has."""
+    settings = [s for s in DOMAIN_FILES if any(s == setting for setting, _ in measured)]
+    found = []
+    for method in METHODS:
+        if all((setting, method) in measured for setting in settings):
+            seeds = min(measured[setting, method].trained.seeds for setting in settings)
+            scores = [_scaled(s, measured[s, method].scores[:seeds]) for s in settings]
+            overall = stratified_interval(np.stack(scores))
+            found.append(Overall(method, len(settings), seeds, *overall))
+    return found
+
+
+def _scaled(setting: str, scores: np.ndarray) -> np.ndarray:
+    low, high = TABLE[setting, PPO].mean, TABLE[setting, ADAPTIVE].mean
+    return (scores - low) / (high - low)
+
+
+def as_json(rows: Sequence[Row], overall: Sequence[Overall]) -> dict[str, Any]:
+    """Cells and methods as JSON can hold them; what is not a number is null."""
+    parts: dict[str, Sequence[Any]] = {"cells": rows, "methods": overall}
+    return {
+        name: [{key: _plain(value) for key, value in asdict(item).items()} for item in items]
+        for name, items in parts.items()
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -145,7 +185,7 @@ def as_csv(measured: Mapping[Key, Measured]) -> str:
     return text.getvalue()
 
 
-def as_markdown(rows: Sequence[Row]) -> str:
+def as_markdown(rows: Sequence[Row], overall: Sequence[Overall]) -> str:
     """The comparison, and under it how sure it is and what it cost."""
     comparison = _table(
         ["setting", "method", "seeds", "ours", "the paper's", "difference / deviation"],
@@ -184,7 +224,19 @@ def as_markdown(rows: Sequence[Row]) -> str:
             for row in rows
         ],
     )
-    return f"{comparison}\n{certainty}\n{_times(rows)}"
+    summary = _table(
+        ["method", "settings", "seeds", "interquartile mean [95%]; the paper's: ppo 0, adaptive 1"],
+        [
+            [
+                method.method,
+                str(method.settings),
+                str(method.seeds),
+                f"{method.iqm:.3f} [{method.iqm_ci95.low:.3f}, {method.iqm_ci95.high:.3f}]",
+            ]
+            for method in overall
+        ],
+    )
+    return "\n".join([comparison, certainty, summary, _times(rows)])
 
 
 def _times(rows: Sequence[Row]) -> str:
