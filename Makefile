@@ -47,7 +47,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	  { echo "Python lacks venv; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev,tuning]'
+	  --constraint constraints.txt --editable '.[dev,tuning,paper]'
 	touch $@
 
 clean:

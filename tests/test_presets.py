@@ -65,3 +65,11 @@ def test_a_domain_changes_only_what_the_paper_leaves_open(domain: str) -> None:
     assert (noise.sigma_min, noise.quantile) == (0.0, 0.95)
     # "typically 9 to 11", which on HVAC is too little: docs/paper.md
     assert 9.0 <= noise.sigma_max <= (20.0 if domain == "hvac" else 11.0)
+
+
+def test_the_preset_is_a_configuration_that_jaxplan_accepts() -> None:
+    config = PRESETS["paper"]("hvac")
+    assert PlannerConfig.from_text(config.to_text()).sections == config.sections
+    planner_args, plan_args, _ = config.jaxplan_arguments()
+    assert isinstance(planner_args["plan"], JaxDeepReactivePolicy)
+    assert plan_args == {"topology": [12, 12]}
