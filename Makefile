@@ -48,6 +48,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[dev,tuning,paper]'
+	# the same files as tensorflow-probability's, which JaxPlan brings; PPO needs the newer ones
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --force-reinstall --no-deps tfp-nightly
 	touch $@
 
 clean:

@@ -19,6 +19,8 @@ from mdpo_rddl.problem import Problem
 
 EPOCHS = 10
 """Updates after each rollout, as in the paper."""
+# tfp-nightly and tensorflow-probability, which JaxPlan brings, write to the same place
+_INSTALL = "pip install 'mdpo-rddl[paper]' && pip install --force-reinstall --no-deps tfp-nightly"
 # the other methods use the key itself
 _STREAM = 0x70706F
 
@@ -38,13 +40,12 @@ def train_ppo(
       iterations: which iterates are wanted, in order.
 
     Raises:
-      InputError: if rejax is not installed.
+      InputError: if rejax cannot be imported.
     """
     try:
         from mdpo_rddl.experiments.paper.ppo_learner import make_learner
-    except ModuleNotFoundError as error:
-        needs = f"ppo needs the package {error.name}: pip install 'mdpo-rddl[paper]'"
-        raise InputError(needs) from error
+    except (ImportError, AttributeError) as error:  # the latter from tensorflow-probability 0.25
+        raise InputError(f"ppo cannot be imported: {error}; to get it: {_INSTALL}") from error
     planner, _ = build_planner(problem, config)
     section = config.section("Planner")
     optimizer = getattr(optax, section["optimizer"])(**section["optimizer_kwargs"])
