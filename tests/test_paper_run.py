@@ -237,8 +237,3 @@ def test_a_machine_without_rejax_is_told_what_to_install(tmp_path, monkeypatch):
         InputError, match=r"ppo cannot be imported: .*rejax.*; to get it: pip install"
     ):
         run(tmp_path, [PPO])
-
-
-def test_the_executor_must_be_one_that_there_is():
-    with pytest.raises(InputError, match="unknown executor 'moon', known are local"):
-        make_executor("moon", {})
