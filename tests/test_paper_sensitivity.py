@@ -56,7 +56,9 @@ def test_every_choice_is_tried_by_itself(toy, tmp_path, capsys, monkeypatch):
 def test_behind_the_projection_noise_cannot_wake_a_clipped_plan(tmp_path, planner_class, is_woken):
     problem = load_problem(*tiny_files(tmp_path))
     noise, plan = ConstantNoise(2.0), {"push": jnp.full((4, 2), 3.0)}
-    planner = make_planner(planner_class, problem, make_plan("slp"), noise=noise)
+    planner = make_planner(
+        planner_class, problem, make_plan("slp"), noise=noise, batch_size_train=50
+    )
     mean_return = perturbed_mean_return(planner, 2.0)
     gradient = jax.grad(mean_return, argnums=1)(jax.random.PRNGKey(1), plan)["push"]
     assert bool(jnp.any(gradient != 0.0)) == is_woken
