@@ -52,7 +52,7 @@ def add_paper_commands(commands: Any) -> list[OneLineParser]:
         "theorem", help="the reparameterised gradient against finite differences"
     )
     theorem.add_argument(
-        "--batches", type=positive_int, default=200, help="of 200 rollouts (default: %(default)s)"
+        "--batches", type=positive_int, default=400, help="of 200 rollouts (default: %(default)s)"
     )
     theorem.set_defaults(run=_theorem, out=Path("results/paper/theorem"))
     return [paper, choices, theorem]

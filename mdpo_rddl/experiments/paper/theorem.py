@@ -29,7 +29,7 @@ HORIZON = 10
 SIGMA = 1.0
 DIRECTIONS = 6
 KEYS = ("model", "direction")
-_BATCH, _STEP, _TRAINING = 200, 1e-2, 100
+_BATCH, _STEP, _TRAINING = 200, 3e-3, 100
 
 
 class Model(NamedTuple):
