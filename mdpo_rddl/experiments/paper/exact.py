@@ -34,16 +34,21 @@ class ExactProblem(NamedTuple):
 
 
 @functools.lru_cache(maxsize=1)
-def exact_problem(setting: str, rollouts: int) -> ExactProblem:
+def exact_problem(setting: str, rollouts: int, activation: str | None = None) -> ExactProblem:
     """Compiles a setting's exact model; the last one is remembered.
 
     Args:
       setting: its name.
       rollouts: of each policy, B.
+      activation: of the net's units; the preset's if None.
     """
     problem = problem_of(setting)
     config = method_config(problem.domain_name, "deterministic", 1)
-    planner, _ = build_planner(problem, config.with_values("Planner", batch_size_test=rollouts))
+    net = config.section("Planner")["method_kwargs"]
+    if activation is not None:
+        net = {**net, "activation": activation}
+    config = config.with_values("Planner", batch_size_test=rollouts, method_kwargs=net)
+    planner, _ = build_planner(problem, config)
     return ExactProblem(problem, planner, compile_returns(planner))
 
 
@@ -53,13 +58,15 @@ def problem_of(setting: str) -> Problem:
     return load_setting(setting)
 
 
-def exact_returns(setting: str, rollouts: int, iterates: Iterable[Iterate]) -> np.ndarray:
+def exact_returns(
+    setting: str, rollouts: int, iterates: Iterable[Iterate], activation: str | None = None
+) -> np.ndarray:
     """Returns of every iterate, seed and rollout [C, S, B] on the exact compiled model.
 
     The random numbers of a rollout depend on the seed, the iteration and its place in the
     batch, and not on the method.
     """
-    exact = exact_problem(setting, rollouts)
+    exact = exact_problem(setting, rollouts, activation)
     fold = jax.vmap(random.fold_in, (None, 0))
     found = []
     for iterate in iterates:

@@ -16,6 +16,10 @@ from mdpo_rddl.planning import build_planner
 from mdpo_rddl.problem import Problem
 
 
+class DivergedError(InputError):
+    """No seed's return is a number any more."""
+
+
 def train_by_gradient(
     problem: Problem,
     method: str,
@@ -35,7 +39,7 @@ def train_by_gradient(
       planner_class: ours, for every other method.
 
     Raises:
-      InputError: if every seed's return stops being a number.
+      DivergedError: if every seed's return stops being a number.
     """
     if method == JAXPLAN:
         planner, optimize_args = build_baseline(problem, config)
@@ -95,7 +99,7 @@ def _advance(
         nonlocal done
         last = collections.deque(callbacks(done, until), maxlen=1)
         if not last or last[0]["iteration"] + 1 != until:
-            raise InputError(f"training ended before iteration {until}: every seed diverged")
+            raise DivergedError(f"training ended before iteration {until}: every seed diverged")
         callback, done = last[0], until
         return callback["params"], callback["sigma"] if has_noise else None
 

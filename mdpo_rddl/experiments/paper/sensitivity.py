@@ -5,16 +5,18 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from jax import random
 
 from mdpo_rddl.experiments.paper.exact import exact_returns, problem_of
-from mdpo_rddl.experiments.paper.gradient import train_by_gradient
+from mdpo_rddl.experiments.paper.gradient import DivergedError, train_by_gradient
 from mdpo_rddl.experiments.paper.iterates import LAST, kept_iterations
 from mdpo_rddl.experiments.paper.methods import ADAPTIVE, method_config
 from mdpo_rddl.experiments.paper.relaxation import with_relaxation
 from mdpo_rddl.experiments.records import Records, mean_and_spread
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.presets.paper import with_decay
 from mdpo_rddl.projection import project_and_perturb
 
 logger = logging.getLogger(__name__)
@@ -23,7 +25,8 @@ COLUMNS = ("setting", "factor", "value", "seed", "last_5")
 KEYS = COLUMNS[:4]
 SETTINGS = ("hvac10", "powergen7", "reservoir15")
 BASE, ENTRY, WEIGHT = "as in the table", "noise enters", "relaxation weight"
-BEFORE, AFTER = "before the projection", "after it"
+AFTER = "after the projection"
+ACTIVATION = "activation"
 FACTORS: dict[str, tuple[Any, ...]] = {
     "alpha": (0.25, 1.0, 4.0),
     "sigma_max": (3.0, 10.0, 30.0),
@@ -32,6 +35,9 @@ FACTORS: dict[str, tuple[Any, ...]] = {
     "analysis_samples": (4, 16),
     ENTRY: (AFTER,),
     WEIGHT: (1.0, 10.0, 1000.0),
+    "decay": (0.9, 0.99),
+    ACTIVATION: ("relu",),
+    "initializer": ("glorot_uniform",),
 }
 """Per factor, the values that are tried; every setting has another choice in the table."""
 _KEY = 0
@@ -92,15 +98,20 @@ def _table_config(setting: str, seeds: int) -> PlannerConfig:
 
 def _last_returns(
     setting: str, variant: Variant, seeds: int, iterations: int, rollouts: int
-) -> Any:
+) -> np.ndarray:
     """Per seed, the mean exact return of the last iterates [S]."""
     config = _changed(_table_config(setting, seeds), variant)
     planner_class = LatePlanner if variant == (ENTRY, AFTER) else MDPOPlanner
     kept = kept_iterations(iterations)[-LAST:]
-    iterates = train_by_gradient(
+    training = train_by_gradient(
         problem_of(setting), ADAPTIVE, config, random.PRNGKey(_KEY), kept, planner_class
     )
-    return exact_returns(setting, rollouts, iterates).mean(axis=(0, 2))
+    try:
+        iterates = list(training)
+    except DivergedError:
+        return np.full(seeds, np.nan)
+    activation = variant.value if variant.factor == ACTIVATION else None
+    return exact_returns(setting, rollouts, iterates, activation).mean(axis=(0, 2))
 
 
 def _changed(config: PlannerConfig, variant: Variant) -> PlannerConfig:
@@ -109,6 +120,11 @@ def _changed(config: PlannerConfig, variant: Variant) -> PlannerConfig:
         return with_relaxation(config, value, values_too=False)
     if factor in (BASE, ENTRY):
         return config
+    if factor == "decay":
+        return with_decay(config, value)
+    if factor in (ACTIVATION, "initializer"):
+        net = {**config.section("Planner")["method_kwargs"], factor: value}
+        return config.with_values("Planner", method_kwargs=net)
     return config.with_values("Noise", **{factor: value})
 
 
