@@ -114,7 +114,8 @@ def test_the_published_table_is_the_papers():
     [
         (1, [1]),
         (4, [1, 2, 3, 4]),
-        (3000, [1, *range(50, 3000, 50), 2996, 2997, 2998, 2999, 3000]),
+        (3000, [1, 2, 5, 10, 20, *range(50, 3000, 50), 2996, 2997, 2998, 2999, 3000]),
+        (300, [1, 2, *range(5, 300, 5), 296, 297, 298, 299, 300]),
     ],
 )
 def test_the_last_iterates_are_always_kept(iterations, kept):

@@ -10,6 +10,9 @@ import numpy as np
 LAST = 5
 """The paper's figure is the mean over so many last iterates."""
 
+# much happens at the beginning
+_EARLY = (2, 5, 10, 20)
+
 
 class Iterate(NamedTuple):
     """What all seeds have reached after some iterations.
@@ -28,10 +31,11 @@ class Iterate(NamedTuple):
 
 
 def kept_iterations(iterations: int, points: int = 60) -> list[int]:
-    """The first iterate, about `points` more of them evenly spaced, and the last `LAST`."""
+    """Some of the first iterates, about `points` more evenly spaced, and the last `LAST`."""
     every = max(1, iterations // points)
     last = range(max(1, iterations - LAST + 1), iterations + 1)
-    return sorted({1, *range(every, iterations + 1, every), *last})
+    early = (1, *(i for i in _EARLY if i < every))
+    return sorted({*early, *range(every, iterations + 1, every), *last})
 
 
 def timed(
