@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from problems import tiny_files
 
-from mdpo_rddl.cli import bench
+from mdpo_rddl.cli import bench, bench_paper
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.executors import make_executor
 from mdpo_rddl.experiments.paper import exact, gradient, runner
@@ -202,6 +202,17 @@ def test_the_report_needs_nothing_but_the_files(measured, tmp_path, monkeypatch,
     lines = written["runs.csv"].splitlines()
     assert len(lines) == 1 + 2 * len(METHODS)
     assert lines[0] == "setting,method,seed,last_5,last_compiled,last_numpy"
+
+
+def test_bench_runs_and_reports(measured, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bench_paper, "run_landscape", lambda out: None)
+    size = [word for name, value in SIZE.items() for word in (f"--{name}", str(value))]
+    arguments = ["--settings", SETTING, "--methods", "constant-3", "--out", str(tmp_path), *size]
+    assert bench.main(["paper", *arguments]) == 0
+    assert capsys.readouterr().out == (tmp_path / "table.md").read_text()
+    cells = [load_measured(out)[SETTING, "constant-3"] for out in (tmp_path, measured)]
+    np.testing.assert_array_equal(cells[0].trained.returns, cells[1].trained.returns)
+    np.testing.assert_array_equal(cells[0].played, cells[1].played)
 
 
 # --- bad input -----------------------------------------------------------------------------
