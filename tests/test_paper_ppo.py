@@ -10,7 +10,6 @@ from scipy import stats
 
 from mdpo_rddl.experiments.paper.gymnax_problem import GymnaxProblem
 from mdpo_rddl.experiments.paper.methods import method_config
-from mdpo_rddl.experiments.paper.ppo import train_ppo
 from mdpo_rddl.experiments.paper.ppo_learner import GaussianActor, make_learner
 from mdpo_rddl.jaxplan.exact_steps import ExactSteps, compile_exact_steps
 from mdpo_rddl.jaxplan.returns import compile_returns, initial_parameters
@@ -98,16 +97,3 @@ def test_the_learner_reaches_the_goal_when_it_has_rollouts_enough(planner, steps
     before, after = (returns(KEY[jnp.newaxis], params)[0, 0] for params in (net, trained))
     assert before == -2.0  # stays where it starts, 0.5 from the goal for 4 steps, two units
     assert -0.6 < after <= -0.5  # is there after one step
-
-
-def test_the_iterates_are_those_that_were_asked_for(planner, tmp_path):
-    problem = load_problem(*tiny_files(tmp_path))
-    config = method_config("tiny", "ppo", 2)
-    start = initial_parameters(planner, KEY)
-    iterates = list(train_ppo(problem, config, KEY, [1, 3]))
-    assert [iterate.iteration for iterate in iterates] == [1, 3]
-    assert 0.0 < iterates[0].seconds < iterates[1].seconds
-    (third,) = train_ppo(problem, config, KEY, [3])
-    jax.tree.map(np.testing.assert_array_equal, third.params, iterates[1].params)
-    shapes = [jax.tree.map(np.shape, params) for params in (start, third.params)]
-    assert shapes[0] == shapes[1]

@@ -25,8 +25,8 @@ from mdpo_rddl.problem import load_problem
 
 SETTING = "powergen7"
 SIZE: dict[str, Any] = {"seeds": 2, "iterations": 7, "rollouts": 3, "episodes": 2}
-# rejax takes a few seconds to compile, and is looked at once
-QUICK = [method for method in METHODS if method != PPO]
+# constant-3 is constant-1 with another number
+TRIED = [method for method in METHODS if method != "constant-3"]
 
 
 class Interrupted:
@@ -67,7 +67,7 @@ def toy(tmp_path_factory) -> Iterator[None]:
     exact.exact_problem.cache_clear()
 
 
-def run(out: Path, methods: Sequence[str] = QUICK, executor: Any = None, **size: Any) -> None:
+def run(out: Path, methods: Sequence[str] = TRIED, executor: Any = None, **size: Any) -> None:
     executor = executor or make_executor("local", {})
     run_paper(out, [SETTING], methods, **{**SIZE, **size}, executor=executor)
 
@@ -75,7 +75,7 @@ def run(out: Path, methods: Sequence[str] = QUICK, executor: Any = None, **size:
 @pytest.fixture(scope="module")
 def measured(toy, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("paper")
-    run(out, METHODS)
+    run(out)
     return out
 
 
@@ -91,7 +91,7 @@ def assert_same_results(one: Path, other: Path) -> None:
 
 def test_every_method_has_its_curve_its_last_iterates_and_its_episodes(measured):
     cells = load_measured(measured)
-    assert list(cells) == [(SETTING, method) for method in METHODS]
+    assert list(cells) == [(SETTING, method) for method in TRIED]
     for (_, method), cell in cells.items():
         assert cell.trained.iterations == [1, 2, 3, 4, 5, 6, 7]
         assert cell.trained.returns.shape == (2, 7)
@@ -140,15 +140,15 @@ def test_what_is_complete_is_not_done_again(measured, monkeypatch):
         raise AssertionError("there is nothing left to do")
 
     monkeypatch.setattr(runner, "run_cell", nothing_to_do)
-    run(measured, METHODS)
+    run(measured)
 
 
 def test_a_run_stopped_between_cells_goes_on(measured, tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, METHODS[1:3], Interrupted(1))
+        run(tmp_path, TRIED[1:3], Interrupted(1))
     assert len(load_measured(tmp_path)) == 1
-    run(tmp_path, METHODS[1:3])
-    for method in METHODS[3:] + METHODS[:1]:
+    run(tmp_path, TRIED[1:3])
+    for method in TRIED[3:] + TRIED[:1]:
         cell = f"cells/{SETTING}_{method}"
         shutil.copytree(measured / cell, tmp_path / cell)
     assert_same_results(tmp_path, measured)
@@ -161,7 +161,7 @@ def test_a_run_stopped_while_it_plays_goes_on(measured, tmp_path, monkeypatch):
     played.write_text("".join(whole[:2]))
     assert (SETTING, "adaptive") not in load_measured(tmp_path)
     monkeypatch.setattr(runner, "_train", lambda cell: pytest.fail("it has been trained"))
-    run(tmp_path, METHODS)
+    run(tmp_path)
     assert_same_results(tmp_path, measured)
     assert played.read_text().splitlines()[1] == whole[1].strip()
 
@@ -200,17 +200,17 @@ def test_the_report_needs_nothing_but_the_files(measured, tmp_path, monkeypatch,
     pictures = {path.name for path in (tmp_path / "here").glob("*.png")}
     assert pictures == {"figure2_iterations.png", "figure2_seconds.png", "figure3.png"}
     lines = written["runs.csv"].splitlines()
-    assert len(lines) == 1 + 2 * len(METHODS)
+    assert len(lines) == 1 + 2 * len(TRIED)
     assert lines[0] == "setting,method,seed,last_5,last_compiled,last_numpy"
 
 
 def test_bench_runs_and_reports(measured, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(bench_paper, "run_landscape", lambda out: None)
     size = [word for name, value in SIZE.items() for word in (f"--{name}", str(value))]
-    arguments = ["--settings", SETTING, "--methods", "constant-3", "--out", str(tmp_path), *size]
+    arguments = ["--settings", SETTING, "--methods", "constant-1", "--out", str(tmp_path), *size]
     assert bench.main(["paper", *arguments]) == 0
     assert capsys.readouterr().out == (tmp_path / "table.md").read_text()
-    cells = [load_measured(out)[SETTING, "constant-3"] for out in (tmp_path, measured)]
+    cells = [load_measured(out)[SETTING, "constant-1"] for out in (tmp_path, measured)]
     np.testing.assert_array_equal(cells[0].trained.returns, cells[1].trained.returns)
     np.testing.assert_array_equal(cells[0].played, cells[1].played)
 
