@@ -208,10 +208,8 @@ class MDPOPlanner(ActingPlanner):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
             if self.is_noisy:
-                noise, state = (
-                    self._restarts.rules(self._broadcast_pytree),
-                    self._noise_state_at_guess,
-                )
+                noise = self._restarts.rules(self._broadcast_pytree)
+                state = self._noise_state_at_guess
                 if state is None:
                     state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
                 else:
