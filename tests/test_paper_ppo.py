@@ -3,14 +3,13 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 from problems import tiny_files
 from scipy import stats
 
 from mdpo_rddl.experiments.paper.gymnax_problem import GymnaxProblem
 from mdpo_rddl.experiments.paper.methods import method_config
-from mdpo_rddl.experiments.paper.ppo_learner import GaussianActor, make_learner
+from mdpo_rddl.experiments.paper.ppo_learner import GaussianActor, first_state, make_learner
 from mdpo_rddl.jaxplan.exact_steps import ExactSteps, compile_exact_steps
 from mdpo_rddl.jaxplan.returns import compile_returns, initial_parameters
 from mdpo_rddl.planning import build_planner
@@ -65,7 +64,8 @@ def test_the_environment_ends_at_the_horizon_and_begins_anew(steps):
 
 
 def test_the_actors_densities_are_the_normal_laws():
-    actor = GaussianActor(lambda params, state: params * state)
+    actor = GaussianActor(lambda params, state: params * state, 0.0, (2,))
+    assert actor.init(KEY, KEY, KEY)["log_std"].tolist() == [0.0, 0.0]
     params = {"net": jnp.array(2.0), "log_std": jnp.log(jnp.array([0.5, 3.0]))}
     states = jnp.array([[1.0, -1.0], [0.0, 2.0]])
     actions, log_prob = actor.apply(params, states, KEY, method="action_log_prob")
@@ -77,9 +77,10 @@ def test_the_actors_densities_are_the_normal_laws():
 
 
 def test_the_learner_starts_from_the_net_that_it_is_given(planner, steps):
-    net = jax.tree.map(lambda leaf: leaf[1], initial_parameters(planner, KEY))
-    learner = make_learner(steps, optax.sgd(0.0), (4,), 3).replace(net=net)
-    state = learner.init_state(KEY)
+    nets = initial_parameters(planner, KEY)
+    other, net = (jax.tree.map(lambda leaf, i=i: leaf[i], nets) for i in range(2))
+    learner = make_learner(steps, other, (4,), 3, learning_rate=0.0)
+    state = first_state(learner, KEY, net)
     jax.tree.map(np.testing.assert_array_equal, state.actor_ts.params["net"], net)
     after = learner.train_iteration(state)
     # a step of size 0 after each of 3 epochs
@@ -88,12 +89,12 @@ def test_the_learner_starts_from_the_net_that_it_is_given(planner, steps):
 
 
 def test_the_learner_reaches_the_goal_when_it_has_rollouts_enough(planner, steps):
-    net = jax.tree.map(lambda leaf: leaf[:1], initial_parameters(planner, KEY))
-    learner = make_learner(steps, optax.adam(3e-3), (12, 12), 10).replace(num_envs=32)
-    state = learner.replace(net=jax.tree.map(lambda leaf: leaf[0], net)).init_state(KEY)
+    net = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, KEY))
+    learner = make_learner(steps, net, (12, 12), 10, num_envs=32, learning_rate=3e-3)
     train = jax.jit(lambda s: jax.lax.fori_loop(0, 100, lambda _, s: learner.train_iteration(s), s))
-    trained = jax.tree.map(lambda leaf: leaf[jnp.newaxis], train(state).actor_ts.params["net"])
-    returns = compile_returns(planner)
-    before, after = (returns(KEY[jnp.newaxis], params)[0, 0] for params in (net, trained))
+    trained = train(first_state(learner, KEY, net)).actor_ts.params["net"]
+    policies = jax.tree.map(lambda *leaves: jnp.stack(leaves), net, trained)
+    keys = jnp.stack([KEY, KEY])
+    before, after = compile_returns(planner)(keys, policies)[:, 0]
     assert before == -2.0  # stays where it starts, 0.5 from the goal for 4 steps, two units
     assert -0.6 < after <= -0.5  # is there after one step

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 import jax
-import optax
 from jax import random
 
 from mdpo_rddl.errors import InputError
@@ -16,6 +15,7 @@ from mdpo_rddl.jaxplan.returns import initial_parameters
 from mdpo_rddl.jaxplan.sharding import restart_sharding, shard
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.problem import Problem
+from mdpo_rddl.training import select_restart
 
 EPOCHS = 10
 """Updates after each rollout, as in the paper."""
@@ -30,12 +30,12 @@ def train_ppo(
 ) -> Iterator[Iterate]:
     """Trains all seeds side by side; an iteration is one rollout and `EPOCHS` updates on it.
 
-    Net, initial weights, optimiser and discount are the other methods'; a critic of the same
-    size learns from scaled rewards.
+    Net, initial weights and discount are the other methods'; the critic is of the same size, and
+    all else, the optimiser too, is rejax's default.
 
     Args:
       problem: the setting.
-      config: net and optimiser; the seeds are its parallel updates.
+      config: the net; the seeds are its parallel updates.
       key: JAX random key; as the other methods have it.
       iterations: which iterates are wanted, in order.
 
@@ -43,28 +43,23 @@ def train_ppo(
       InputError: if rejax cannot be imported.
     """
     try:
-        from mdpo_rddl.experiments.paper.ppo_learner import make_learner
+        from mdpo_rddl.experiments.paper.ppo_learner import first_state, make_learner
     except (ImportError, AttributeError) as error:  # the latter from tensorflow-probability 0.25
         raise InputError(f"ppo cannot be imported: {error}; to get it: {_INSTALL}") from error
     planner, _ = build_planner(problem, config)
-    section = config.section("Planner")
-    optimizer = getattr(optax, section["optimizer"])(**section["optimizer_kwargs"])
-    units = tuple(section["method_kwargs"]["topology"])
-    learner = make_learner(compile_exact_steps(planner), optimizer, units, EPOCHS)
-
-    @jax.jit
-    @jax.vmap
-    def start(key, net):
-        return learner.replace(net=net).init_state(key)
+    seeds, nets = planner.parallel_updates, initial_parameters(planner, key)
+    units = tuple(config.section("Planner")["method_kwargs"]["topology"])
+    steps = compile_exact_steps(planner)
+    learner = make_learner(steps, select_restart(nets, 0), units, EPOCHS)
 
     @jax.jit
     @partial(jax.vmap, in_axes=(0, None))
     def train(state, count):
         return jax.lax.fori_loop(0, count, lambda _, s: learner.train_iteration(s), state)
 
-    seeds = planner.parallel_updates
     keys = random.split(random.fold_in(key, _STREAM), seeds)
-    states = shard(start(keys, initial_parameters(planner, key)), restart_sharding(seeds))
+    start = jax.jit(jax.vmap(partial(first_state, learner)))
+    states = shard(start(keys, nets), restart_sharding(seeds))
     states = jax.block_until_ready(train(states, 0))  # compiles, and settles the types
     done = 0
 

@@ -1,15 +1,12 @@
-"""rejax's PPO, with a given policy net and optimiser in place of its own."""
+"""rejax's PPO, with JaxPlan's policy net in place of its own."""
 
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import optax
-from flax import linen, struct
-from flax.training.train_state import TrainState
+from flax import linen
 from jax import Array, random
 from rejax import PPO
-from rejax.algos.algorithm import register_init
 from rejax.networks import VNetwork
 
 from mdpo_rddl.experiments.paper.gymnax_problem import GymnaxProblem
@@ -23,8 +20,13 @@ class GaussianActor:
     action, and rejax clips the sum to the box, as our planner does.
     """
 
-    def __init__(self, raw_action: Any) -> None:
+    def __init__(self, raw_action: Any, net: Any, actions: tuple[int, ...]) -> None:
         self._means = jax.vmap(raw_action, in_axes=(None, 0))
+        self._initial = {"net": net, "log_std": jnp.zeros(actions)}
+
+    def init(self, *_: Any) -> dict[str, Any]:
+        """Parameters with standard deviations of 1."""
+        return self._initial
 
     def apply(self, params: Any, *arguments: Any, method: str) -> Any:
         """Calls one of the other methods; their names are rejax's."""
@@ -50,51 +52,37 @@ class GaussianActor:
         return jnp.sum(jax.scipy.stats.norm.logpdf(actions, means, jnp.exp(log_std)), axis=-1)
 
 
-class NetPPO(PPO):
-    """PPO that starts from given parameters of the policy net.
-
-    Attributes:
-      net: these parameters.
-      optimizer: of actor and critic.
-    """
-
-    net: Any = struct.field(pytree_node=True, default=None)
-    optimizer: optax.GradientTransformation = struct.field(pytree_node=False, default=None)
-
-    @register_init
-    def initialize_network_params(self, rng: Array) -> dict[str, TrainState]:
-        """Actor and critic before the first update; standard deviations start at 1."""
-        space = self.env.observation_space(self.env_params)
-        actor = {"net": self.net, "log_std": jnp.zeros(self.action_space.shape)}
-        critic = self.critic.init(rng, jnp.empty((1, *space.shape)))
-        return {
-            f"{name}_ts": TrainState.create(apply_fn=(), params=params, tx=self.optimizer)
-            for name, params in (("actor", actor), ("critic", critic))
-        }
-
-
 def make_learner(
-    steps: ExactSteps, optimizer: optax.GradientTransformation, units: tuple[int, ...], epochs: int
-) -> NetPPO:
+    steps: ExactSteps, net: Any, units: tuple[int, ...], epochs: int, **settings: Any
+) -> PPO:
     """PPO on one rollout at a time, all of it one batch; what is not said here is rejax's default.
 
     Args:
       steps: the exact model.
-      optimizer: of actor and critic.
+      net: any parameters of the policy net, for their shapes.
       units: of the critic's hidden layers.
       epochs: updates after each rollout.
+      **settings: of rejax's, in place of its defaults or ours.
     """
-    return NetPPO(
+    ours = {
+        "num_envs": 1,
+        "num_steps": steps.horizon,
+        "num_minibatches": 1,
+        "num_epochs": epochs,
+        "gamma": steps.discount,
+    }
+    return PPO(
         env=GymnaxProblem(steps),
         env_params=None,
         eval_callback=None,
-        actor=GaussianActor(steps.raw_action),
+        actor=GaussianActor(steps.raw_action, net, steps.lower.shape),
         critic=VNetwork(units, linen.tanh),
-        optimizer=optimizer,
-        num_envs=1,
-        num_steps=steps.horizon,
-        num_minibatches=1,
-        num_epochs=epochs,
-        gamma=steps.discount,
-        normalize_rewards=True,
+        **{**ours, **settings},
     )
+
+
+def first_state(learner: PPO, key: Array, net: Any) -> Any:
+    """The learner's state before its first iteration, with these parameters of the policy net."""
+    state = learner.init_state(key)
+    params = {**state.actor_ts.params, "net": net}
+    return state.replace(actor_ts=state.actor_ts.replace(params=params))
