@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all lint bench sweep paper-preset decay ipc clean
+.PHONY: plan test test-all lint bench sweep paper-preset decay paper ipc clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
@@ -35,14 +35,28 @@ sweep: $(VENV)/.installed
 paper-preset: $(VENV)/.installed
 	$(BIN)/mdpo-bench paper-preset
 
-# the same with optax's default decay of RMSProp
+# the same with other decays of RMSProp
 decay: $(VENV)/.installed
 	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep
+	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
+	  --settings hvac10 hvac20 --alphas 8 --sigma-maxes 10 11 12 15 20
+	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
+	  --settings hvac20 --alphas 16 32 --sigma-maxes 11
+	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
+	  --settings reservoir15 reservoir30 --alphas 0.125 0.2 0.25 --sigma-maxes 11
+	for decay in 0.8 0.95; do $(BIN)/mdpo-bench noise-sweep --decay $$decay --settings hvac10 hvac20 \
+	  --alphas 8 --sigma-maxes 11 --out results/decay_$$decay/noise_sweep; done
 	$(BIN)/mdpo-bench paper-preset --decay 0.9 --noises none --out results/decay_0.9/paper_preset
 
 # the 2023 competition's forty instances, a minute to prepare for each
 ipc: $(VENV)/.installed
 	$(BIN)/mdpo-ipc run --plan-seconds 60 --memory-gb 12 --lenient --out results/ipc2023
+
+# the paper's table and figures, and the evidence for what docs/paper.md says
+paper: $(VENV)/.installed-paper
+	$(BIN)/mdpo-bench paper
+	$(BIN)/mdpo-bench theorem
+	$(BIN)/mdpo-bench paper-sensitivity
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -52,6 +66,15 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[dev,tuning,slurm]'
+	touch $@
+
+# PPO's packages
+$(VENV)/.installed-paper: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --editable '.[dev,tuning,slurm,paper]'
+	# the same files as tensorflow-probability's, which JaxPlan brings; PPO needs the newer ones
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --force-reinstall --no-deps tfp-nightly
 	touch $@
 
 clean:

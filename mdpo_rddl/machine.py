@@ -1,5 +1,6 @@
 """What a command sets up in JAX before it computes anything."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -39,11 +40,13 @@ def usable_cores() -> int:
 def use_all_cores() -> None:
     """Has JAX show a device for each core, over which a planner spreads its restarts.
 
-    What the user said in JAX_NUM_CPU_DEVICES or XLA_FLAGS stands.
+    What the user said in JAX_NUM_CPU_DEVICES or XLA_FLAGS stands, and so do the devices with
+    which JAX has begun to compute.
     """
     given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
     if not given:
-        jax.config.update("jax_num_cpu_devices", usable_cores())
+        with contextlib.suppress(RuntimeError):
+            jax.config.update("jax_num_cpu_devices", usable_cores())
 
 
 def start_python(command: str) -> "subprocess.Popen[bytes]":

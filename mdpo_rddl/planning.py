@@ -20,7 +20,10 @@ _BUDGET = {"key": 0, "epochs": 1, "train_seconds": 1.0}
 
 
 def build_planner(
-    problem: Problem, config: PlannerConfig, programs: Path | None = None
+    problem: Problem,
+    config: PlannerConfig,
+    programs: Path | None = None,
+    planner_class: type[MDPOPlanner] = MDPOPlanner,
 ) -> tuple[MDPOPlanner, dict[str, Any]]:
     """Compiles a planner.
 
@@ -29,6 +32,7 @@ def build_planner(
         names a `rollout_horizon`.
       config: the planner's configuration.
       programs: where traced programs are kept from one process to the next, if anywhere.
+      planner_class: what to make of it.
 
     Returns:
       The planner, and the keyword arguments that the configuration has for `optimize`.
@@ -42,7 +46,7 @@ def build_planner(
     known = optimize_parameters()
     optimize_args = {name: value for name, value in train_args.items() if name in known}
     try:
-        planner = MDPOPlanner(problem.model, **planner_args, **config.mdpo_arguments())
+        planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
         cause = missing_package(error) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(

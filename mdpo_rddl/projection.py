@@ -85,3 +85,24 @@ def perturb_and_project(
         else:
             actions[name] = clip_to_box(raw[name] + shift, spec)
     return actions
+
+
+def project_and_perturb(
+    raw: Mapping[str, Array],
+    perturbation: Mapping[str, Array],
+    specs: Mapping[str, ActionSpec],
+) -> dict[str, Array]:
+    """As `perturb_and_project`, but perturbs the projected action, and clips the sum to the box.
+
+    For comparison: it gives a component that sits on its bound no gradient, however it is
+    perturbed. Bools have no box, and are perturbed on their log-odds here too.
+    """
+    nothing = {name: jnp.zeros_like(shift) for name, shift in perturbation.items()}
+    actions = perturb_and_project(raw, nothing, specs)
+    for name, shift in perturbation.items():
+        spec = specs[name]
+        if spec.kind is ActionKind.BOOL:
+            actions[name] = shift_logit(actions[name], shift)
+        else:
+            actions[name] = clip_to_box(actions[name] + shift, spec)
+    return actions

@@ -7,7 +7,13 @@ import pytest
 from scipy import special
 
 from mdpo_rddl.actions import ActionKind, ActionSpec
-from mdpo_rddl.projection import clip_to_box, perturb_and_project, shift_logit, squash_to_box
+from mdpo_rddl.projection import (
+    clip_to_box,
+    perturb_and_project,
+    project_and_perturb,
+    shift_logit,
+    squash_to_box,
+)
 
 INF = np.inf
 LOWER = np.array([0.0, 0.05, -INF, -INF])
@@ -43,6 +49,27 @@ def test_a_perturbation_wakes_a_clipped_component():
     woken = jax.grad(through)(raw, jnp.array([4.0, 4.0, -4.0, 0.0]))
     assert silent.tolist() == [0.0, 0.0, 0.0, 1.0]
     assert woken.tolist() == [1.0] * 4
+
+
+def test_a_perturbation_behind_the_projection_wakes_nothing():
+    def through(raw, shift):
+        return jnp.sum(project_and_perturb({"a": raw}, {"a": shift}, {"a": BOX})["a"])
+
+    raw, shift = jnp.array([-2.0, -2.0, 3.0, 0.0]), jnp.array([4.0, 4.0, -4.0, 0.0])
+    assert through(raw, shift) == pytest.approx(4.0 + 4.05 - 2.5)
+    assert jax.grad(through)(raw, shift).tolist() == [0.0, 0.0, 0.0, 1.0]
+    # with respect to the perturbation there is one, even on the bound
+    assert jax.grad(through, 1)(raw, jnp.zeros(4)).tolist() == [1.0] * 4
+    # inside the box the two are the same
+    inside = jnp.array([2.0, 2.0, 1.0, 0.0])
+    assert through(inside, jnp.full(4, 0.1)) == pytest.approx(5.4)
+
+
+def test_a_bool_is_perturbed_on_its_log_odds_behind_the_projection_too():
+    spec = ActionSpec("b", (), ActionKind.BOOL, np.nan, np.nan)
+    arguments = {"b": jnp.array(0.3)}, {"b": jnp.array(1.5)}, {"b": spec}
+    late, early = project_and_perturb(*arguments)["b"], perturb_and_project(*arguments)["b"]
+    assert late == pytest.approx(float(early), rel=1e-6)
 
 
 @pytest.mark.parametrize("scale", [0.1, 10.0, 1e4])

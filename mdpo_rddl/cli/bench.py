@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.cli.bench_paper import add_paper_commands
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.auto import PLANNERS, auto_table, run_auto
@@ -24,6 +25,7 @@ from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.experiments.worker import Limits
 from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
 from mdpo_rddl.presets.auto import AUTO_SECONDS
+from mdpo_rddl.presets.paper import PYTORCH_DECAY
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -74,11 +76,14 @@ def _parser() -> OneLineParser:
             "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(DOMAIN_FILES)
         )
         command.add_argument(
-            "--decay", type=number(above=0, at_most=1), help="RMSProp's (default: the preset's)"
+            "--decay",
+            type=number(above=0, at_most=1),
+            help="RMSProp's (default: 0.99 in the sweep, else the preset's)",
         )
         command.add_argument("--seeds", type=positive_int, default=5)
         command.add_argument("--iterations", type=positive_int, default=3000)
         command.add_argument("--episodes", type=positive_int, default=20)
+    noise.set_defaults(decay=PYTORCH_DECAY)
     speed = commands.add_parser("speed", help="iterations a second, against JaxPlan's loop")
     profile = commands.add_parser("profile", help="where the time of an iteration goes")
     for command, seconds in ((speed, 3), (profile, 1)):
@@ -114,8 +119,8 @@ def _parser() -> OneLineParser:
     auto.add_argument("--episodes", type=positive_int, default=50)
     auto.set_defaults(run=_auto, out=Path("results/auto"))
 
-    trials = _add_trial_commands(commands)
-    for command in (noise, paper, speed, profile, auto, *trials):
+    others = [auto, *_add_trial_commands(commands), *add_paper_commands(commands)]
+    for command in (noise, paper, speed, profile, *others):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser
 

@@ -17,7 +17,7 @@ from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets import PRESETS
-from mdpo_rddl.presets.paper import with_decay
+from mdpo_rddl.presets.paper import PYTORCH_DECAY, with_decay
 from mdpo_rddl.problem import make_environment
 from mdpo_rddl.training import select_restart
 
@@ -35,7 +35,7 @@ def sweep(
     seeds: int,
     iterations: int,
     episodes: int,
-    decay: float | None = None,
+    decay: float = PYTORCH_DECAY,
 ) -> Records:
     """Trains every combination and records the last iterate's exact mean return.
 
@@ -51,7 +51,7 @@ def sweep(
       seeds: number of seeds.
       iterations: training iterations.
       episodes: evaluation episodes per seed on the exact environment.
-      decay: RMSProp's decay; the preset's if None.
+      decay: RMSProp's decay.
     """
     base = _sweep_config("any domain", seeds, decay).to_text(for_jaxplan=True)
     conditions = {"iterations": iterations, "episodes": episodes, "configuration": base}
@@ -83,7 +83,7 @@ def sweep(
     return records
 
 
-def _sweep_config(domain_name: str, seeds: int, decay: float | None) -> PlannerConfig:
+def _sweep_config(domain_name: str, seeds: int, decay: float) -> PlannerConfig:
     config = with_decay(PRESETS["paper"](domain_name), decay)
     # only the last iterate is measured: no test rollouts are needed to pick another
     optimize = config.section("Optimize")

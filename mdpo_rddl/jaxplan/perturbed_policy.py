@@ -92,6 +92,7 @@ def perturbed_policy(
     rddl: Any,
     specs: Mapping[str, ActionSpec],
     limits: Sequence[GroupLimit],
+    perturb: Callable[..., dict[str, Array]] = perturb_and_project,
 ) -> PerturbedPolicy:
     """`raw_policy` with one more argument, the step's perturbation per fluent [*shape].
 
@@ -101,6 +102,7 @@ def perturbed_policy(
       rddl: pyRDDLGym's lifted model.
       specs: the fluents that take noise.
       limits: the groups of bools of which few may be true.
+      perturb: how raw action, perturbation and box become an action.
     """
     limited = [name for name in limited_bools(rddl) if name in specs]
     shift_limited = shift_for(plan, limited) if limited else None
@@ -110,7 +112,7 @@ def perturbed_policy(
             params, step = shift_limited(params, hyperparams, step, perturbation)
         raw = raw_policy(key, params, hyperparams, step, fluents, history)
         rest = {name: value for name, value in perturbation.items() if name not in limited}
-        return scale_to_limits(perturb_and_project(raw, rest, specs), limits)
+        return scale_to_limits(perturb(raw, rest, specs), limits)
 
     return policy
 

@@ -27,6 +27,7 @@ from mdpo_rddl.jaxplan.termination import stop_at_termination
 from mdpo_rddl.jaxplan.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
 from mdpo_rddl.limits import group_limits
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
+from mdpo_rddl.projection import perturb_and_project
 
 
 class MDPOPlanner(ActingPlanner):
@@ -42,6 +43,8 @@ class MDPOPlanner(ActingPlanner):
     The loop, the optimiser, the callbacks and the stopping rules are JaxPlan's. With
     `NoNoise` the parameters equal JaxPlan's bit for bit for the same key.
     """
+
+    perturb = staticmethod(perturb_and_project)  # a subclass may perturb elsewhere
 
     def __init__(
         self,
@@ -132,7 +135,7 @@ class MDPOPlanner(ActingPlanner):
         super()._jax_compile_graph()
 
     def _jax_compile_policy(self) -> None:
-        raw_plan = copy_uncompiled(self.plan)
+        raw = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
         limits = group_limits(self.rddl)[0] if self.keep_group_limits else []
         if limits:
@@ -140,9 +143,9 @@ class MDPOPlanner(ActingPlanner):
             self.train_policy = jax.jit(self.plan.train_policy)
             self.test_policy = jax.jit(self.plan.test_policy)
         self.action_specs = action_specs(self.plan, self.compiled)
-        raw_policy = compile_raw_policy(raw_plan, self.compiled, self.horizon, self.preprocessor)
+        self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
-            raw_policy, self.plan, self.rddl, self.action_specs, limits
+            self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
         )
 
     @property
@@ -205,10 +208,8 @@ class MDPOPlanner(ActingPlanner):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
             if self.is_noisy:
-                noise, state = (
-                    self._restarts.rules(self._broadcast_pytree),
-                    self._noise_state_at_guess,
-                )
+                noise = self._restarts.rules(self._broadcast_pytree)
+                state = self._noise_state_at_guess
                 if state is None:
                     state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
                 else:
