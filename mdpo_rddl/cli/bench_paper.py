@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.cli.executor_options import add_executor_options, executor_from
 from mdpo_rddl.cli.options import OneLineParser, positive_int
-from mdpo_rddl.executors import EXECUTORS, make_executor
 from mdpo_rddl.experiments.paper import sensitivity
 from mdpo_rddl.experiments.paper.landscape import run_landscape
 from mdpo_rddl.experiments.paper.methods import METHODS
@@ -30,7 +30,7 @@ def add_paper_commands(commands: Any) -> list[OneLineParser]:
         default=5,
         help="of each seed's last iterate, on the exact numpy environment (default: %(default)s)",
     )
-    paper.add_argument("--executor", choices=EXECUTORS, default="local")
+    add_executor_options(paper)
     paper.set_defaults(run=_paper, out=Path("results/paper"))
 
     report = commands.add_parser("report", help="the paper's table and figures from files alone")
@@ -79,7 +79,7 @@ def _paper(options: argparse.Namespace) -> str:
         options.iterations,
         options.rollouts,
         options.episodes,
-        make_executor(options.executor, {}),
+        executor_from(options, options.out),
     )
     run_landscape(options.out)
     return write_report(options.out)

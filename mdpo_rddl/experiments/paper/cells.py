@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file, save
 
+from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.records import Records
-from mdpo_rddl.files import write_whole
 
 _PLAYED = "played.csv"
 _PLAYED_COLUMNS = ("seed", "returns", "seconds")
@@ -84,8 +84,8 @@ def save_trained(folder: Path, trained: Trained, last_params: Any) -> None:
     values |= {name: np.round(array, 3).tolist() for name, array in arrays.items()}
     values["sigma"] = None if trained.sigma is None else np.round(trained.sigma, 3).tolist()
     lines = [f'  "{name}": {json.dumps(value)}' for name, value in values.items()]
-    write_whole(folder / "policies.safetensors", save(_flatten(last_params)))
-    write_whole(folder / "training.json", "{\n" + ",\n".join(lines) + "\n}\n")
+    write_atomically(folder / "policies.safetensors", save(_flatten(last_params)))
+    write_atomically(folder / "training.json", "{\n" + ",\n".join(lines) + "\n}\n")
 
 
 def load_trained(folder: Path) -> Trained | None:

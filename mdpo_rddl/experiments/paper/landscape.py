@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import random
 
+from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.paper.relaxation import with_relaxation
-from mdpo_rddl.files import write_whole
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.returns import compile_returns
 from mdpo_rddl.planning import build_planner
@@ -60,7 +60,7 @@ def run_landscape(out: Path, points: int = 51) -> None:
         "actions": actions.tolist(),
         "returns": {name: np.round(values, 2).tolist() for name, values in returns.items()},
     }
-    write_whole(out / _FILE, json.dumps(content) + "\n")
+    write_atomically(out / _FILE, json.dumps(content) + "\n")
 
 
 def load_landscape(out: Path) -> Landscape | None:

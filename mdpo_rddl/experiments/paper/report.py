@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.paper.cells import load_played, load_trained
 from mdpo_rddl.experiments.paper.figures import (
@@ -24,7 +25,6 @@ from mdpo_rddl.experiments.paper.tables import (
     make_rows,
 )
 from mdpo_rddl.experiments.settings import DOMAIN_FILES
-from mdpo_rddl.files import write_whole
 
 
 def write_report(out: Path) -> str:
@@ -44,9 +44,9 @@ def write_report(out: Path) -> str:
         raise InputError(f"{out}: holds no results of mdpo-bench paper")
     rows, overall = make_rows(measured), make_overall(measured)
     table = as_markdown(rows, overall)
-    write_whole(out / "table.json", json.dumps(as_json(rows, overall), indent=1) + "\n")
-    write_whole(out / "runs.csv", as_csv(measured))
-    write_whole(out / "table.md", table)
+    write_atomically(out / "table.json", json.dumps(as_json(rows, overall), indent=1) + "\n")
+    write_atomically(out / "runs.csv", as_csv(measured))
+    write_atomically(out / "table.md", table)
     draw_learning_curves(out / "figure2_iterations.png", measured, over_time=False)
     draw_learning_curves(out / "figure2_seconds.png", measured, over_time=True)
     draw_noise(out / "figure3.png", measured)
