@@ -13,7 +13,7 @@ from problems import ROOT
 from slurm_work import write_name
 from toy_contest import RULES, Pausing, entry, tiny_instance
 
-from mdpo_rddl.cli import ipc
+from mdpo_rddl.cli import bench, ipc
 from mdpo_rddl.executors import SlurmExecutor
 from mdpo_rddl.ipc.contestant import PREPARE, Contestant
 from mdpo_rddl.ipc.results import load_results
@@ -119,3 +119,17 @@ def test_a_preempted_run_has_the_results_of_one_that_was_not(slurm, tmp_path):
     assert [trial.total for trial in there.trials] == totals
     logs = "".join(path.read_text() for path in (out / "jobs").glob("*.err"))
     assert "this job is preempted" in logs
+
+
+def test_a_sweep_of_the_paper_is_the_same_on_slurm(slurm, tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)  # where the settings are
+    size = ["--settings", "powergen7", "--methods", "deterministic", "constant-1"]
+    size += ["--seeds", "2", "--iterations", "3", "--rollouts", "2", "--episodes", "1"]
+    slurm_options = ["--executor", "slurm", "--slurm-cpus", "1", "--slurm-memory-gb", "3"]
+    for out, options in (("there", slurm_options), ("here", [])):
+        folder = tmp_path / out
+        monkeypatch.setattr("mdpo_rddl.cli.bench_paper.run_landscape", lambda out: None)
+        assert bench.main(["paper", *size, *options, "--out", str(folder)]) == 0
+    tables = [(tmp_path / out / "runs.csv").read_text() for out in ("there", "here")]
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 1 + 2 * 2
