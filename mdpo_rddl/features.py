@@ -7,6 +7,7 @@ stands above the minimum" is a handful of numbers, however many reservoirs there
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -64,9 +65,11 @@ def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> Action
     features = []
     for fluent in observed_fluents(rddl):
         own = list(rddl.variable_params[fluent])
-        features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
         if len(own) == 1:
+            features.extend(_at_each_end(fluent, fluent, own[0], types, shape, lambda v: v))
             features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))
+        else:
+            features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
     return ActionFeatures(tuple(features), _constants(rddl, values, types, shape))
 
 
@@ -110,16 +113,44 @@ def _through_relations(
             if there != kind or here not in types or not np.any(weights):
                 continue
             mean = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
-            spread = _neighbours(mean, [here], types, shape)
-            found.append(Feature(f"{fluent} {word} {relation}", fluent, spread))
+            name, neighbours = f"{fluent} {word} {relation}", partial(_mean_of, mean)
+            found.extend(_at_each_end(name, fluent, here, types, shape, neighbours))
     return found
 
 
-def _neighbours(
-    mean: np.ndarray, here: Sequence[str], types: Sequence[str], shape: tuple[int, ...]
-) -> Callable[[Array], Array]:
-    align = _aligned(here, types, shape)
-    return lambda value: align(jnp.asarray(mean, value.dtype) @ value)
+def _mean_of(weights: np.ndarray, value: Array) -> Array:
+    return jnp.asarray(weights, value.dtype) @ value
+
+
+def _at_each_end(
+    name: str,
+    fluent: str,
+    kind: str,
+    types: Sequence[str],
+    shape: tuple[int, ...],
+    change: Callable[[Array], Array],
+) -> list[Feature]:
+    """A number per object of a type, for each of the action's arguments that has this type.
+
+    Where none has, there is one feature, the mean over the objects.
+    """
+    places = [place for place, other in enumerate(types) if other == kind]
+    if not places:
+        align = _aligned([kind], types, shape)
+        return [Feature(name, fluent, lambda value: align(change(value)))]
+    features = []
+    for place in places:
+        sizes = tuple(size if axis == place else 1 for axis, size in enumerate(shape))
+        label = name if len(places) == 1 else f"{name} at argument {place + 1}"
+        spread = partial(_along, change, sizes, shape)
+        features.append(Feature(label, fluent, spread))
+    return features
+
+
+def _along(
+    change: Callable[[Array], Array], sizes: tuple[int, ...], shape: tuple[int, ...], value: Array
+) -> Array:
+    return jnp.broadcast_to(jnp.reshape(change(value), sizes), shape)
 
 
 def _constants(

@@ -13,6 +13,7 @@ from mdpo_rddl.features import ActionFeatures, action_features, observed_fluents
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
+_GAIN = "gain on "
 
 Params = dict[str, Any]
 
@@ -26,9 +27,9 @@ class FeedbackShape:
       cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
       squares: whether the squares of the state features are features.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
-      cut: whether a gradient takes the states that the policy reads as given. The return's
-        gradient with respect to the actions stays what it is; the way through later
-        reactions, along which it explodes, is cut.
+      cut: whether a gradient takes the states that the policy reads as given: it is then that
+        of the open-loop plan that the policy has played. That is biased, since later reactions
+        are left out, but it does not explode along them.
     """
 
     topology: tuple[int, ...]
@@ -49,7 +50,7 @@ class Feedback:
     shared by all objects, b and k are each object's own, the net sees the whole state.
 
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
-    fluent: [*shape]}}, "net": {...}}, the last only if there is a net.
+    "gain on " + fluent: [*shape]}}, "net": {...}}, the last only if there is a net.
     """
 
     def __init__(
@@ -86,13 +87,16 @@ class Feedback:
     def initial(self, key: Array) -> Params:
         """Parameters with which every raw action is zero."""
         own = {
-            name: {entry: jnp.zeros(shape, self.dtype) for entry in ("bias", *self._own[name])}
+            name: {
+                "bias": jnp.zeros(shape, self.dtype),
+                **{f"{_GAIN}{f}": jnp.zeros(shape, self.dtype) for f in self._own[name]},
+            }
             for name, shape in self.action_shapes.items()
         }
         shared = {name: jnp.zeros(len(self.names(name)), self.dtype) for name in own}
         net: dict[str, Any] = {}
         width = self._inputs
-        for number, size in enumerate(self.shape.topology):
+        for number, size in enumerate(self.shape.topology if self._inputs else ()):
             key, subkey = random.split(key)
             kernel = random.normal(subkey, (width, size), self.dtype) / math.sqrt(width)
             net[f"hidden_{number}"] = {"kernel": kernel, "bias": jnp.zeros(size, self.dtype)}
@@ -118,7 +122,7 @@ class Feedback:
             value = jnp.tensordot(params["shared"][name], self._stacked(name, scaled, time), 1)
             value = value + own["bias"]
             for fluent in self._own[name]:
-                value = value + own[fluent] * scaled[fluent]
+                value = value + own[f"{_GAIN}{fluent}"] * scaled[fluent]
             if hidden is not None:
                 value = value + jnp.reshape(hidden @ params["net"][f"output_{name}"], shape)
             actions[name] = value

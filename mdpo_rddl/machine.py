@@ -2,8 +2,10 @@
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import jax
@@ -64,3 +66,10 @@ def start_python(command: str) -> "subprocess.Popen[bytes]":
         env={**os.environ, "PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"},
         start_new_session=True,  # an interrupt is for the first process
     )
+
+
+def end_with(parent: int) -> None:
+    """Ends the process and its children once its parent is gone, as a killed one cannot."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os.killpg(0, signal.SIGKILL)

@@ -100,3 +100,20 @@ def test_the_end_and_the_discount_count(tmp_path):
     # x is 0, 1 and then 2, where the episode ends
     returns = compile_returns(planner, 1)(KEY, with_biases(planner, 1.0))
     assert float(returns[0, 0]) == pytest.approx(0.5)
+
+
+def test_an_illegal_action_is_not_played(tmp_path):
+    domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
+    rule = "action-preconditions { push >= 0.0; push <= 1.0; x + push <= 1.0; };"
+    text = CAR_DOMAIN.replace("action-preconditions { push >= 0.0; push <= 1.0; };", rule)
+    domain.write_text(text)
+    instance.write_text(CAR_INSTANCE.replace("0.5", "1.0"))
+    problem = load_problem(str(domain), str(instance))
+    planner = make(problem)
+    # it moves once and then has to stay, at 1
+    policies = with_biases(planner, 1.0)
+    assert float(compile_returns(planner, 1)(KEY, policies)[0, 0]) == pytest.approx(5.0)
+    params = jax.tree.map(lambda leaf: leaf[0], policies)
+    played = evaluate(make_environment(problem), playable(planner, params, {}, 0), 1, 0)
+    assert played.mean == pytest.approx(5.0)
+    assert played.fallback_actions == 5

@@ -84,6 +84,17 @@ def test_two_axes_of_one_type_are_two_axes():
     np.testing.assert_array_equal(features[0].spread(value), value)
 
 
+def test_a_fluent_of_one_object_is_seen_at_both_ends_of_an_action():
+    params = {**PARAMS, "move": ["room", "room"]}
+    house = SimpleNamespace(
+        **vars(HOUSE) | {"variable_params": params, "state_fluents": {"warm": None}}
+    )
+    features = action_features(house, {**VALUES, "move": np.zeros((2, 2))}, "move").state
+    spreads = {feature.name: feature.spread(np.array([1.0, 2.0])) for feature in features}
+    np.testing.assert_array_equal(spreads["warm at argument 1"], [[1, 1], [2, 2]])
+    np.testing.assert_array_equal(spreads["warm at argument 2"], [[1, 2], [1, 2]])
+
+
 def test_a_partially_observed_problem_shows_its_observations_only():
     assert observed_fluents(HOUSE) == ["locked", "warm", "wind", "heard"]
     hidden = SimpleNamespace(**vars(HOUSE) | {"observ_fluents": {"warm": None}})

@@ -70,7 +70,7 @@ def test_own_weights_are_one_objects(feedback):
     params = feedback.initial(KEY)
     own = params["own"]["release"]
     own["bias"] = own["bias"].at[3].set(0.5)
-    own["rlevel"] = own["rlevel"].at[4].set(2.0)
+    own["gain on rlevel"] = own["gain on rlevel"].at[4].set(2.0)
     raw = np.asarray(feedback.raw(params, level(), 0.0)["release"])
     assert raw[3] == 0.5
     assert raw[4] == 3.0

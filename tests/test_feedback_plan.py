@@ -96,6 +96,21 @@ def test_few_bools_at_a_time_where_the_instance_says_so(tmp_path):
     assert float(jnp.sum(relaxed["on"]) + jnp.sum(1.0 - relaxed["off"])) == pytest.approx(2.0)
 
 
+def test_groups_and_the_limit_on_all_bools_hold_together():
+    problem = load_problem("RecSim_ippc2023", "1")
+    problem.model.max_allowed_actions = 4
+    plan = FeedbackPlan(topology=None)
+    planner = MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
+    state = {
+        name: np.zeros([len(problem.model.type_to_objects[t]) for t in params])
+        for name, params in problem.model.variable_params.items()
+        if name in problem.model.state_fluents
+    }
+    chosen = planner.get_action(KEY, pushed(planner, 0.5), 0, state)["recommend"]
+    assert chosen.sum() == 4
+    assert chosen.sum(axis=1).max() == 1
+
+
 def test_noise_is_in_the_plans_units(tmp_path):
     problem = shipped("reservoir15", 2)
     plan = FeedbackPlan(topology=None)

@@ -9,6 +9,7 @@ import logging
 import os
 import pickle
 import sys
+import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,15 +17,13 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.auto.choice import MeanReturn
 from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.jaxplan.exact import compile_returns
 from mdpo_rddl.jaxplan.own_configs import own_config
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.machine import start_python, usable_cores
+from mdpo_rddl.machine import end_with, keep_compiled_programs, start_python, usable_cores
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.problem import Problem
 from mdpo_rddl.training import TrainingResult, train
@@ -137,12 +136,14 @@ def serve() -> None:
     """The second process: reads what is wanted, trains, writes the alternatives."""
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the libraries print is no result
+    threading.Thread(target=end_with, args=(os.getppid(),), daemon=True).start()
     wanted: Wanted = pickle.load(sys.stdin.buffer)
+    keep_compiled_programs()
     found = []
     for method in METHODS:
         try:
             found.append(_train(wanted, method))
-        except InputError as error:
+        except Exception as error:  # the other one may do better
             logger.info("%s: %s", method, error)
     pickle.dump([one for one in found if np.isfinite(one.mean)], results)
     results.close()
@@ -162,9 +163,5 @@ def _train(wanted: Wanted, method: str) -> Alternative:
         seconds=max(1.0, _SHARE * wanted.seconds - compile_guess),
         optimize_kwargs=optimize_args,
     )
-    returns = compile_returns(planner, _ROLLOUTS)
-    one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[jnp.newaxis], result.best_params)
-    earned = np.asarray(returns(jax.random.PRNGKey(wanted.seed + 1), one), float)[0]
-    error = float(np.std(earned) / np.sqrt(len(earned)))
-    name = f"JaxPlan's default {method}"
-    return Alternative(name, config, result, float(np.mean(earned)), error)
+    mean, error = MeanReturn(planner, _ROLLOUTS, wanted.seed)(result.best_params)
+    return Alternative(f"JaxPlan's default {method}", config, result, mean, error)

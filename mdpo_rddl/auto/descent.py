@@ -4,12 +4,13 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.feedback import Params
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
@@ -20,24 +21,16 @@ from mdpo_rddl.training import Progress, Record, TrainingResult, train
 logger = logging.getLogger(__name__)
 
 _PHASES = 3
-_FIRST_STEPS = (3e-4, 1e-3, 1e-3, 3e-3)
+# of the optimiser's learning rate
+_FIRST_STEPS = (0.3, 1.0, 1.0, 3.0)
 _FIRST_NOISE = (0.3, 0.3, 1.0, 1.0)
 _LATER_STEPS = (1.0, 0.3)
 # of the step size after a phase that found nothing better
 _SHRINK = 0.3
-# the gradient's program takes about so long to compile; later phases know how long it took
-_COMPILE_SECONDS, _COMPILE_SHARE = 10.0, 0.4
+# of the time left: the first phase compiles the program of all
+_FIRST_SHARE = 0.5
 _SHORTEST_SECONDS = 0.5
 _ITERATIONS = 10**6
-
-
-class Choice(Protocol):
-    """The best policy so far."""
-
-    best: Params
-
-    def add(self, name: str, params: Params) -> bool:
-        """Whether a policy is better than all before it."""
 
 
 @dataclass
@@ -66,12 +59,13 @@ class Descent:
             for steps, result, improved in zip(self.steps, self.results, self.improved, strict=True)
         ]
 
-    def result(self, best: Params, last: Params, seconds: float) -> TrainingResult:
+    def result(self, best: Params, last: Params, horizon: int, seconds: float) -> TrainingResult:
         """All phases as one training that found `best`.
 
         Args:
           best: the chosen parameters.
           last: the recipe's last ones.
+          horizon: number of steps H.
           seconds: that everything took.
         """
         best = jax.tree.map(np.asarray, best)
@@ -79,7 +73,7 @@ class Descent:
         if not self.results:
             nothing = (Record(0, float("nan"), float("nan"), 0.0),)
             return TrainingResult(
-                best, one, {}, 0, 0, 0, "no_gradient", nothing, np.zeros((1, 1)), 0.0, seconds
+                best, one, {}, 0, 0, 0, "no_gradient", nothing, np.zeros((1, horizon)), 0.0, seconds
             )
         history: list[Record] = []
         done, best_iteration = 0, 0
@@ -104,13 +98,14 @@ class Descent:
 
 def descend(
     planner: MDPOPlanner,
+    descent: Descent,
     starts: Sequence[Params],
     choice: Choice,
     *,
     key: Any,
     deadline: float,
     on_progress: Callable[[Progress], None],
-) -> Descent:
+) -> None:
     """Trains in phases.
 
     The first goes from all starts, with several step sizes each; the later ones from the best
@@ -118,21 +113,24 @@ def descend(
 
     Args:
       planner: compiled, with several parallel updates and an optimiser with a `learning_rate`.
+      descent: takes note of each phase as it ends.
       starts: parameters of single policies.
       choice: is told of each phase's best and last iterate.
       key: JAX random key.
       deadline: when to end, by `time.monotonic`; compilation counts.
       on_progress: called while training goes on.
+
+    Raises:
+      KeyboardInterrupt: if interrupted, with what was found till then in `choice`.
     """
-    descent = Descent()
     count = planner.parallel_updates
     guesses = [starts[number * len(starts) // count] for number in range(count)]
-    steps = [_FIRST_STEPS[number % len(_FIRST_STEPS)] for number in range(count)]
+    rate = planner.optimizer_kwargs["learning_rate"]
+    steps = [rate * _FIRST_STEPS[number % len(_FIRST_STEPS)] for number in range(count)]
     noise = [_FIRST_NOISE[number % len(_FIRST_NOISE)] for number in range(count)]
     for phase in range(_PHASES):
         left = deadline - time.monotonic()
-        compiling = 0.0 if descent.results else min(_COMPILE_SECONDS, _COMPILE_SHARE * left)
-        seconds = (left - compiling) / (_PHASES - phase)
+        seconds = left / (_PHASES - phase) if phase else _FIRST_SHARE * left
         if seconds < _SHORTEST_SECONDS:
             break
         planner.vary_restarts(learning_rate=steps, noise=_scaled_noise(planner, noise))
@@ -142,6 +140,7 @@ def descend(
                 key=jax.random.fold_in(key, phase),
                 iterations=_ITERATIONS,
                 seconds=seconds,
+                counts_compilation=True,
                 optimize_kwargs={"guess": _stack(guesses), "test_rolling_window": 1},
                 on_progress=on_progress,
             )
@@ -155,12 +154,11 @@ def descend(
         descent.results.append(result)
         descent.improved.append(better)
         if result.status == "interrupted":
-            break
+            raise KeyboardInterrupt
         step = steps[result.restart] if better else max(steps) * _SHRINK
         guesses = [choice.best] * count
-        noise = [noise[result.restart] * _SHRINK] * count if better else noise
+        noise = [(noise[result.restart] if better else max(noise)) * _SHRINK] * count
         steps = [step * _LATER_STEPS[number % len(_LATER_STEPS)] for number in range(count)]
-    return descent
 
 
 def _stack(guesses: Sequence[Params]) -> PerRestart:

@@ -71,7 +71,9 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
     numbers = list(planner.plan.units)
 
     def returns(starts: list[dict[str, np.ndarray]]) -> tuple[np.ndarray, dict[str, Any]]:
-        batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[_with(params, s) for s in starts])
+        batch = jax.tree.map(
+            lambda *leaves: jnp.stack(leaves), *[with_bias(params, s) for s in starts]
+        )
         found, states = play(key, batch)
         means = np.mean(np.asarray(found, float), axis=1)
         return np.where(np.isfinite(means), means, -np.inf), states
@@ -79,7 +81,7 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
     nothing = {name: np.zeros(shape) for name, shape in shapes.items()}
     units = {}
     for name in numbers:
-        if box_width(*planner.compiled.constraints.bounds[name]) is None:
+        if box_width(*planner.plan.bounds[name]) is None:
             sizes = [0.0, *_SIZES, *-_SIZES]
             scan = [{**nothing, name: np.full(shapes[name], size)} for size in sizes]
             units[name] = _unit(np.array(sizes), returns(scan)[0])
@@ -109,10 +111,6 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
 
 def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
     """Parameters whose policy adds a constant to each object's raw action."""
-    return _with(params, bias)
-
-
-def _with(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
     own = {
         name: {**entries, "bias": jnp.asarray(bias[name], entries["bias"].dtype)}
         for name, entries in params["own"].items()
@@ -123,7 +121,7 @@ def _with(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
 def _unit(sizes: np.ndarray, earned: np.ndarray) -> float:
     """The best size where that is better than nothing, else the largest harmless one."""
     nothing, best = earned[0], int(np.argmax(earned))
-    margin = abs(nothing)
+    margin = abs(nothing) if np.isfinite(nothing) else 0.0
     if earned[best] > nothing + _GAIN * margin:
         return float(abs(sizes[best]))
     harmless = np.abs(sizes[1:])[earned[1:] >= nothing - _LOSS * margin]
@@ -138,7 +136,7 @@ def _boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.nda
         box = np.stack([np.full(shape, -1.0), np.full(shape, 1.0)])
         if name in planner.plan.units:
             unit = units.get(name, planner.plan.units[name])
-            bounds = planner.compiled.constraints.bounds[name]
+            bounds = planner.plan.bounds[name]
             ends = np.stack([np.broadcast_to(bound, shape) for bound in bounds]) - values[name]
             box = np.where(np.isfinite(ends), ends / unit, box * _WIDE_UNITS)
         boxes[name] = box

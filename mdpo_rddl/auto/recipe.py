@@ -10,24 +10,26 @@
 6. Whatever earns most in fresh exact rollouts is the result.
 """
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.auto.alternatives import Alternatives
+from mdpo_rddl.auto.alternatives import Alternative, Alternatives
+from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.auto.descent import Descent, descend
 from mdpo_rddl.auto.probing import Probe, probe, with_bias
 from mdpo_rddl.auto.searching import Searched, search_feedback
-from mdpo_rddl.feedback import Params
+from mdpo_rddl.budgets import JAXPLAN_SECONDS
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.jaxplan.exact import compile_returns
+from mdpo_rddl.jaxplan.missing import missing_package
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.search_section import Search
 from mdpo_rddl.planning import build_planner
@@ -36,15 +38,18 @@ from mdpo_rddl.training import Progress, TrainingResult
 
 logger = logging.getLogger(__name__)
 
-_CHOICE_ROLLOUTS, _FEW_ROLLOUTS = 128, 2
-# of the time, for the rollouts of one population: the gradient's program is then too slow, too
-_SLOW_SHARE = 0.01
+_ROLLOUTS, _FEW_ROLLOUTS = 128, 2
 _PROBING_SEED = 0
 _POLISHING_SIGMA = 0.01
 # a search of a large problem evaluates at least so many policies
-_FEWEST_POLICIES = 30
-# the second process may be late
-_LATE_SECONDS = 5.0
+_FEWEST_POLICIES = 60
+# the gradient's program takes longer to compile than the search's, and an iteration longer than
+# the rollouts of one population
+_GRADIENT_COMPILATIONS, _GRADIENT_EVALUATIONS = 4.0, 100.0
+# with less time JaxPlan's planners have hardly compiled
+_ALTERNATIVES_SECONDS = 40.0
+# of the time: the second process may be late
+_LATE_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -88,10 +93,12 @@ def plan_automatically(
       InputError: if JaxPlan refuses the problem or the configuration.
     """
     started = time.monotonic()
-    seconds = config.section("Optimize")["train_seconds"]
+    seconds = config.section("Optimize").get("train_seconds", JAXPLAN_SECONDS)
     budget = Search(**config.section("Search"))
     config = config.without_section("Search")
-    with Alternatives(problem, seed, seconds, wanted=budget.alternatives) as alternatives:
+    deadline = started + seconds
+    wanted = budget.alternatives and seconds >= _ALTERNATIVES_SECONDS
+    with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
         on_stage("probing")
         # the same for all seeds, whose programs then are the same too
         bare, _ = build_planner(problem, without_scales(config))
@@ -102,49 +109,137 @@ def plan_automatically(
             alternatives.stop()  # its memory is needed
             config = simplified(config)
         planner, _ = build_planner(problem, config, programs)
+        recipe = _Recipe(planner, found, budget, deadline, seed, on_stage, on_progress)
+        try:
+            recipe.run()
+            recipe.alternative = alternatives.best(deadline + _LATE_SHARE * seconds)
+        except KeyboardInterrupt:
+            if recipe.choice.best is None:
+                raise
+            logger.warning("interrupted: the best policy so far is kept")
+    return recipe.result(problem, config, time.monotonic() - started)
+
+
+class _Recipe:
+    """The parts after probing, and what they have found so far.
+
+    Attributes:
+      choice: the best policy so far.
+      searched, descent: what the searches and the gradient did.
+      last: parameters of the last policy that was found.
+      alternative: the better one of JaxPlan's defaults, if there is one.
+    """
+
+    def __init__(
+        self,
+        planner: MDPOPlanner,
+        found: Probe,
+        budget: Search,
+        deadline: float,
+        seed: int,
+        on_stage: Callable[[str], None],
+        on_progress: Callable[[Progress], None],
+    ) -> None:
+        self._planner, self._found, self._budget = planner, found, budget
+        self._deadline, self._seed = deadline, seed
+        self._on_stage, self._on_progress = on_stage, on_progress
+        self._large = found.policy_seconds is not None
         params = planner.plan.initializer(jax.random.PRNGKey(seed), {}, None)
-        constant = with_bias(params, found.start)
-        choice = _Choice(planner, _FEW_ROLLOUTS if large else _CHOICE_ROLLOUTS, seed)
-        searched, descent, last = None, Descent(), constant
-        left = started + seconds - time.monotonic()
-        if found.policy_seconds is not None and found.policy_seconds * _FEWEST_POLICIES > left:
-            logger.warning("the problem is too large to search in %g s", seconds)
-            choice.take("constant", constant, found.start_return, np.inf)
-        else:
-            choice.add("constant", constant)
-            on_stage("searching")
-            searched = search_feedback(
-                planner,
-                params,
-                seed=seed,
-                shared_until=started + budget.shared_until * seconds,
-                own_until=started + budget.own_until * seconds,
+        self._nothing, self._constant = params, with_bias(params, found.start)
+        self.choice = Choice(planner, _FEW_ROLLOUTS if self._large else _ROLLOUTS, seed)
+        self.searched: Searched | None = None
+        self.descent = Descent()
+        self.last = self._constant
+        self.alternative: Alternative | None = None
+
+    def run(self) -> None:
+        """Searches, follows the gradient and searches again, as far as there is time."""
+        choice, left = self.choice, self._deadline - time.monotonic()
+        policy_seconds = self._found.policy_seconds
+        if policy_seconds is not None and policy_seconds * _FEWEST_POLICIES > left:
+            logger.warning("there is too little time to search: a rollout takes so long")
+            choice.take("constant", self._constant, self._found.start_return, np.inf)
+            return
+        choice.add("nothing", self._nothing)
+        choice.add("constant", self._constant)
+        self._on_stage("searching")
+        begun = time.monotonic()
+        left = self._deadline - begun
+        self.searched = search_feedback(
+            self._planner,
+            self._nothing,
+            seed=self._seed,
+            shared_until=begun + self._budget.shared_until * left,
+            own_until=begun + self._budget.own_until * left,
+        )
+        choice.add("shared weights", self.searched.shared)
+        choice.add("own weights", self.searched.params)
+        gradient_until = begun + self._budget.gradient_until * left
+        if self._has_time_for_the_gradient(gradient_until):
+            self._on_stage("compiling")
+            descend(
+                self._planner,
+                self.descent,
+                [choice.best, self._constant],
+                choice,
+                key=jax.random.PRNGKey(self._seed),
+                deadline=gradient_until,
+                on_progress=self._on_progress,
             )
-            choice.add("shared weights", searched.shared)
-            choice.add("own weights", searched.params)
-            if large or searched.evaluation_seconds > _SLOW_SHARE * seconds:
-                logger.warning("the problem is too large for the gradient in %g s", seconds)
-            else:
-                on_stage("compiling")
-                descent = descend(
-                    planner,
-                    [choice.best, constant],
-                    choice,
-                    key=jax.random.PRNGKey(seed),
-                    deadline=started + budget.gradient_until * seconds,
-                    on_progress=on_progress,
-                )
-            last, _ = searched.polish(choice.best, _POLISHING_SIGMA, started + seconds, seed)
-            choice.add("polished", last)
-        other = alternatives.best(until=started + seconds + _LATE_SECONDS)
-    diagnostics = _diagnostics(found, searched, descent, choice)
-    if other is not None:
-        diagnostics["returns"][other.name] = other.mean
-        if other.mean - choice.best_mean > 2.0 * np.hypot(other.error, choice.best_error):
-            diagnostics["chosen"] = other.name
-            return AutoResult(other.config, other.planner(problem), other.training, diagnostics)
-    training = descent.result(choice.best, last, time.monotonic() - started)
-    return AutoResult(config, planner, training, diagnostics)
+        self._on_stage("polishing")
+        self.last = self.searched.polish(choice.best, _POLISHING_SIGMA, self._deadline, self._seed)
+        choice.add("polished", self.last)
+
+    def _has_time_for_the_gradient(self, until: float) -> bool:
+        assert self.searched is not None
+        needed = _GRADIENT_COMPILATIONS * self.searched.compile_seconds
+        needed += _GRADIENT_EVALUATIONS * self.searched.evaluation_seconds
+        left = until - time.monotonic()
+        if self._large or needed > left:
+            logger.warning("there is too little time for the gradient: %.0f s are left", left)
+            return False
+        return True
+
+    def result(self, problem: Problem, config: PlannerConfig, seconds: float) -> AutoResult:
+        """What was found, by the recipe or by the alternative."""
+        choice, other = self.choice, self.alternative
+        diagnostics = self._diagnostics()
+        if other is not None:
+            diagnostics["returns"][other.name] = other.mean
+            margin = 2.0 * np.hypot(other.error, choice.best_error)
+            if other.mean - choice.best_mean > margin:
+                diagnostics["chosen"] = other.name
+                planner = other.planner(problem)
+                return AutoResult(other.config, planner, other.training, diagnostics)
+        training = self.descent.result(choice.best, self.last, self._planner.horizon, seconds)
+        return AutoResult(config, self._planner, training, diagnostics)
+
+    def _diagnostics(self) -> dict[str, Any]:
+        found, searched = self._found, self.searched
+        returns = {"nothing": found.nothing, **self.choice.means}
+        return {
+            "chosen": self.choice.name,
+            "returns": {n: mean if np.isfinite(mean) else None for n, mean in returns.items()},
+            "units": found.units,
+            "state_scales": {name: list(pair) for name, pair in found.state_scales.items()},
+            "search_iterations": {
+                "shared": searched.shared_iterations if searched else 0,
+                "own": searched.own_iterations if searched else 0,
+            },
+            "phases": self.descent.summary(),
+        }
+
+
+@contextlib.contextmanager
+def _one_line_errors(problem: Problem) -> Iterator[None]:
+    """What a problem makes JAX or JaxPlan raise, as an error of the input."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        cause = missing_package(error) or " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{problem.instance_path}: cannot be planned: {cause}") from error
 
 
 def without_scales(config: PlannerConfig) -> PlannerConfig:
@@ -159,7 +254,11 @@ def simplified(config: PlannerConfig) -> PlannerConfig:
 
 def scaled(config: PlannerConfig, found: Probe) -> PlannerConfig:
     """The configuration with the scales that probing found."""
-    scales = {name: [_short(value) for value in pair] for name, pair in found.state_scales.items()}
+    # a centre is as exact as its scale makes a difference
+    scales = {
+        name: [float(np.round(center / scale, 3) * _short(scale)), _short(scale)]
+        for name, (center, scale) in found.state_scales.items()
+    }
     units = {name: _short(value) for name, value in found.units.items()}
     return _with_plan(config, state_scales=scales, units=units)
 
@@ -172,62 +271,3 @@ def _with_plan(config: PlannerConfig, **values: Any) -> PlannerConfig:
 def _short(value: float) -> float:
     """Four digits are enough for a scale that people may read."""
     return float(f"{value:.4g}")
-
-
-class _Choice:
-    """The best policy so far, by fresh rollouts on the exact model that are the same for all.
-
-    Attributes:
-      best: its parameters.
-      best_mean, best_error: mean return and standard error.
-      name: where it came from.
-      means: of all that were added, by name.
-    """
-
-    def __init__(self, planner: MDPOPlanner, rollouts: int, seed: int) -> None:
-        side_by_side = None if rollouts > _FEW_ROLLOUTS else 1
-        self._returns = compile_returns(planner, rollouts, side_by_side)
-        self._key = jax.random.PRNGKey(seed + 1)
-        self.best: Any = None
-        self.best_mean, self.best_error = -np.inf, np.inf
-        self.name = ""
-        self.means: dict[str, float] = {}
-
-    def add(self, name: str, params: Params) -> bool:
-        """Whether the policy is the best so far."""
-        one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[jnp.newaxis], params)
-        returns = np.asarray(self._returns(self._key, one), float)[0]
-        error = float(np.std(returns) / np.sqrt(len(returns)))
-        return self.take(name, params, float(np.mean(returns)), error)
-
-    def take(self, name: str, params: Params, mean: float, error: float) -> bool:
-        """As `add`, for a policy whose return is known."""
-        self.means[name] = mean
-        logger.info("%s: %.6g", name, mean)
-        if self.best is not None and not mean > self.best_mean:
-            return False
-        self.best, self.name = params, name
-        self.best_mean, self.best_error = mean, error
-        return True
-
-
-def _diagnostics(
-    found: Probe, searched: Searched | None, descent: Descent, choice: _Choice
-) -> dict[str, Any]:
-    def finite(value: float) -> float | None:
-        return value if np.isfinite(value) else None
-
-    return {
-        "chosen": choice.name,
-        "returns": {
-            "nothing": finite(found.nothing),
-            **{name: finite(mean) for name, mean in choice.means.items()},
-        },
-        "units": found.units,
-        "state_scales": {name: list(pair) for name, pair in found.state_scales.items()},
-        "search_iterations": {
-            "shared": searched.shared_iterations if searched else 0,
-            "own": searched.own_iterations if searched else 0,
-        },
-        "phases": descent.summary(),
-    }

@@ -4,7 +4,6 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import numpy as np
@@ -33,11 +32,13 @@ class Earn:
     Attributes:
       population: candidates P of an iteration.
       seconds: that one iteration takes.
+      compile_seconds: that the first took longer.
     """
 
     def __init__(self, planner: MDPOPlanner, size: Size, seed: int) -> None:
         """Compiles it when it is first called."""
         self.population, self.seconds = size.population, 0.0
+        self.compile_seconds = 0.0
         self._returns = compile_returns(planner, size.rollouts, size.side_by_side)
         self._key = jax.random.PRNGKey(seed)
 
@@ -59,7 +60,8 @@ class Searched:
       params: after the search for each object's own, which starts there.
       shared_iterations, own_iterations: done.
       evaluation_seconds: that the rollouts of one population took.
-      polish: (policy, sigma, until, seed) -> a policy searched for around it, and iterations.
+      compile_seconds: that compiling them took.
+      polish: (policy, sigma, until, seed) -> a policy searched for around it.
     """
 
     shared: Params
@@ -67,7 +69,8 @@ class Searched:
     shared_iterations: int
     own_iterations: int
     evaluation_seconds: float
-    polish: Callable[[Params, float, float, int], tuple[Params, int]]
+    compile_seconds: float
+    polish: Callable[[Params, float, float, int], Params]
 
 
 def search_feedback(
@@ -101,8 +104,15 @@ def search_feedback(
         iterations += result.iterations
     best = every.into(_best(earn, every, found))
     own, own_iterations = _search_own(earn, best, _OWN_SIGMA, own_until, seed)
-    polish = partial(_search_own, earn)
-    return Searched(best, own, iterations, own_iterations, earn.seconds, polish)
+    return Searched(
+        best,
+        own,
+        iterations,
+        own_iterations,
+        earn.seconds,
+        earn.compile_seconds,
+        lambda *arguments: _search_own(earn, *arguments)[0],
+    )
 
 
 def _search_own(
@@ -177,7 +187,9 @@ def _compile(planner: MDPOPlanner, params: Params, seed: int, until: float) -> E
         earn = Earn(planner, size._replace(rollouts=rollouts), seed)
         earn(shared, 0, zeros)
         if size.side_by_side is None:
+            first = earn.seconds
             earn(shared, 0, zeros)  # the first call compiled
+            earn.compile_seconds = first - earn.seconds
         logger.info("%d rollouts of %d take %.3g s", rollouts, size.population, earn.seconds)
         if earn.seconds * _FEWEST_ITERATIONS < until - time.monotonic():
             break

@@ -18,14 +18,16 @@ class Weights(NamedTuple):
     Attributes:
       start: the parts as they are, one vector [D].
       into: the parameters with the parts replaced by a vector [D].
+      into_each: the same for vectors [P, D].
     """
 
     start: np.ndarray
     into: Callable[[Any], Params]
+    into_each: Callable[[Any], Params]
 
     def batch(self, vectors: np.ndarray) -> Params:
         """Parameters with a leading axis of policies, of vectors [P, D]."""
-        return jax.vmap(self.into)(np.asarray(vectors, np.float32))
+        return self.into_each(np.asarray(vectors, np.float32))
 
 
 def weights_of(
@@ -48,4 +50,4 @@ def weights_of(
     def into(vector: Array) -> Params:
         return {**params, **unravel(start.at[chosen].set(vector))}
 
-    return Weights(np.asarray(start[chosen], float), into)
+    return Weights(np.asarray(start[chosen], float), into, jax.jit(jax.vmap(into)))

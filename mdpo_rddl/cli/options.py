@@ -184,7 +184,10 @@ def _add_training_options(group: argparse._ArgumentGroup) -> None:
         "--iterations", type=positive_int, help="largest number of iterations (default: 3000)"
     )
     group.add_argument(
-        "--seconds", type=number(above=0), help="largest training time, without compilation"
+        "--seconds",
+        type=number(above=0),
+        help="largest training time: of everything before the evaluation (default: 90); with the "
+        "preset paper without compilation, and no bound by default",
     )
     group.add_argument(
         "--restarts",

@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from mdpo_rddl.machine import end_with
+
 _POLL_SECONDS = 0.1
 _MB = 2**20
 _READY = b"ready"
@@ -149,13 +151,6 @@ class _Process:
         return f"{end}: {lines[-1]}" if lines else end
 
 
-def _end_with(parent: int) -> None:
-    """Ends the process and its children once its parent is gone, as a killed one cannot."""
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os.killpg(0, signal.SIGKILL)
-
-
 def _ignore(number: int, frame: Any) -> None:
     """Leaves a signal to the parent; unlike `SIG_IGN`, no program that we start inherits it."""
 
@@ -167,7 +162,7 @@ def _serve(work: Callable[[Any], dict[str, Any]], items: list[Any], sender: Any,
     for number in (signal.SIGTERM, signal.SIGUSR2):
         signal.signal(number, _ignore)
         os.register_at_fork(after_in_child=partial(signal.signal, number, signal.SIG_DFL))
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=end_with, args=(os.getppid(),), daemon=True).start()
     # what native code prints is all that a crash leaves behind
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(file, 1)

@@ -1,4 +1,4 @@
-"""JaxPlan's `.cfg` files, with two optional sections.
+"""JaxPlan's `.cfg` files, with three optional sections.
 
 The format is JaxPlan's: sections `[Compiler]`, `[Planner]`, `[Optimize]`, each value a
 Python literal. `[Noise]` names a rule of `mdpo_rddl.noise` as its `method` and that rule's

@@ -11,8 +11,10 @@ from jax import Array, lax
 
 from mdpo_rddl.features import observed_fluents
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.jaxplan.returns import unit_hyperparams
 from mdpo_rddl.jaxplan.rollout import compile_rollouts
 from mdpo_rddl.jaxplan.termination import stop_at_termination
+from mdpo_rddl.limits import group_limits
 
 
 def compile_returns(
@@ -20,7 +22,8 @@ def compile_returns(
 ) -> Callable[[Array, Any], Array]:
     """Compiles rollouts of the planner's policy on the exact model.
 
-    A reward after termination counts for nothing, whatever the planner's own switch says.
+    A reward after termination counts for nothing, whatever the planner's own switch says; where an
+    action breaks a precondition nothing is done.
 
     Args:
       planner: the compiled planner.
@@ -71,9 +74,13 @@ def _compile_play(
 ) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
     compiled = planner.test_compiled
     stopping = bool(planner.rddl.terminations)
+    fluents, nonfluents = planner._batched_init_subs(compiled.init_values)[1]
+    policy = planner.plan.test_policy
+    if group_limits(planner.rddl)[1]:
+        policy = _legal(policy, compiled, nonfluents)
     rollout = compile_rollouts(
         compiled,
-        planner.plan.test_policy,
+        policy,
         planner.horizon,
         rollouts,
         check_constraints=stopping,
@@ -82,10 +89,9 @@ def _compile_play(
     )
     if stopping:
         rollout = stop_at_termination(rollout)
-    fluents, nonfluents = planner._batched_init_subs(compiled.init_values)[1]
     start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
     model = compiled.model_aux["params"]
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    hyperparams = unit_hyperparams(planner)
     seen = observed_fluents(planner.rddl)
     discounts = planner.rddl.discount ** jnp.arange(planner.horizon)
 
@@ -95,6 +101,26 @@ def _compile_play(
         return jnp.sum(discounts * log["reward"], axis=-1), states
 
     return play
+
+
+def _legal(policy: Callable[..., Any], compiled: Any, nonfluents: Any) -> Callable[..., Any]:
+    """The policy, where its action breaks a precondition doing nothing.
+
+    That is the first that the exact environment's referee tries.
+    """
+    holds, model = compiled._jax_preconditions(), compiled.model_aux["params"]
+    nothing = {name: compiled.init_values[name] for name in compiled.rddl.action_fluents}
+
+    def legal_policy(key, params, hyperparams, step, fluents, history):
+        actions = policy(key, params, hyperparams, step, fluents, history)
+        no_errors = jnp.zeros((), jnp.int32)
+        is_legal, *_ = holds(key, no_errors, {**fluents, **actions}, nonfluents, model)
+        return {
+            name: jnp.where(is_legal, action, jnp.asarray(nothing[name], jnp.asarray(action).dtype))
+            for name, action in actions.items()
+        }
+
+    return legal_policy
 
 
 def _repeat_first(leaf: Any, count: int) -> Array:

@@ -1,6 +1,6 @@
 """The feedback policy as a plan that JaxPlan can train."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -50,6 +50,9 @@ class FeedbackPlan(JaxPlan):
         self._given_units = dict(units or {})
         self.units: dict[str, np.ndarray] = {}
         self.feedback: Feedback | None = None
+        # at most so many bools that are not at their default, all fluents together
+        self.concurrency: list[GroupLimit] = []
+        self.probabilities: Callable[..., dict[str, Array]] | None = None
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
         """Compiles the policy, as JaxPlan asks its plans to.
@@ -70,6 +73,8 @@ class FeedbackPlan(JaxPlan):
         nothing = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
         nothing |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
         limits = _concurrency(compiled.rddl, feedback.action_shapes)
+        if not any(np.any(nothing[name]) for limit in limits for name in limit.groups):
+            self.concurrency = limits
 
         def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:
             """Numbers in their box, and of bools the probability of not doing nothing."""
@@ -80,30 +85,42 @@ class FeedbackPlan(JaxPlan):
                 actions[name] = _clip(action.astype(compiled.REAL), *self.bounds[name])
             return actions
 
+        def probabilities(key, params, hyperparams, step, state, history):
+            del key, hyperparams, history
+            return _flipped(relaxed(params, step, state), nothing, bools)
+
         def train_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams, history
             actions = scale_to_limits(relaxed(params, step, state), limits)
-            flipped = {n: jnp.where(nothing[n], 1.0 - actions[n], actions[n]) for n in bools}
-            return {**actions, **flipped}
+            return _flipped(actions, nothing, bools)
 
         def test_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams, history
             actions = relaxed(params, step, state)
             chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
-            for name in bools:
-                actions[name] = chosen[name] ^ nothing[name]
-            for name in numbers:
-                if ranges[name] != "real":
-                    actions[name] = jnp.asarray(jnp.round(actions[name]), compiled.INT)
-            return actions
+            true = {name: chosen[name] ^ nothing[name] for name in bools}
+            whole = [name for name in numbers if ranges[name] != "real"]
+            rounded = {n: jnp.asarray(jnp.round(actions[n]), compiled.INT) for n in whole}
+            return {**actions, **true, **rounded}
 
         self.train_policy, self.test_policy = train_policy, test_policy
+        self.probabilities = probabilities
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
 
     def guess_next_epoch(self, params: Params) -> Params:
         """A policy of the state is a warm start as it is."""
         return params
+
+    def shift_log_odds(
+        self, params: Params, shifts: Mapping[str, Array], names: Sequence[str]
+    ) -> Params:
+        """Parameters whose policy has the bools' log-odds shifted, per fluent [*shape]."""
+        own = dict(params["own"])
+        for name in names:
+            bias = own[name]["bias"] + shifts[name] / _BOOL_SCALE
+            own[name] = {**own[name], "bias": bias}
+        return {**params, "own": own}
 
     def _unit(self, compiled: Any, name: str) -> np.ndarray:
         """What a raw value of 1 means, for one action fluent [*shape]."""
@@ -130,6 +147,14 @@ def _clip(action: Array, lower: Any, upper: Any) -> Array:
     """Clips to the box; a value on a bound keeps its gradient."""
     lower, upper = jnp.asarray(lower, action.dtype), jnp.asarray(upper, action.dtype)
     return jnp.where(action < lower, lower, jnp.where(action > upper, upper, action))
+
+
+def _flipped(
+    actions: Mapping[str, Array], nothing: Mapping[str, np.ndarray], bools: Sequence[str]
+) -> dict[str, Array]:
+    """Of bools the probability of true, from that of not doing nothing."""
+    true = {n: jnp.where(nothing[n], 1.0 - actions[n], actions[n]) for n in bools}
+    return {**actions, **true}
 
 
 def _concurrency(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:

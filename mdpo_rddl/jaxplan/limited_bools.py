@@ -44,6 +44,8 @@ def is_softmax(plan: JaxPlan) -> bool:
 
 def shift_for(plan: JaxPlan, names: list[str]) -> Shift | None:
     """How to perturb the limited bools of a compiled plan; None if it is of an unknown kind."""
+    if hasattr(plan, "shift_log_odds"):
+        return lambda params, _, step, shifts: (plan.shift_log_odds(params, shifts, names), step)
     if isinstance(plan, JaxDeepReactivePolicy):
         return _shift_network(names)
     if isinstance(plan, JaxStraightLinePlan):

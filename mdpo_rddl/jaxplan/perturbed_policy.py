@@ -122,14 +122,17 @@ def limited_policies(
 ) -> tuple[Callable[..., dict[str, Array]], Callable[..., dict[str, Array]]]:
     """A compiled plan's training and test policies, made to keep the groups' limits."""
     train_policy, test_policy = plan.train_policy, plan.test_policy
-    names = sorted({name for limit in limits for name in limit.groups})
+    # a plan's own limit on all bools must hold together with the groups'
+    every = [*limits, *getattr(plan, "concurrency", [])]
+    names = sorted({name for limit in every for name in limit.groups})
+    probabilities_of = getattr(plan, "probabilities", train_policy)
 
     def train(*arguments):
         return scale_to_limits(train_policy(*arguments), limits)
 
     def test(*arguments):
-        probabilities = train_policy(*arguments)
+        probabilities = probabilities_of(*arguments)
         grouped = {name: probabilities[name] for name in names}
-        return {**test_policy(*arguments), **choose_within_limits(grouped, limits)}
+        return {**test_policy(*arguments), **choose_within_limits(grouped, every)}
 
     return train, test

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Search:
-    """Shares of the whole time, `[Optimize] train_seconds`.
+    """Shares of the time that is left of `[Optimize] train_seconds` once the model was probed.
 
     Attributes:
       shared_until: where the search for the shared weights ends.
