@@ -96,6 +96,7 @@ def test_the_summary_names_the_versions_that_are_installed(finished: Run) -> Non
         "rddlrepository",
         "safetensors",
         "scipy",
+        "cmaes",
         "jax",
         "jaxlib",
         "optax",

@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import json
 import re
 import subprocess
 import sys
@@ -43,6 +44,14 @@ def test_the_measured_table_is_the_one_in_results():
         assert row in README
     sweep = (ROOT / "results" / "noise_sweep" / "table.md").read_text()
     assert sweep.count("\n") > 10
+
+
+def test_the_papers_table_is_the_one_in_results():
+    cells = json.loads((ROOT / "results" / "paper" / "table.json").read_text())["cells"]
+    assert len(cells) == 36
+    for cell in cells:
+        assert f"{cell['mean']:,.0f} ± {cell['std']:,.0f}" in README
+        assert f"{cell['paper_mean']:,.0f} ± {cell['paper_std']:,.0f}" in README
 
 
 def test_the_version_is_the_same_everywhere():
