@@ -46,6 +46,13 @@ def test_the_measured_table_is_the_one_in_results():
     assert sweep.count("\n") > 10
 
 
+def test_the_table_of_auto_is_the_one_in_results():
+    rows = (ROOT / "results" / "auto" / "table.md").read_text().splitlines()
+    assert len(rows) == 2 + 2 * 6
+    for row in rows:
+        assert row in README
+
+
 def test_the_papers_table_is_the_one_in_results():
     cells = json.loads((ROOT / "results" / "paper" / "table.json").read_text())["cells"]
     assert len(cells) == 36
