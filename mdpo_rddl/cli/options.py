@@ -215,21 +215,7 @@ PLAIN_ONLY = [
 """Options for one training with one policy, which the preset `auto` makes many of."""
 
 
-TRAINING_ONLY = [
-    "noise",
-    "sigma",
-    "sigma_min",
-    "sigma_max",
-    "alpha",
-    "quantile",
-    "policy",
-    "weight",
-    "iterations",
-    "seconds",
-    "restarts",
-    "batch",
-    "lookahead",
-]
+TRAINING_ONLY = [*(name for name in PLAIN_ONLY if name != "replan"), "seconds"]
 """Options that make no sense for a policy that is loaded."""
 
 
