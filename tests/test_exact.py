@@ -7,7 +7,7 @@ import pytest
 from problems import tiny_files
 
 from mdpo_rddl.evaluation import evaluate
-from mdpo_rddl.jaxplan.exact import compile_returns, compile_visits, step_bytes
+from mdpo_rddl.jaxplan.exact import compile_exact_returns, compile_visits, step_bytes
 from mdpo_rddl.jaxplan.feedback_plan import FeedbackPlan
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.planning import playable
@@ -59,7 +59,7 @@ def test_the_returns_are_the_environments(tmp_path):
     problem = load_problem(*tiny_files(tmp_path))
     planner = make(problem)
     policies = with_biases(planner, 0.0, 0.1)
-    returns = np.asarray(compile_returns(planner, 3)(KEY, policies))
+    returns = np.asarray(compile_exact_returns(planner, 3)(KEY, policies))
     assert returns.shape == (2, 3)
     for number in range(2):
         params = jax.tree.map(lambda leaf, n=number: leaf[n], policies)
@@ -70,7 +70,7 @@ def test_the_returns_are_the_environments(tmp_path):
 
 def test_policies_see_the_same_random_numbers(tmp_path):
     planner = make(load_problem(*tiny_files(tmp_path, spread=1.0)))
-    returns = np.asarray(compile_returns(planner, 4)(KEY, with_biases(planner, 0.1, 0.1)))
+    returns = np.asarray(compile_exact_returns(planner, 4)(KEY, with_biases(planner, 0.1, 0.1)))
     np.testing.assert_array_equal(returns[0], returns[1])
     assert len(set(returns[0])) == 4
 
@@ -78,8 +78,8 @@ def test_policies_see_the_same_random_numbers(tmp_path):
 def test_policies_one_after_the_other_earn_the_same(tmp_path):
     planner = make(load_problem(*tiny_files(tmp_path, spread=1.0)))
     policies = with_biases(planner, 0.0, 0.1, 0.2)
-    together = compile_returns(planner, 2)(KEY, policies)
-    in_turn = compile_returns(planner, 2, side_by_side=2)(KEY, policies)
+    together = compile_exact_returns(planner, 2)(KEY, policies)
+    in_turn = compile_exact_returns(planner, 2, side_by_side=2)(KEY, policies)
     np.testing.assert_allclose(in_turn, together, rtol=1e-5)
 
 
@@ -98,7 +98,7 @@ def test_the_end_and_the_discount_count(tmp_path):
     instance.write_text(CAR_INSTANCE)
     planner = make(load_problem(str(domain), str(instance)))
     # x is 0, 1 and then 2, where the episode ends
-    returns = compile_returns(planner, 1)(KEY, with_biases(planner, 1.0))
+    returns = compile_exact_returns(planner, 1)(KEY, with_biases(planner, 1.0))
     assert float(returns[0, 0]) == pytest.approx(0.5)
 
 
@@ -112,7 +112,7 @@ def test_an_illegal_action_is_not_played(tmp_path):
     planner = make(problem)
     # it moves once and then has to stay, at 1
     policies = with_biases(planner, 1.0)
-    assert float(compile_returns(planner, 1)(KEY, policies)[0, 0]) == pytest.approx(5.0)
+    assert float(compile_exact_returns(planner, 1)(KEY, policies)[0, 0]) == pytest.approx(5.0)
     params = jax.tree.map(lambda leaf: leaf[0], policies)
     played = evaluate(make_environment(problem), playable(planner, params, {}, 0), 1, 0)
     assert played.mean == pytest.approx(5.0)

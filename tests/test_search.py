@@ -34,7 +34,6 @@ def test_candidates_whose_return_is_no_number_lose():
 
     result = run(broken)
     np.testing.assert_allclose(result.mean, TARGET, atol=1e-3)
-    assert np.isfinite(result.best_seen)
 
 
 def test_it_ends_in_time():

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.jaxplan.exact import compile_returns
+from mdpo_rddl.jaxplan.exact import compile_exact_returns
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class MeanReturn:
 
     def __init__(self, planner: MDPOPlanner, rollouts: int, seed: int) -> None:
         """Compiles nothing yet."""
-        self._returns = compile_returns(planner, rollouts)
+        self._returns = compile_exact_returns(planner, rollouts)
         # a seed that training does not use
         self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
 

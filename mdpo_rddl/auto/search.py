@@ -28,12 +28,10 @@ class SearchResult:
     Attributes:
       mean: of the distribution of candidates [D].
       iterations: done.
-      best_seen: largest mean return of one candidate in one iteration.
     """
 
     mean: np.ndarray
     iterations: int
-    best_seen: float
 
 
 def search(
@@ -63,7 +61,7 @@ def search(
     optimizer = kind(
         mean=np.asarray(start, float), sigma=sigma, population_size=population, seed=seed
     )
-    iterations, flat, best = 0, 0, -np.inf
+    iterations, flat = 0, 0
     while time.monotonic() < until and flat < patience:
         if not separable and optimizer.should_stop():
             break
@@ -72,6 +70,5 @@ def search(
         returns = np.where(np.isfinite(returns), returns, _WORST)
         optimizer.tell(list(zip(candidates, -returns, strict=True)))
         iterations += 1
-        best = max(best, float(returns.max()))
         flat = flat + 1 if np.ptp(returns) == 0.0 else 0
-    return SearchResult(optimizer.mean, iterations, best)
+    return SearchResult(optimizer.mean, iterations)

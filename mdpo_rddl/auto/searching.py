@@ -12,7 +12,7 @@ from mdpo_rddl.auto.search import SearchResult, search
 from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.weights import Weights, weights_of
 from mdpo_rddl.feedback import Params
-from mdpo_rddl.jaxplan.exact import compile_returns
+from mdpo_rddl.jaxplan.exact import compile_exact_returns
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ class Earn:
         """Compiles it when it is first called."""
         self.population, self.seconds = size.population, 0.0
         self.compile_seconds = 0.0
-        self._returns = compile_returns(planner, size.rollouts, size.side_by_side)
+        self._returns = compile_exact_returns(planner, size.rollouts, size.side_by_side)
         self._key = jax.random.PRNGKey(seed)
 
     def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:

@@ -8,19 +8,10 @@ from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Instance
+from mdpo_rddl.presets.shipped import REPOSITORY_NAMES
 from mdpo_rddl.problem import looks_like_file
 
-COMPETITION_DOMAINS = (
-    "HVAC",
-    "MarsRover",
-    "MountainCar",
-    "PowerGen",
-    "RaceCar",
-    "RecSim",
-    "Reservoir",
-    "UAV",
-)
-COMPETITION = ",".join(f"{domain}_ippc2023:1-5" for domain in COMPETITION_DOMAINS)
+COMPETITION = ",".join(f"{name}:1-5" for name in REPOSITORY_NAMES.values())
 """The forty instances of the 2023 competition."""
 
 _RANGE = re.compile(r"(\d+)-(\d+)")

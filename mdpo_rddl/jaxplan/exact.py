@@ -17,7 +17,7 @@ from mdpo_rddl.jaxplan.termination import stop_at_termination
 from mdpo_rddl.limits import group_limits
 
 
-def compile_returns(
+def compile_exact_returns(
     planner: MDPOPlanner, rollouts: int, side_by_side: int | None = None
 ) -> Callable[[Array, Any], Array]:
     """Compiles rollouts of the planner's policy on the exact model.
@@ -41,7 +41,7 @@ def compile_returns(
 def compile_visits(
     planner: MDPOPlanner, rollouts: int, side_by_side: int | None = None
 ) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
-    """As `compile_returns`, and what the policies saw.
+    """As `compile_exact_returns`, and what the policies saw.
 
     Returns:
       A function that gives the returns [P, N], and per observed fluent its values

@@ -54,8 +54,8 @@ def save_policy(path: Path, policy: SavedPolicy) -> None:
       ValueError: if a tree holds anything but nested dictionaries with string keys.
     """
     tensors = {
-        **_flatten(policy.params, "params"),
-        **_flatten(policy.policy_hyperparams, "hyperparams"),
+        **flatten(policy.params, "params"),
+        **flatten(policy.policy_hyperparams, "hyperparams"),
     }
     metadata = {
         "format": FORMAT,
@@ -88,7 +88,7 @@ def load_policy(path: Path) -> SavedPolicy:
     if metadata.pop("digest", None) != _digest(tensors, metadata):
         raise InputError(f"{path}: damaged policy file: its contents do not match their digest")
     try:
-        trees = _unflatten(tensors)
+        trees = unflatten(tensors)
         return SavedPolicy(
             params=trees["params"],
             policy_hyperparams=trees.get("hyperparams", {}),
@@ -109,18 +109,24 @@ def _digest(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> s
     return digest.hexdigest()
 
 
-def _flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:
+def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:
+    """A tree of nested dictionaries as tensors, named by their paths after the prefix.
+
+    Raises:
+      ValueError: if a key is no string, or holds a slash.
+    """
     if not isinstance(tree, Mapping):
         return {prefix: np.asarray(tree, order="C")}
     flat: dict[str, np.ndarray] = {}
     for key, value in tree.items():
         if not isinstance(key, str) or "/" in key:
             raise ValueError(f"cannot save a policy whose parameters are keyed by {key!r}")
-        flat.update(_flatten(value, f"{prefix}/{key}"))
+        flat.update(flatten(value, f"{prefix}/{key}"))
     return flat
 
 
-def _unflatten(tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def unflatten(tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The trees that `flatten` has made tensors of, by their prefixes."""
     trees: dict[str, Any] = {}
     for name, value in tensors.items():
         *parents, leaf = name.split("/")

@@ -12,9 +12,12 @@ from safetensors.numpy import load_file, save
 from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.records import Records
+from mdpo_rddl.report.policy_file import flatten, unflatten
 
 _PLAYED = "played.csv"
 _PLAYED_COLUMNS = ("seed", "returns", "seconds")
+
+_PARAMS = "params"
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ def save_trained(folder: Path, trained: Trained, last_params: Any) -> None:
     values |= {name: np.round(array, 3).tolist() for name, array in arrays.items()}
     values["sigma"] = None if trained.sigma is None else np.round(trained.sigma, 3).tolist()
     lines = [f'  "{name}": {json.dumps(value)}' for name, value in values.items()]
-    write_atomically(folder / "policies.safetensors", save(_flatten(last_params)))
+    write_atomically(folder / "policies.safetensors", save(flatten(last_params, _PARAMS)))
     write_atomically(folder / "training.json", "{\n" + ",\n".join(lines) + "\n}\n")
 
 
@@ -123,7 +126,7 @@ def load_policies(folder: Path) -> Any:
     """
     path = folder / "policies.safetensors"
     try:
-        return _unflatten(load_file(path))
+        return unflatten(load_file(path))[_PARAMS]
     except Exception as error:  # safetensors has exceptions of its own
         raise InputError(f"{path}: cannot be read: {error}") from error
 
@@ -154,23 +157,3 @@ def load_played(folder: Path) -> tuple[dict[int, np.ndarray], float]:
         return returns, sum(float(row["seconds"]) for row in records.rows)
     except ValueError as error:
         raise InputError(f"{records.path}: is not a file of returns: {error}") from error
-
-
-def _flatten(tree: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    if not isinstance(tree, Mapping):
-        return {prefix: np.ascontiguousarray(tree)}
-    flat: dict[str, np.ndarray] = {}
-    for name, branch in tree.items():
-        flat |= _flatten(branch, f"{prefix}/{name}" if prefix else name)
-    return flat
-
-
-def _unflatten(flat: Mapping[str, np.ndarray]) -> Any:
-    tree: dict[str, Any] = {}
-    for name, leaf in flat.items():
-        *branches, last = name.split("/")
-        node = tree
-        for branch in branches:
-            node = node.setdefault(branch, {})
-        node[last] = leaf
-    return tree
