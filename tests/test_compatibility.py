@@ -7,13 +7,12 @@ from types import FunctionType
 import jax
 import pytest
 import workers
-from toy_experiments import nothing_to_do
+from toy_experiments import add_row, nothing_to_do
 
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments import compatibility, ipc_smoke, trial
 from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
-from mdpo_rddl.experiments.ipc_smoke import ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.experiments.trial import (
     COLUMNS,
@@ -242,21 +241,6 @@ def test_only_what_is_missing_is_tried(tmp_path, monkeypatch):
         run_compatibility(tmp_path, names, None, 4, 20, PLENTY)
 
 
-def test_every_ipc_run_has_a_process_of_its_own(tmp_path, monkeypatch):
-    tried = []
-
-    def pretend(work, trials, limits):
-        (each,) = trials
-        tried.append((each.problem, each.instance, each.planner, each.iterations, each.episodes))
-        return [(each, workers.ROW)]
-
-    monkeypatch.setattr(trial, "run_guarded", pretend)
-    run_ipc_smoke(tmp_path, ipc_smoke.DOMAINS, ipc_smoke.INSTANCES, 50, 2, PLENTY)
-    assert len(set(tried)) == len(tried) == 8 * 5 * 2
-    assert tried[0] == ("HVAC_ippc2023", "1", "mdpo-drp", 50, 2)
-    assert tried[-1] == ("UAV_ippc2023", "5", "mdpo-slp", 50, 2)
-
-
 def test_all_problems_of_the_repository_are_the_default(tmp_path, monkeypatch):
     problems: list[Trial] = []
     monkeypatch.setattr(compatibility, "try_all", lambda _, trials, limits: problems.extend(trials))
@@ -269,22 +253,17 @@ def test_all_problems_of_the_repository_are_the_default(tmp_path, monkeypatch):
 # --- tables ----------------------------------------------------------------------------------
 
 
-def _add(records: Records, *key: str, **values: object) -> None:
-    row = {"status": "ok", "cause": "", "horizon": 20, "seconds": 1.6, "peak_mb": 600.4, **values}
-    records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))
-
-
 def test_the_compatibility_table_worked_by_hand(tmp_path):
     records = Records(tmp_path / "rows.csv", COLUMNS, KEYS)
     for planner in PLANNERS:
-        _add(records, "B", "1", planner)
-    _add(records, "A", "0", "jaxplan-drp", status="error", cause="no | such <thing>")
-    _add(records, "A", "0", "jaxplan-slp")
-    _add(records, "A", "0", "mdpo-drp", status="error", cause="no | such <thing>")
-    _add(records, "A", "0", "mdpo-slp", status="timeout", cause="over 9 s", horizon="")
-    _add(records, "C", "2", "jaxplan-drp", status="crash", cause="exit status 3", horizon="")
-    _add(records, "D", "1", "jaxplan-drp")
-    _add(records, "D", "1", "mdpo-drp", status="not played", cause="no such state")
+        add_row(records, "B", "1", planner)
+    add_row(records, "A", "0", "jaxplan-drp", status="error", cause="no | such <thing>")
+    add_row(records, "A", "0", "jaxplan-slp")
+    add_row(records, "A", "0", "mdpo-drp", status="error", cause="no | such <thing>")
+    add_row(records, "A", "0", "mdpo-slp", status="timeout", cause="over 9 s", horizon="")
+    add_row(records, "C", "2", "jaxplan-drp", status="crash", cause="exit status 3", horizon="")
+    add_row(records, "D", "1", "jaxplan-drp")
+    add_row(records, "D", "1", "mdpo-drp", status="not played", cause="no such state")
     header = f"| problem | instance | horizon | {' | '.join(PLANNERS)} |\n"
     assert compatibility_table(records) == (
         f"{header}|---|---|---|---|---|---|---|\n"
@@ -308,24 +287,9 @@ def test_the_compatibility_table_worked_by_hand(tmp_path):
 def test_the_compatibility_table_of_a_sweep_without_failures(tmp_path):
     records = Records(tmp_path / "rows.csv", COLUMNS, KEYS)
     for planner in PLANNERS:
-        _add(records, "B", "1", planner)
+        add_row(records, "B", "1", planner)
     table = compatibility_table(records)
     assert table.endswith("| 1 of 1 |\n\nJaxPlan trains and ours does not: none.\n")
-
-
-def test_the_ipc_table_worked_by_hand(tmp_path):
-    records = Records(tmp_path / "runs.csv", COLUMNS, KEYS)
-    played = {"return": -1234.567, "illegal_actions": 3, "fallback_actions": 2}
-    _add(records, "UAV_ippc2023", "1", "mdpo-slp", **played)
-    _add(records, "UAV_ippc2023", "1", "mdpo-drp", status="memory", cause="over 8 GB")
-    assert ipc_smoke_table(records) == (
-        "1 of 2 runs without an error.\n"
-        "\n"
-        "| problem | instance | planner | status | return | illegal | fallback | s | MB |\n"
-        "|---|---|---|---|---|---|---|---|---|\n"
-        "| UAV_ippc2023 | 1 | mdpo-drp | memory: over 8 GB |  |  |  | 2 | 600 |\n"
-        "| UAV_ippc2023 | 1 | mdpo-slp | ok | -1,234.57 | 3 | 2 | 2 | 600 |\n"
-    )
 
 
 @pytest.mark.parametrize(
@@ -364,12 +328,3 @@ def test_bad_options_are_refused_in_one_line(tmp_path, capsys, arguments, compla
     assert printed.out == ""
     (line,) = printed.err.splitlines()
     assert complaint in line
-
-
-def test_the_ipc_command_writes_its_table(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(trial, "run_guarded", lambda work, trials, _: [(trials[0], workers.ROW)])
-    options = ["--domains", "UAV", "--instances", "1", "--out", str(tmp_path)]
-    assert bench.main(["ipc-smoke", *options]) == 0
-    printed = capsys.readouterr().out
-    assert printed.startswith("2 of 2 runs without an error.\n")
-    assert (tmp_path / "table.md").read_text(encoding="utf-8") == printed
