@@ -1,4 +1,4 @@
-"""A policy of lifted linear feedback, one loop per object, and a net, as a pure function."""
+"""A policy of lifted linear feedback, one loop per object, a net and a plan, as a pure function."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,6 +25,8 @@ class FeedbackShape:
     Attributes:
       topology: units of the net's hidden layers; none for no net.
       cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
+      plan: whether there is a whole one, a value for every step, object and action.
+      horizon: number of steps H.
       squares: whether the squares of the state features are features.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
       cut: whether a gradient takes the states that the policy reads as given: it is then that
@@ -34,6 +36,8 @@ class FeedbackShape:
 
     topology: tuple[int, ...]
     cosines: int
+    plan: bool
+    horizon: int
     squares: bool
     state_scales: Mapping[str, Sequence[float]]
     cut: bool
@@ -44,13 +48,15 @@ class Feedback:
 
     In units in which states are of order 1, that of object x is
 
-        u_a(x) = w_a . phi_a(s, t, x) + b_a(x) + sum_f k_af(x) f(x) + net_a(s)(x),
+        u_a(x) = w_a . phi_a(s, t, x) + b_a(x) + sum_f k_af(x) f(x) + p_a(t, x) + net_a(s)(x),
 
     phi being the features of `mdpo_rddl.features`, their squares and cosines of the time; w is
-    shared by all objects, b and k are each object's own, the net sees the whole state.
+    shared by all objects, b and k are each object's own, p is an open-loop plan, the net sees
+    the whole state.
 
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
-    "gain on " + fluent: [*shape]}}, "net": {...}}, the last only if there is a net.
+    "gain on " + fluent: [*shape]}}, "plan": {action: [H, *shape]}, "net": {...}}, the last two
+    only if there is a plan or a net.
     """
 
     def __init__(
@@ -94,6 +100,10 @@ class Feedback:
             for name, shape in self.action_shapes.items()
         }
         shared = {name: jnp.zeros(len(self.names(name)), self.dtype) for name in own}
+        plan = {
+            name: jnp.zeros((self.shape.horizon, *shape), self.dtype)
+            for name, shape in (self.action_shapes.items() if self.shape.plan else ())
+        }
         net: dict[str, Any] = {}
         width = self._inputs
         for number, size in enumerate(self.shape.topology if self._inputs else ()):
@@ -104,18 +114,24 @@ class Feedback:
         if net:
             for name, shape in self.action_shapes.items():
                 net[f"output_{name}"] = jnp.zeros((width, math.prod(shape)), self.dtype)
-        return {"shared": shared, "own": own, **({"net": net} if net else {})}
+        parts = {"plan": plan, "net": net}
+        return {
+            "shared": shared,
+            "own": own,
+            **{name: part for name, part in parts.items() if part},
+        }
 
-    def raw(self, params: Params, state: Mapping[str, Array], time: Any) -> dict[str, Array]:
+    def raw(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
         """The raw actions, per fluent [*shape].
 
         Args:
           params: as `initial` makes them.
           state: per observed fluent its value [*shape].
-          time: fraction of the horizon that is over.
+          step: of the rollout, from 0.
         """
         scaled = {name: self._scaled(name, state[name]) for name in self.fluents}
         hidden = self._hidden(params.get("net", {}), scaled)
+        time = step / self.shape.horizon
         actions = {}
         for name, shape in self.action_shapes.items():
             own = params["own"][name]
@@ -123,6 +139,8 @@ class Feedback:
             value = value + own["bias"]
             for fluent in self._own[name]:
                 value = value + own[f"{_GAIN}{fluent}"] * scaled[fluent]
+            if self.shape.plan:
+                value = value + params["plan"][name][step]
             if hidden is not None:
                 value = value + jnp.reshape(hidden @ params["net"][f"output_{name}"], shape)
             actions[name] = value

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mdpo_rddl.auto.background import Work
 from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.feedback import Params
@@ -104,6 +105,7 @@ def descend(
     *,
     key: Any,
     deadline: float,
+    work: Work,
     on_progress: Callable[[Progress], None],
 ) -> None:
     """Trains in phases.
@@ -118,6 +120,7 @@ def descend(
       choice: is told of each phase's best and last iterate.
       key: JAX random key.
       deadline: when to end, by `time.monotonic`; compilation counts.
+      work: asks to go on after each call; once it is abandoned nothing is told any more.
       on_progress: called while training goes on.
 
     Raises:
@@ -126,8 +129,13 @@ def descend(
     count = planner.parallel_updates
     guesses = [starts[number * len(starts) // count] for number in range(count)]
     rate = planner.optimizer_kwargs["learning_rate"]
-    steps = [rate * _FIRST_STEPS[number % len(_FIRST_STEPS)] for number in range(count)]
-    noise = [_FIRST_NOISE[number % len(_FIRST_NOISE)] for number in range(count)]
+    steps = [rate * factor for factor in _repeated(_FIRST_STEPS, count)]
+    noise = _repeated(_FIRST_NOISE, count)
+
+    def go_on(progress: Progress) -> None:
+        work.go_on()
+        on_progress(progress)
+
     for phase in range(_PHASES):
         left = deadline - time.monotonic()
         seconds = left / (_PHASES - phase) if phase else _FIRST_SHARE * left
@@ -142,12 +150,14 @@ def descend(
                 seconds=seconds,
                 counts_compilation=True,
                 optimize_kwargs={"guess": _stack(guesses), "test_rolling_window": 1},
-                on_progress=on_progress,
+                on_progress=go_on,
             )
         except InputError as error:
             # the search has found a policy without the gradient
             logger.warning("the gradient is of no use: %s", error)
             break
+        if work.is_abandoned:
+            return
         better = choice.add(f"phase {phase + 1}", result.best_params)
         better |= choice.add(f"phase {phase + 1}, last iterate", result.last_params)
         descent.steps.append(steps)
@@ -158,7 +168,12 @@ def descend(
         step = steps[result.restart] if better else max(steps) * _SHRINK
         guesses = [choice.best] * count
         noise = [(noise[result.restart] if better else max(noise)) * _SHRINK] * count
-        steps = [step * _LATER_STEPS[number % len(_LATER_STEPS)] for number in range(count)]
+        steps = [step * factor for factor in _repeated(_LATER_STEPS, count)]
+
+
+def _repeated(values: Sequence[float], count: int) -> list[float]:
+    """So many of the values, in turn."""
+    return [values[number % len(values)] for number in range(count)]
 
 
 def _stack(guesses: Sequence[Params]) -> PerRestart:

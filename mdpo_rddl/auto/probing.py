@@ -43,6 +43,7 @@ class Probe:
       nothing: mean return of doing nothing.
       start: the constant raw action that earned most, per fluent [*shape].
       start_return: what it earned.
+      deterministic: whether all rollouts of each constant earned the same.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
     """
 
@@ -51,6 +52,7 @@ class Probe:
     nothing: float
     start: dict[str, np.ndarray]
     start_return: float
+    deterministic: bool
     policy_seconds: float | None
 
 
@@ -70,12 +72,16 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
     numbers = list(planner.plan.units)
 
+    spreads: list[float] = []
+
     def returns(starts: list[dict[str, np.ndarray]]) -> tuple[np.ndarray, dict[str, Any]]:
         batch = jax.tree.map(
             lambda *leaves: jnp.stack(leaves), *[with_bias(params, s) for s in starts]
         )
         found, states = play(key, batch)
-        means = np.mean(np.asarray(found, float), axis=1)
+        found = np.asarray(found, float)
+        spreads.append(float(np.max(np.ptp(found, axis=1))))
+        means = np.mean(found, axis=1)
         return np.where(np.isfinite(means), means, -np.inf), states
 
     nothing = {name: np.zeros(shape) for name, shape in shapes.items()}
@@ -106,7 +112,7 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
         for name, values in states.items()
     }
     returned = float(earned[0]), starts[best], float(earned[best])
-    return Probe(units, scales, *returned, seconds if large else None)
+    return Probe(units, scales, *returned, not any(spreads), seconds if large else None)
 
 
 def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:

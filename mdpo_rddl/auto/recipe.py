@@ -22,10 +22,13 @@ import jax
 import numpy as np
 
 from mdpo_rddl.auto.alternatives import Alternative, Alternatives
+from mdpo_rddl.auto.background import Work, run_until
 from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.auto.descent import Descent, descend
+from mdpo_rddl.auto.plan_search import PlanSearch
 from mdpo_rddl.auto.probing import Probe, probe, with_bias
-from mdpo_rddl.auto.searching import Searched, search_feedback
+from mdpo_rddl.auto.searching import FeedbackSearch
+from mdpo_rddl.auto.sizes import plans_fit
 from mdpo_rddl.budgets import JAXPLAN_SECONDS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
@@ -40,16 +43,18 @@ logger = logging.getLogger(__name__)
 
 _ROLLOUTS, _FEW_ROLLOUTS = 128, 2
 _PROBING_SEED = 0
-_POLISHING_SIGMA = 0.01
+_OWN_SIGMA, _POLISHING_SIGMA = 0.03, 0.01
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
 # the gradient's program takes longer to compile than the search's, and an iteration longer than
 # the rollouts of one population
-_GRADIENT_COMPILATIONS, _GRADIENT_EVALUATIONS = 4.0, 100.0
+_GRADIENT_COMPILATIONS, _GRADIENT_EVALUATIONS = 6.0, 100.0
 # with less time JaxPlan's planners have hardly compiled
 _ALTERNATIVES_SECONDS = 40.0
 # of the time: the second process may be late
 _LATE_SHARE = 0.05
+# of the time after it: the last call of the gradient may be late
+_OVERRUN = 0.3
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,8 @@ def plan_automatically(
         if large:
             alternatives.stop()  # its memory is needed
             config = simplified(config)
+        elif not plans_fit(bare):
+            config = without_plan(config)
         planner, _ = build_planner(problem, config, programs)
         recipe = _Recipe(planner, found, budget, deadline, seed, on_stage, on_progress)
         try:
@@ -147,7 +154,8 @@ class _Recipe:
         params = planner.plan.initializer(jax.random.PRNGKey(seed), {}, None)
         self._nothing, self._constant = params, with_bias(params, found.start)
         self.choice = Choice(planner, _FEW_ROLLOUTS if self._large else _ROLLOUTS, seed)
-        self.searched: Searched | None = None
+        self._plans = PlanSearch(planner, found, seed) if "plan" in params else None
+        self.searched: FeedbackSearch | None = None
         self.descent = Descent()
         self.last = self._constant
         self.alternative: Alternative | None = None
@@ -163,37 +171,86 @@ class _Recipe:
         choice.add("nothing", self._nothing)
         choice.add("constant", self._constant)
         self._on_stage("searching")
-        begun = time.monotonic()
-        left = self._deadline - begun
-        self.searched = search_feedback(
-            self._planner,
-            self._nothing,
-            seed=self._seed,
-            shared_until=begun + self._budget.shared_until * left,
-            own_until=begun + self._budget.own_until * left,
+        plans = self._plans
+        if plans is not None and choice.best_mean <= plans.bar:
+            self._explore(plans)
+        else:
+            self._improve()
+
+    def _until(self, share: float) -> float:
+        """The end of a share of the time that is left now."""
+        now = time.monotonic()
+        return now + share * (self._deadline - now)
+
+    def _explore(self, plans: PlanSearch) -> None:
+        """For problems in which no constant action earns more than doing nothing.
+
+        Where there is nothing to earn nearby there is no gradient to follow either.
+        """
+        choice = self.choice
+        plan = plans.search(
+            self._nothing, until=self._until(self._budget.own_until), exploring=True
         )
-        choice.add("shared weights", self.searched.shared)
-        choice.add("own weights", self.searched.params)
-        gradient_until = begun + self._budget.gradient_until * left
-        if self._has_time_for_the_gradient(gradient_until):
+        choice.add("plan", plan)
+        if choice.best_mean <= plans.bar or not self._found.deterministic:
+            until = self._until(self._budget.shared_until)
+            self.searched = FeedbackSearch(self._planner, self._nothing, self._seed, until)
+            choice.add("shared weights", self.searched.shared(until))
+        self._on_stage("polishing")
+        is_flat = choice.best_mean <= plans.bar
+        start = plan if is_flat else choice.best
+        self.last = plans.search(start, until=self._deadline, exploring=is_flat)
+        choice.add("polished", self.last)
+
+    def _improve(self) -> None:
+        """For problems in which some constant action earns more than doing nothing."""
+        choice, budget = self.choice, self._budget
+        shares = budget.shared_until, budget.own_until, budget.gradient_until
+        shared, own, gradient = (self._until(share) for share in shares)
+        self.searched = FeedbackSearch(self._planner, self._nothing, self._seed, shared)
+        rule = self.searched.shared(shared)
+        choice.add("shared weights", rule)
+        has_plan = self._search_plan(own)
+        if not has_plan:
+            choice.add("own weights", self.searched.around(rule, _OWN_SIGMA, own))
+        if self._has_time_for_the_gradient(self.searched, gradient):
             self._on_stage("compiling")
+            self._follow_the_gradient(gradient)
+        self._on_stage("polishing")
+        if self._plans is not None and has_plan:
+            self.last = self._plans.search(choice.best, until=self._deadline)
+        else:
+            self.last = self.searched.around(choice.best, _POLISHING_SIGMA, self._deadline)
+        choice.add("polished", self.last)
+
+    def _search_plan(self, until: float) -> bool:
+        """Whether a plan is better than the best so far; given up early if it will not be."""
+        if self._plans is None:
+            return False
+        plan = self._plans.search(self._nothing, until=until, rival=self.choice.best_mean)
+        return self.choice.add("plan", plan)
+
+    def _follow_the_gradient(self, until: float) -> None:
+        starts = [self.choice.best, self._constant]
+
+        def task(work: Work) -> None:
             descend(
                 self._planner,
                 self.descent,
-                [choice.best, self._constant],
-                choice,
+                starts,
+                self.choice,
                 key=jax.random.PRNGKey(self._seed),
-                deadline=gradient_until,
+                deadline=until,
+                work=work,
                 on_progress=self._on_progress,
             )
-        self._on_stage("polishing")
-        self.last = self.searched.polish(choice.best, _POLISHING_SIGMA, self._deadline, self._seed)
-        choice.add("polished", self.last)
 
-    def _has_time_for_the_gradient(self, until: float) -> bool:
-        assert self.searched is not None
-        needed = _GRADIENT_COMPILATIONS * self.searched.compile_seconds
-        needed += _GRADIENT_EVALUATIONS * self.searched.evaluation_seconds
+        if not run_until(task, until + _OVERRUN * (self._deadline - until)):
+            logger.warning("the gradient is given up: its program takes too long to compile")
+
+    def _has_time_for_the_gradient(self, searched: FeedbackSearch, until: float) -> bool:
+        needed = _GRADIENT_COMPILATIONS * searched.compile_seconds
+        needed += _GRADIENT_EVALUATIONS * searched.evaluation_seconds
         left = until - time.monotonic()
         if self._large or needed > left:
             logger.warning("there is too little time for the gradient: %.0f s are left", left)
@@ -225,6 +282,7 @@ class _Recipe:
             "search_iterations": {
                 "shared": searched.shared_iterations if searched else 0,
                 "own": searched.own_iterations if searched else 0,
+                "plan": self._plans.iterations if self._plans else 0,
             },
             "phases": self.descent.summary(),
         }
@@ -249,7 +307,15 @@ def without_scales(config: PlannerConfig) -> PlannerConfig:
 
 def simplified(config: PlannerConfig) -> PlannerConfig:
     """The configuration for a problem of many objects: no net, and few features."""
-    return _with_plan(config, topology=[], cosines=0, squares=False)
+    return without_plan(_with_plan(config, topology=[], cosines=0, squares=False))
+
+
+def without_plan(config: PlannerConfig) -> PlannerConfig:
+    """The configuration without an open-loop plan, for which noise needs an analysis of its own."""
+    config = _with_plan(config, plan=False)
+    if "analysis_samples" not in config.section("Noise"):
+        return config
+    return config.with_values("Noise", analysis_samples=1)
 
 
 def scaled(config: PlannerConfig, found: Probe) -> PlannerConfig:

@@ -2,8 +2,6 @@
 
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import jax
 import numpy as np
@@ -20,7 +18,7 @@ logger = logging.getLogger(__name__)
 # a search of fewer iterations than that finds nothing: then one rollout has to do
 _FEWEST_ITERATIONS = 100
 _WIDE = 512
-_SHARED_SIGMA, _REFINING_SIGMA, _OWN_SIGMA = 0.5, 0.1, 0.03
+_SHARED_SIGMA, _REFINING_SIGMA = 0.5, 0.1
 _MOST_OWN_WEIGHTS = 5000
 _FINAL_BATCHES = 8
 _SLOW_SECONDS = 0.5
@@ -51,79 +49,71 @@ class Earn:
         return np.mean(returns, axis=1)
 
 
-@dataclass(frozen=True)
-class Searched:
-    """What the search found.
-
-    Attributes:
-      shared: parameters after the search for the shared weights.
-      params: after the search for each object's own, which starts there.
-      shared_iterations, own_iterations: done.
-      evaluation_seconds: that the rollouts of one population took.
-      compile_seconds: that compiling them took.
-      polish: (policy, sigma, until, seed) -> a policy searched for around it.
-    """
-
-    shared: Params
-    params: Params
-    shared_iterations: int
-    own_iterations: int
-    evaluation_seconds: float
-    compile_seconds: float
-    polish: Callable[[Params, float, float, int], Params]
-
-
-def search_feedback(
-    planner: MDPOPlanner, params: Params, *, seed: int, shared_until: float, own_until: float
-) -> Searched:
+class FeedbackSearch:
     """Searches for the weights of a feedback policy.
 
-    Args:
-      planner: with a `FeedbackPlan`.
-      params: of the policy that does nothing.
-      seed: of the candidates and of the model.
-      shared_until, own_until: when each part ends, by `time.monotonic`.
+    Attributes:
+      evaluation_seconds: that the rollouts of one population take.
+      compile_seconds: that compiling them took.
+      shared_iterations, own_iterations: done so far.
     """
-    earn = _compile(planner, params, seed, shared_until)
-    simple = weights_of(params, ["shared"], _simple(planner))
-    wide, earned = _search_wide(earn, simple, _share(shared_until, 4), seed)
-    found, iterations = [wide[np.argmax(earned)]], 0
-    for number, start in enumerate([found[0], simple.start]):
-        result = _adapt(earn, simple, start, _SHARED_SIGMA, _share(shared_until, 4 - number), seed)
-        found.append(result.mean)
-        iterations += result.iterations
-    every = weights_of(params, ["shared"])
-    refined = weights_of(simple.into(_best(earn, simple, found)), ["shared"])
-    found = [refined.start]
-    for parts, start, sigma in (
-        (2, refined.start, _REFINING_SIGMA),
-        (1, every.start, _SHARED_SIGMA),
-    ):
-        result = _adapt(earn, every, start, sigma, _share(shared_until, parts), seed)
-        found.append(result.mean)
-        iterations += result.iterations
-    best = every.into(_best(earn, every, found))
-    own, own_iterations = _search_own(earn, best, _OWN_SIGMA, own_until, seed)
-    return Searched(
-        best,
-        own,
-        iterations,
-        own_iterations,
-        earn.seconds,
-        earn.compile_seconds,
-        lambda *arguments: _search_own(earn, *arguments)[0],
-    )
 
+    def __init__(self, planner: MDPOPlanner, params: Params, seed: int, until: float) -> None:
+        """Compiles.
 
-def _search_own(
-    earn: Earn, params: Params, sigma: float, until: float, seed: int
-) -> tuple[Params, int]:
-    """Searches around a policy for all weights but the net's, or the shared ones of too many."""
-    weights = weights_of(params, ["shared", "own"])
-    if weights.start.size > _MOST_OWN_WEIGHTS:
-        weights = weights_of(params, ["shared"])
-    result = _adapt(earn, weights, weights.start, sigma, until, seed, separable=True)
-    return weights.into(result.mean), result.iterations
+        Args:
+          planner: with a `FeedbackPlan`.
+          params: of the policy that does nothing.
+          seed: of the candidates and of the model.
+          until: when the first search is to end, by `time.monotonic`.
+        """
+        self._planner, self._params, self._seed = planner, params, seed
+        self._earn = _compile(planner, params, seed, until)
+        self.shared_iterations = self.own_iterations = 0
+
+    @property
+    def evaluation_seconds(self) -> float:
+        """Of the last population."""
+        return self._earn.seconds
+
+    @property
+    def compile_seconds(self) -> float:
+        """Of the population's program."""
+        return self._earn.compile_seconds
+
+    def shared(self, until: float) -> Params:
+        """The policy with the best shared weights: first of a simple rule, then all of them."""
+        earn, seed = self._earn, self._seed
+        simple = weights_of(self._params, ["shared"], _simple(self._planner))
+        wide, earned = _search_wide(earn, simple, _share(until, 4), seed)
+        found = [wide[np.argmax(earned)]]
+        for number, start in enumerate([found[0], simple.start]):
+            found.append(self._adapt(simple, start, _SHARED_SIGMA, _share(until, 4 - number)))
+        every = weights_of(self._params, ["shared"])
+        refined = weights_of(simple.into(_best(earn, simple, found)), ["shared"])
+        found = [refined.start]
+        for parts, start, sigma in (
+            (2, refined.start, _REFINING_SIGMA),
+            (1, every.start, _SHARED_SIGMA),
+        ):
+            found.append(self._adapt(every, start, sigma, _share(until, parts)))
+        return every.into(_best(earn, every, found))
+
+    def around(self, params: Params, sigma: float, until: float) -> Params:
+        """Searches around a policy for its shared and own weights; of too many, the shared."""
+        weights = weights_of(params, ["shared", "own"])
+        if weights.start.size > _MOST_OWN_WEIGHTS:
+            weights = weights_of(params, ["shared"])
+        result = _adapt(
+            self._earn, weights, weights.start, sigma, until, self._seed, separable=True
+        )
+        self.own_iterations += result.iterations
+        return weights.into(result.mean)
+
+    def _adapt(self, weights: Weights, start: np.ndarray, sigma: float, until: float) -> np.ndarray:
+        result = _adapt(self._earn, weights, start, sigma, until, self._seed)
+        self.shared_iterations += result.iterations
+        return result.mean
 
 
 def _adapt(

@@ -1,11 +1,17 @@
 """How much of a problem can be computed at once."""
 
+import math
 from typing import NamedTuple
+
+import numpy as np
 
 from mdpo_rddl.jaxplan.exact import step_bytes
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
 _AT_ONCE_BYTES = 10**8
+
+PLANS = 128
+"""Rollouts of open-loop plans in one iteration of the search for them."""
 
 
 class Size(NamedTuple):
@@ -39,3 +45,14 @@ def fitting_size(planner: MDPOPlanner) -> Size:
 def is_large(planner: MDPOPlanner) -> bool:
     """Whether candidates must be computed one by one."""
     return fitting_size(planner).side_by_side is not None
+
+
+def plans_fit(planner: MDPOPlanner) -> bool:
+    """Whether a population of open-loop plans, every step's actions, fits into memory with ease.
+
+    Args:
+      planner: with a `FeedbackPlan`.
+    """
+    shapes = planner.plan.feedback.action_shapes.values()
+    actions = sum(math.prod(shape) for shape in shapes)
+    return PLANS * planner.horizon * actions * np.dtype(np.float32).itemsize <= _AT_ONCE_BYTES

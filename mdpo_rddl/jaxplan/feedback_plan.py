@@ -1,5 +1,6 @@
 """The feedback policy as a plan that JaxPlan can train."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -31,6 +32,7 @@ class FeedbackPlan(JaxPlan):
         topology: Sequence[int] | None = (64, 64),
         cosines: int = 4,
         squares: bool = True,
+        plan: bool = False,
         state_scales: Mapping[str, Sequence[float]] | None = None,
         units: Mapping[str, float] | None = None,
         cut_feedback: bool = True,
@@ -38,14 +40,20 @@ class FeedbackPlan(JaxPlan):
         """Describes the policy.
 
         Args:
-          topology, cosines, squares, state_scales: see `FeedbackShape`.
+          topology, cosines, squares, plan, state_scales: see `FeedbackShape`.
           units: per real or integer action fluent what a raw value of 1 means; the width of
             its box where it is not named, 1 if it has none.
           cut_feedback: `FeedbackShape.cut`.
         """
         super().__init__()
         self._shape = FeedbackShape(
-            tuple(topology or ()), cosines, squares, dict(state_scales or {}), cut_feedback
+            topology=tuple(topology or ()),
+            cosines=cosines,
+            plan=plan,
+            horizon=0,  # not known before compilation
+            squares=squares,
+            state_scales=dict(state_scales or {}),
+            cut=cut_feedback,
         )
         self._given_units = dict(units or {})
         self.units: dict[str, np.ndarray] = {}
@@ -53,6 +61,8 @@ class FeedbackPlan(JaxPlan):
         # at most so many bools that are not at their default, all fluents together
         self.concurrency: list[GroupLimit] = []
         self.probabilities: Callable[..., dict[str, Array]] | None = None
+        # gradient of the parameters -> that of the raw actions [..., H, *shape], as noise meets them
+        self.action_gradients: Callable[[Params], dict[str, Array]] | None = None
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
         """Compiles the policy, as JaxPlan asks its plans to.
@@ -64,7 +74,8 @@ class FeedbackPlan(JaxPlan):
             raise ValueError("FeedbackPlan scales the states itself: preprocessor must be None")
         ranges = compiled.rddl.variable_ranges
         _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
-        feedback = Feedback(compiled.rddl, compiled.init_values, self._shape, compiled.REAL)
+        shape = dataclasses.replace(self._shape, horizon=horizon)
+        feedback = Feedback(compiled.rddl, compiled.init_values, shape, compiled.REAL)
         self.feedback = feedback
         bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
         numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
@@ -78,7 +89,7 @@ class FeedbackPlan(JaxPlan):
 
         def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:
             """Numbers in their box, and of bools the probability of not doing nothing."""
-            raw = feedback.raw(params, state, step / horizon)
+            raw = feedback.raw(params, state, step)
             actions = {name: jax.nn.sigmoid(_BOOL_SCALE * raw[name]) for name in bools}
             for name in numbers:
                 action = nothing[name] + self.units[name] * raw[name]
@@ -106,11 +117,19 @@ class FeedbackPlan(JaxPlan):
         self.train_policy, self.test_policy = train_policy, test_policy
         self.probabilities = probabilities
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
+        if self._shape.plan:
+            self.action_gradients = lambda gradient: {
+                name: value / _BOOL_SCALE if name in bools else value
+                for name, value in gradient["plan"].items()
+            }
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
 
     def guess_next_epoch(self, params: Params) -> Params:
-        """A policy of the state is a warm start as it is."""
-        return params
+        """A policy of the state is a warm start as it is; a plan has one step less to go."""
+        if "plan" not in params:
+            return params
+        rest = jax.tree.map(lambda p: jnp.concatenate([p[1:], p[-1:]]), params["plan"])
+        return {**params, "plan": rest}
 
     def shift_log_odds(
         self, params: Params, shifts: Mapping[str, Array], names: Sequence[str]

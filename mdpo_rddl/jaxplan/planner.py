@@ -197,10 +197,7 @@ class MDPOPlanner(ActingPlanner):
             params, opt_state, opt_aux = shard(initialized, self._sharding)
             if self.is_noisy:
                 state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
-                opt_aux = {
-                    **opt_aux,
-                    "noise": (self._restarts.rules(self._broadcast_pytree), state),
-                }
+                opt_aux = self._with_noise(opt_aux, params, state)
             opt_state = self._restarts.with_hyperparams(opt_state)
             return params, opt_state, self._with_call(opt_aux, params, is_warm=False)
 
@@ -208,17 +205,24 @@ class MDPOPlanner(ActingPlanner):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
             opt_state, opt_aux = init_optimizer(policy_params)
             if self.is_noisy:
-                noise = self._restarts.rules(self._broadcast_pytree)
                 state = self._noise_state_at_guess
                 if state is None:
                     state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
                 else:
+                    noise = self._restarts.rules(self._broadcast_pytree)
                     state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
-                opt_aux = {**opt_aux, "noise": (noise, state)}
+                opt_aux = self._with_noise(opt_aux, policy_params, state)
             opt_state = self._restarts.with_hyperparams(opt_state)
             return opt_state, self._with_call(opt_aux, policy_params, is_warm=True)
 
         return initialize_all, init_optimizer_warm
+
+    def _with_noise(self, opt_aux: dict[str, Any], params: Any, state: Any) -> dict[str, Any]:
+        """What the noisy update carries on, beside what JaxPlan's does."""
+        opt_aux = {**opt_aux, "noise": (self._restarts.rules(self._broadcast_pytree), state)}
+        if self._sensed is None:
+            return opt_aux
+        return {**opt_aux, "sensed": jax.tree.map(jnp.zeros_like, self._sensed(params))}
 
     def _with_call(self, opt_aux: dict[str, Any], params: Any, is_warm: bool) -> dict[str, Any]:
         if not self.in_calls:
@@ -271,7 +275,8 @@ class MDPOPlanner(ActingPlanner):
             return plain_update
         update = noisy_update(
             plain_update,
-            self._jax_analysis(),
+            self._jax_analysis() if self.noise.analysis_samples else None,
+            self._sensed,
             self.action_specs,
             horizon=self.horizon,
             batch_size=self.batch_size_train,
@@ -279,6 +284,14 @@ class MDPOPlanner(ActingPlanner):
             dtype=self.compiled.REAL,
         )
         return jax.jit(update)
+
+    @property
+    def _sensed(self) -> Callable | None:
+        """Takes the raw actions' gradients from the parameters', where they stand in for those
+        of an analysis."""
+        if self.noise.analysis_samples or not self.is_noisy:
+            return None
+        return getattr(self.plan, "action_gradients", None)
 
     def _jax_analysis(self) -> Callable:
         return compile_analysis(

@@ -35,7 +35,8 @@ class AdaptiveNoise(ActionNoise):
       quantile: which quantile of the sensitivities counts as "most sensitive", in (0, 1].
       regularization: the small lambda beside the quantile, in return per unit of action.
       analysis_samples: noise-free rollouts whose mean return is differentiated; the paper
-        takes one.
+        takes one. With 0 the update of the iteration before stands in for the analysis, where
+        the plan can say how its return answered to each action (`FeedbackPlan` with a plan).
 
     Raises:
       ValueError: if a number is out of range.
@@ -58,7 +59,7 @@ class AdaptiveNoise(ActionNoise):
         floats_only(self, but=("analysis_samples",))
         if not isinstance(self.analysis_samples, int) or isinstance(self.analysis_samples, bool):
             raise ValueError(f"analysis_samples must be an integer, got {self.analysis_samples!r}")
-        require_number("analysis_samples", self.analysis_samples, at_least=1)
+        require_number("analysis_samples", self.analysis_samples, at_least=0)
 
     @property
     def silent(self) -> bool:
@@ -75,7 +76,10 @@ class AdaptiveNoise(ActionNoise):
         """
         del horizon
         if gradients is None:
-            raise ValueError("adaptive noise needs the gradients of an analysis rollout")
+            raise ValueError(
+                "adaptive noise needs the gradients of an analysis, which this plan gives by rollouts "
+                "only (analysis_samples of at least 1)"
+            )
         sensitivity = step_sensitivity(gradients)
         relative = normalised_sensitivity(sensitivity, self.quantile, self.regularization)
         span = self.sigma_min - self.sigma_max

@@ -41,7 +41,7 @@ class ActionNoise(abc.ABC):
     """
 
     analysis_samples = 0
-    """Noise-free rollouts to differentiate before each update; 0 skips the analysis."""
+    """Noise-free rollouts to differentiate before each update; 0 makes none."""
 
     @property
     def silent(self) -> bool:
@@ -73,7 +73,8 @@ class ActionNoise(abc.ABC):
 
         Args:
           gradients: per action fluent, the gradient of the return with respect to the raw
-            action at each step [H, *action shape]; None if `analysis_samples` is 0.
+            action at each step [H, *action shape]. If `analysis_samples` is 0, of the update before, where the
+            plan can tell (zeros before the first), else None.
           state: the state that the last call returned, or `initial_state`.
           horizon: number of steps H.
 

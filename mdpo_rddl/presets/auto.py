@@ -24,7 +24,7 @@ def auto_preset(domain_name: str) -> PlannerConfig:
         },
         "Planner": {
             "method": "FeedbackPlan",
-            "method_kwargs": {"topology": [32, 32]},
+            "method_kwargs": {"topology": [32, 32], "plan": True},
             "optimizer": "normalized_adam",
             "optimizer_kwargs": {"learning_rate": 0.001},
             "batch_size_train": 8,
@@ -44,13 +44,14 @@ def auto_preset(domain_name: str) -> PlannerConfig:
             "sigma_max": 0.1,
             "alpha": 1.0,
             "quantile": 0.95,
+            "analysis_samples": 0,
         },
         "Search": {
             "shared_until": 0.25,
-            "own_until": 0.4,
+            "own_until": 0.45,
             "gradient_until": 0.85,
             "alternatives": True,
         },
-        "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 100},
+        "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 20},
     }
     return PlannerConfig(sections, "preset 'auto'")

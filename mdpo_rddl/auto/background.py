@@ -1,0 +1,83 @@
+"""Work that cannot be interrupted, such as compilation, kept from exceeding a deadline."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+_SLICE_SECONDS = 0.1
+# after an interrupt, for what has been found so far
+_GRACE_SECONDS = 3.0
+
+
+class Work:
+    """What the work may ask about itself.
+
+    Attributes:
+      is_abandoned: whether nobody waits for it any more: it must not touch what others use.
+    """
+
+    def __init__(self) -> None:
+        self.is_abandoned = False
+        self._is_asked_to_end = False
+
+    def go_on(self) -> None:
+        """Called by the work now and then.
+
+        Raises:
+          KeyboardInterrupt: if it should end.
+        """
+        if self._is_asked_to_end or self.is_abandoned:
+            raise KeyboardInterrupt
+
+    def ask_to_end(self) -> None:
+        """Lets the next `go_on` raise."""
+        self._is_asked_to_end = True
+
+
+def run_until(task: Callable[[Work], None], until: float) -> bool:
+    """Runs a task in a thread of its own and waits for it, but no longer than that.
+
+    An interrupt is passed on to the task, which has a moment to end. A task that is abandoned
+    ends at its next `Work.go_on`; the process waits for it when it exits.
+
+    Args:
+      task: is given a `Work`.
+      until: when to abandon it, by `time.monotonic`.
+
+    Returns:
+      Whether it ended in time.
+
+    Raises:
+      KeyboardInterrupt: if interrupted.
+      Exception: whatever the task raises in time.
+    """
+    work = Work()
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            task(work)
+        except BaseException as error:  # noqa: BLE001 - it is raised where the task is waited for
+            raised.append(error)
+
+    thread = threading.Thread(target=run, name="mdpo-rddl work")
+    thread.start()
+    try:
+        _wait(thread, until)
+    except KeyboardInterrupt:
+        work.ask_to_end()
+        with contextlib.suppress(KeyboardInterrupt):
+            _wait(thread, time.monotonic() + _GRACE_SECONDS)
+        raise
+    finally:
+        ended = not thread.is_alive()
+        work.is_abandoned = not ended
+    if ended and raised:
+        raise raised[0]
+    return ended
+
+
+def _wait(thread: threading.Thread, until: float) -> None:
+    while thread.is_alive() and (left := until - time.monotonic()) > 0:
+        thread.join(min(left, _SLICE_SECONDS))

@@ -1,0 +1,91 @@
+"""Search for an open-loop plan: the best plans so far, changed here and there."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdpo_rddl.auto.exploring import Archive
+from mdpo_rddl.auto.plans import Layout, mutants
+
+Evaluation = tuple[np.ndarray, Callable[[], dict[str, np.ndarray]]]
+"""Mean returns [P], and what gives the states that were visited [P, H, *shape]."""
+
+Evaluate = Callable[[int, np.ndarray], Evaluation]
+"""(iteration, plans [P, H, D]) -> their evaluation."""
+
+_ELITES = 8
+_EXPLORERS = 0.5
+_PATIENCE = 0.3
+
+
+@dataclass(frozen=True)
+class Evolved:
+    """What an evolution found.
+
+    Attributes:
+      elites: the best plans [E, H, D], the very best first.
+      iterations: done.
+    """
+
+    elites: np.ndarray
+    iterations: int
+
+
+def evolve(
+    evaluate: Evaluate,
+    start: np.ndarray,
+    layout: Layout,
+    *,
+    population: int,
+    begin: int,
+    until: float,
+    bar: float,
+    rival: float,
+    archive: Archive | None,
+    random: np.random.Generator,
+) -> Evolved:
+    """Improves plans until the time is over.
+
+    In every iteration the best plans and their mutants meet the same random numbers, new ones each
+    time, and the best of all stay. Until one earns more than the bar, half of the plans are
+    the archive's, which goes where no plan has been.
+
+    Args:
+      evaluate: see `Evaluate`.
+      start: the first plans [E, H, D].
+      layout: of the plans.
+      population: plans P of an iteration.
+      begin: number of the first iteration.
+      until: when to end, by `time.monotonic`.
+      bar: what a plan must earn more than for the exploration to end.
+      rival: ends early if at its pace it would not earn so much in time.
+      archive: of cells; None for no exploration, whatever the bar.
+      random: generator.
+    """
+    elites, best, found, iterations = start, -np.inf, archive is None, 0
+    begun = time.monotonic()
+    checked, earlier = begun, -np.inf
+    while (now := time.monotonic()) < until:
+        if found and best < rival and now - checked > _PATIENCE * (until - begun):
+            if best + (best - earlier) / (now - checked) * (until - now) < rival:
+                break
+            checked, earlier = now, best
+        children = mutants(elites, population - len(elites), layout, random)
+        if archive and not found:
+            explorers = archive.plans(int(_EXPLORERS * len(children)))
+            children[: len(explorers)] = explorers
+        # a child that is as good as its parent takes its place: plateaus are crossed that way
+        plans = np.concatenate([children, elites])
+        returns, visited = evaluate(begin + iterations, plans)
+        returns = np.where(np.isfinite(returns), returns, -np.inf)
+        chosen = np.argsort(-returns, kind="stable")[:_ELITES]
+        elites, best = plans[chosen], float(returns[chosen[0]])
+        if not iterations:  # which may have compiled
+            begun, checked, earlier = time.monotonic(), time.monotonic(), best
+        iterations += 1
+        found = found or best > bar
+        if archive is not None and not found:
+            archive.add(plans, visited())
+    return Evolved(elites, iterations)
