@@ -108,3 +108,33 @@ def tiny_files(folder: Path, horizon: int = 4, spread: float = 0.0) -> tuple[str
     text = TINY_INSTANCE.replace("_HORIZON", str(horizon)).replace("_SPREAD", str(spread))
     instance.write_text(text)
     return str(domain), str(instance)
+
+
+# a corridor with a prize beyond a trap: only who comes to a stop in the trap leaves it onwards
+CORRIDOR_DOMAIN = """
+domain corridor {
+    pvariables {
+        x : { state-fluent, real, default = 0.0 };
+        step : { action-fluent, real, default = 0.0 };
+        take : { action-fluent, bool, default = false };
+    };
+    cpfs { x' = if (x >= 2.0 ^ x <= 2.5 ^ step > 0.0) then 0.0 else max[0.0, x + step]; };
+    reward = (if (x > 4.0 ^ x < 4.2 ^ take) then 100.0 else 0.0) - 0.1 * take;
+    action-preconditions { step >= -1.0; step <= 1.0; };
+}
+"""
+CORRIDOR_INSTANCE = """
+non-fluents nf { domain = corridor; }
+instance one {
+    domain = corridor; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 20;
+    discount = 1.0;
+}
+"""
+
+
+def write_corridor(folder: Path) -> Problem:
+    """The corridor's problem: nothing but the prize is worth anything."""
+    domain, instance = folder / "corridor.rddl", folder / "one.rddl"
+    domain.write_text(CORRIDOR_DOMAIN)
+    instance.write_text(CORRIDOR_INSTANCE)
+    return load_problem(str(domain), str(instance))

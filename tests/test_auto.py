@@ -2,15 +2,18 @@
 
 import dataclasses
 import json
+import math
+import threading
 import time
 
 import jax
 import numpy as np
 import pytest
 from plan_command import refuse, run, write_problem
-from problems import tiny_files
+from problems import tiny_files, write_corridor
 
 from mdpo_rddl.auto import alternatives, descent, plan_automatically, probing, recipe
+from mdpo_rddl.auto.background import run_until
 from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.auto.recipe import scaled, without_scales
 from mdpo_rddl.errors import InputError
@@ -62,7 +65,7 @@ def no_gradient(monkeypatch):
     monkeypatch.setattr(descent, "train", refuse_to_train)
     # however slow the machine
     monkeypatch.setattr(descent, "_SHORTEST_SECONDS", -1e9)
-    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda self, until: True)
+    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)
 
 
 def test_probing_finds_units_and_scales(lake):
@@ -82,7 +85,8 @@ def test_probing_finds_units_and_scales(lake):
 def test_the_recipe_finds_a_good_policy(lake, monkeypatch):
     # however slow the machine
     monkeypatch.setattr(descent, "_SHORTEST_SECONDS", -1e9)
-    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda self, until: True)
+    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)
+    monkeypatch.setattr(recipe, "run_until", lambda task, until: run_until(task, math.inf))
     result = plan_automatically(lake, preset(20.0, shared_until=0.4, own_until=0.5), seed=0)
     returns = result.diagnostics["returns"]
     best = returns[result.diagnostics["chosen"]]
@@ -102,6 +106,40 @@ def test_without_a_gradient_the_search_has_to_do(lake, no_gradient, caplog):
     returns = result.diagnostics["returns"]
     assert returns[result.diagnostics["chosen"]] > returns["nothing"]
     assert "this model has no gradient" in caplog.text
+
+
+def test_where_nothing_earns_anything_it_explores(tmp_path, monkeypatch):
+    monkeypatch.setattr(recipe, "FeedbackSearch", None)  # not needed once a plan has earned
+    problem = write_corridor(tmp_path)
+    result = plan_automatically(problem, preset(10.0), seed=0)
+    assert result.diagnostics["returns"]["constant"] <= 0.0
+    assert result.diagnostics["returns"]["plan"] > 90.0
+    assert result.diagnostics["chosen"] in {"plan", "polished"}
+    assert result.diagnostics["search_iterations"]["plan"] > 10
+
+
+def test_where_exploring_finds_nothing_feedback_is_tried(tmp_path, monkeypatch):
+    monkeypatch.setattr(recipe.PlanSearch, "search", lambda self, params, **arguments: params)
+    result = plan_automatically(write_corridor(tmp_path), preset(6.0), seed=0)
+    returns = result.diagnostics["returns"]
+    assert {"plan", "shared weights", "polished"} <= set(returns)
+
+
+def test_a_gradient_that_takes_too_long_is_given_up(lake, monkeypatch, caplog):
+    released = threading.Event()
+
+    def slow(*arguments, work, **keywords):
+        released.wait(120.0)
+        work.go_on()
+
+    monkeypatch.setattr(recipe, "descend", slow)
+    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)
+    try:
+        result = plan_automatically(lake, preset(6.0), seed=0)
+    finally:
+        released.set()
+    assert "the gradient is given up" in caplog.text
+    assert result.diagnostics["returns"]["polished"] > result.diagnostics["returns"]["nothing"]
 
 
 def test_a_better_alternative_is_taken(lake, no_gradient, monkeypatch):
@@ -131,7 +169,7 @@ def test_an_interrupt_keeps_the_best_policy_so_far(lake, monkeypatch):
     def interrupted(*arguments, **keywords):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(recipe, "search_feedback", interrupted)
+    monkeypatch.setattr(recipe, "FeedbackSearch", interrupted)
     result = plan_automatically(lake, preset(3.0), seed=0)
     assert result.diagnostics["chosen"] in {"nothing", "constant"}
     monkeypatch.setattr(recipe._Recipe, "run", interrupted)
@@ -169,7 +207,7 @@ def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch)
     monkeypatch.setattr(recipe, "_FEWEST_POLICIES", 10**9)
     result = plan_automatically(lake, preset(5.0), seed=0)
     assert result.diagnostics["chosen"] == "constant"
-    assert result.diagnostics["search_iterations"] == {"shared": 0, "own": 0}
+    assert result.diagnostics["search_iterations"] == {"shared": 0, "own": 0, "plan": 0}
     assert result.diagnostics["returns"]["constant"] >= result.diagnostics["returns"]["nothing"]
 
 

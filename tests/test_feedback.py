@@ -1,5 +1,7 @@
 """The feedback policy as a function: its parts add up, and its gradient is cut where it says."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,16 @@ from problems import shipped
 from mdpo_rddl.feedback import Feedback, FeedbackShape
 
 KEY = jax.random.PRNGKey(0)
-SHAPE = FeedbackShape((5,), 2, True, {"rlevel": (100.0, 50.0)}, cut=True)
+HORIZON = 40
+SHAPE = FeedbackShape(
+    topology=(5,),
+    cosines=2,
+    plan=True,
+    horizon=HORIZON,
+    squares=True,
+    state_scales={"rlevel": (100.0, 50.0)},
+    cut=True,
+)
 
 
 def make(shape: FeedbackShape = SHAPE) -> Feedback:
@@ -36,7 +47,7 @@ def level(value: float = 175.0) -> dict[str, np.ndarray]:
 
 
 def test_the_initial_policy_does_nothing(feedback):
-    raw = feedback.raw(feedback.initial(KEY), level(), 0.5)
+    raw = feedback.raw(feedback.initial(KEY), level(), 20)
     np.testing.assert_array_equal(raw["release"], np.zeros(15))
 
 
@@ -62,7 +73,7 @@ def test_a_shared_weight_is_felt_by_every_object(feedback, name, expected):
     params = feedback.initial(KEY)
     index = feedback.names("release").index(name)
     params["shared"]["release"] = params["shared"]["release"].at[index].set(2.0)
-    raw = feedback.raw(params, level(), 0.25)
+    raw = feedback.raw(params, level(), 10)
     np.testing.assert_allclose(raw["release"], np.full(15, 2.0 * expected), rtol=1e-5)
 
 
@@ -71,7 +82,7 @@ def test_own_weights_are_one_objects(feedback):
     own = params["own"]["release"]
     own["bias"] = own["bias"].at[3].set(0.5)
     own["gain on rlevel"] = own["gain on rlevel"].at[4].set(2.0)
-    raw = np.asarray(feedback.raw(params, level(), 0.0)["release"])
+    raw = np.asarray(feedback.raw(params, level(), 0)["release"])
     assert raw[3] == 0.5
     assert raw[4] == 3.0
     assert np.count_nonzero(raw) == 2
@@ -83,25 +94,38 @@ def test_the_net_sees_the_whole_state(feedback):
     low = level(175.0)
     high = {"rlevel": low["rlevel"].copy()}
     high["rlevel"][7] = 150.0
-    one, other = (np.asarray(feedback.raw(params, s, 0.0)["release"]) for s in (low, high))
+    one, other = (np.asarray(feedback.raw(params, s, 0)["release"]) for s in (low, high))
     assert np.all(one != other)
 
 
 def test_states_far_away_are_cut_off(feedback):
     params = feedback.initial(KEY)
     params["shared"]["release"] = params["shared"]["release"].at[1].set(1.0)
-    np.testing.assert_array_equal(feedback.raw(params, level(1e9), 0.0)["release"], 10.0)
+    np.testing.assert_array_equal(feedback.raw(params, level(1e9), 0)["release"], 10.0)
 
 
 @pytest.mark.parametrize("cut", [True, False])
 def test_the_gradient_through_the_state_is_cut_if_asked(cut):
-    feedback = make(FeedbackShape((), 0, False, {}, cut))
+    linear = dataclasses.replace(
+        SHAPE, topology=(), cosines=0, plan=False, squares=False, state_scales={}, cut=cut
+    )
+    feedback = make(linear)
     params = feedback.initial(KEY)
     assert "net" not in params
     params["shared"]["release"] = params["shared"]["release"].at[1].set(1.0)
 
     def total(value):
-        return jnp.sum(feedback.raw(params, {"rlevel": value}, 0.0)["release"])
+        return jnp.sum(feedback.raw(params, {"rlevel": value}, 0)["release"])
 
     gradient = jax.grad(total)(jnp.ones(15))
     np.testing.assert_array_equal(gradient, np.zeros(15) if cut else np.ones(15))
+
+
+def test_a_plan_is_played_at_its_steps(feedback):
+    params = feedback.initial(KEY)
+    assert params["plan"]["release"].shape == (HORIZON, 15)
+    params["plan"]["release"] = params["plan"]["release"].at[7, 3].set(0.5)
+    for step, expected in ((6, 0.0), (7, 0.5), (8, 0.0)):
+        raw = np.asarray(feedback.raw(params, level(), step)["release"])
+        assert raw[3] == expected
+        assert np.count_nonzero(raw) == (expected != 0.0)

@@ -1,5 +1,7 @@
 """The feedback policy as a plan: legal actions of every kind, and how a configuration names it."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,9 +13,11 @@ from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.feedback_plan import FeedbackPlan
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.restarts import PerRestart
-from mdpo_rddl.noise import ConstantNoise
+from mdpo_rddl.noise import AdaptiveNoise, ConstantNoise
+from mdpo_rddl.noise.sensitivity import step_sensitivity
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.problem import load_problem
+from mdpo_rddl.training import train
 
 KEY = jax.random.PRNGKey(0)
 DOMAIN = """
@@ -41,13 +45,14 @@ instance one {
 """
 
 
-def make(folder, limit="pos-inf", **arguments):
+def make(folder, limit="pos-inf", noise=None, **arguments):
     domain, instance = folder / "d.rddl", folder / "i.rddl"
     domain.write_text(DOMAIN)
     instance.write_text(INSTANCE.replace("LIMIT", str(limit)))
     plan = FeedbackPlan(topology=[3], **arguments)
     problem = load_problem(str(domain), str(instance))
-    return MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
+    sizes = {"batch_size_train": 1, "batch_size_test": 1}
+    return MDPOPlanner(problem.model, plan, pgpe=None, noise=noise, **sizes)
 
 
 def act(planner, params):
@@ -185,3 +190,34 @@ def test_restarts_can_start_from_different_policies(tmp_path):
     )
     bias = callback["params"]["own"]["push"]["bias"]
     np.testing.assert_allclose(bias, [[0.0, 0.0], [0.3, 0.3]], atol=1e-6)
+
+
+def test_the_last_update_stands_in_for_the_analysis(tmp_path):
+    planner = make(tmp_path, noise=AdaptiveNoise(0.0, 0.1, analysis_samples=0), plan=True)
+    generator = planner.optimize_generator(
+        key=KEY, epochs=3, print_summary=False, print_progress=False, print_hyperparams=False
+    )
+    logs = [callback["train_log"] for callback in generator]
+    # nothing is known before the first update, and so nothing is perturbed
+    np.testing.assert_array_equal(logs[0]["sensitivity"], np.zeros((1, 3)))
+    np.testing.assert_array_equal(logs[0]["sigma"], np.zeros((1, 3)))
+    for before, after in itertools.pairwise(logs):
+        gradients = planner.plan.action_gradients(jax.tree.map(lambda g: g[0], before["grad"]))
+        expected = step_sensitivity(gradients)
+        np.testing.assert_allclose(after["sensitivity"][0], expected, rtol=1e-5)
+    assert np.max(logs[-1]["sigma"]) > 0.09
+
+
+def test_a_plan_that_cannot_say_needs_rollouts(tmp_path):
+    planner = make(tmp_path, noise=AdaptiveNoise(0.0, 0.1, analysis_samples=0), plan=False)
+    with pytest.raises(InputError, match="by rollouts only"):
+        train(planner, key=KEY, iterations=2, seconds=10.0)
+
+
+def test_a_plan_is_one_step_shorter_after_a_decision(tmp_path):
+    plan = make(tmp_path, plan=True).plan
+    params = plan.initializer(KEY, {}, None)
+    params["plan"]["push"] = jnp.arange(9.0).reshape(3, 3)
+    later = plan.guess_next_epoch(params)
+    np.testing.assert_array_equal(later["plan"]["push"][:, 0], [3.0, 6.0, 6.0])
+    assert later["shared"] is params["shared"]

@@ -91,7 +91,7 @@ def test_constant_and_no_noise():
 
 
 def test_adaptive_noise_without_gradients_is_refused():
-    with pytest.raises(ValueError, match="analysis rollout"):
+    with pytest.raises(ValueError, match="needs the gradients of an analysis"):
         AdaptiveNoise().profile(None, (), 4)
 
 
@@ -133,7 +133,7 @@ def test_profiles_vectorise_over_the_rule_itself():
         (AdaptiveNoise, {"quantile": 0.0}, "quantile must be above 0"),
         (AdaptiveNoise, {"quantile": 1.1}, "quantile must be at most 1"),
         (AdaptiveNoise, {"regularization": 0.0}, "regularization must be above 0"),
-        (AdaptiveNoise, {"analysis_samples": 0}, "analysis_samples must be at least 1"),
+        (AdaptiveNoise, {"analysis_samples": -1}, "analysis_samples must be at least 0"),
         (AdaptiveNoise, {"analysis_samples": 1.5}, "analysis_samples must be an integer"),
     ],
 )

@@ -58,7 +58,7 @@ def run_until(task: Callable[[Work], None], until: float) -> bool:
     def run() -> None:
         try:
             task(work)
-        except BaseException as error:  # noqa: BLE001 - it is raised where the task is waited for
+        except BaseException as error:  # raised where the task is waited for
             raised.append(error)
 
     thread = threading.Thread(target=run, name="mdpo-rddl work")

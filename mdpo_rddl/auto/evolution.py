@@ -1,5 +1,6 @@
 """Search for an open-loop plan: the best plans so far, changed here and there."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,6 +22,21 @@ _PATIENCE = 0.3
 
 
 @dataclass(frozen=True)
+class Goal:
+    """What a search is after.
+
+    Attributes:
+      until: when to end, by `time.monotonic`.
+      bar: what a plan must earn more than for an exploration to end.
+      rival: the search ends early if at its pace it would not earn so much in time.
+    """
+
+    until: float
+    bar: float
+    rival: float = -math.inf
+
+
+@dataclass(frozen=True)
 class Evolved:
     """What an evolution found.
 
@@ -37,12 +53,10 @@ def evolve(
     evaluate: Evaluate,
     start: np.ndarray,
     layout: Layout,
+    goal: Goal,
     *,
     population: int,
     begin: int,
-    until: float,
-    bar: float,
-    rival: float,
     archive: Archive | None,
     random: np.random.Generator,
 ) -> Evolved:
@@ -56,20 +70,18 @@ def evolve(
       evaluate: see `Evaluate`.
       start: the first plans [E, H, D].
       layout: of the plans.
+      goal: see `Goal`.
       population: plans P of an iteration.
       begin: number of the first iteration.
-      until: when to end, by `time.monotonic`.
-      bar: what a plan must earn more than for the exploration to end.
-      rival: ends early if at its pace it would not earn so much in time.
       archive: of cells; None for no exploration, whatever the bar.
       random: generator.
     """
     elites, best, found, iterations = start, -np.inf, archive is None, 0
     begun = time.monotonic()
     checked, earlier = begun, -np.inf
-    while (now := time.monotonic()) < until:
-        if found and best < rival and now - checked > _PATIENCE * (until - begun):
-            if best + (best - earlier) / (now - checked) * (until - now) < rival:
+    while (now := time.monotonic()) < goal.until:
+        if found and best < goal.rival and now - checked > _PATIENCE * (goal.until - begun):
+            if best + (best - earlier) / (now - checked) * (goal.until - now) < goal.rival:
                 break
             checked, earlier = now, best
         children = mutants(elites, population - len(elites), layout, random)
@@ -85,7 +97,7 @@ def evolve(
         if not iterations:  # which may have compiled
             begun, checked, earlier = time.monotonic(), time.monotonic(), best
         iterations += 1
-        found = found or best > bar
+        found = found or best > goal.bar
         if archive is not None and not found:
             archive.add(plans, visited())
     return Evolved(elites, iterations)

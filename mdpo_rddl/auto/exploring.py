@@ -49,19 +49,17 @@ class Archive:
           states: per observed fluent what each plan saw after each step [P, H, *shape].
         """
         count, horizon = plans.shape[:2]
-        cells = np.concatenate(
-            [
-                self._cell(name, values).reshape(count * horizon, -1)
-                for name, values in states.items()
-            ],
-            axis=1,
-        )
-        whole = np.ascontiguousarray(cells).view(np.dtype((np.void, cells.shape[1]))).ravel()
-        # the first place is the earliest step of the first plan
+        # in the order of the steps, so that a cell's first place is the earliest step
+        cells = [
+            np.swapaxes(self._cell(name, values), 0, 1).reshape(horizon * count, -1)
+            for name, values in states.items()
+        ]
+        joined = np.ascontiguousarray(np.concatenate(cells, axis=1))
+        whole = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
         unique, first = np.unique(whole, return_index=True)
         kept: dict[int, np.ndarray] = {}
         for cell, place in zip(unique.tolist(), first.tolist(), strict=True):
-            row, step = divmod(place, horizon)
+            step, row = divmod(place, count)
             known = self._cells.get(cell)
             if known is not None and self._prefixes[known][1] <= step + 1:
                 continue

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.auto.evolution import Evaluation, evolve
+from mdpo_rddl.auto.evolution import Evaluation, Goal, evolve
 from mdpo_rddl.auto.exploring import Archive
 from mdpo_rddl.auto.plans import layout_of
 from mdpo_rddl.auto.probing import Probe
@@ -83,11 +83,9 @@ class PlanSearch:
             evaluate,
             start[np.newaxis],
             layout,
+            Goal(until, self.bar, rival),
             population=self._population,
             begin=self.iterations,
-            until=until,
-            bar=self.bar,
-            rival=rival,
             archive=self._archive if exploring else None,
             random=self._random,
         )

@@ -90,7 +90,7 @@ def _change(
 ) -> None:
     horizon = len(plan)
     # every fluent is as likely, however many objects it has
-    places = layout.places[random.integers(len(layout.places))]
+    places = layout.places[int(random.integers(len(layout.places)))]
     place = int(random.integers(places.start, places.stop))
     length = math.ceil(horizon ** random.random())
     begin = int(random.integers(1 - length, horizon))

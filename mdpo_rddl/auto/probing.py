@@ -79,9 +79,9 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
             lambda *leaves: jnp.stack(leaves), *[with_bias(params, s) for s in starts]
         )
         found, states = play(key, batch)
-        found = np.asarray(found, float)
-        spreads.append(float(np.max(np.ptp(found, axis=1))))
-        means = np.mean(found, axis=1)
+        each = np.asarray(found, float)
+        spreads.append(float(np.max(np.ptp(each, axis=1))))
+        means = np.mean(each, axis=1)
         return np.where(np.isfinite(means), means, -np.inf), states
 
     nothing = {name: np.zeros(shape) for name, shape in shapes.items()}

@@ -61,7 +61,7 @@ class FeedbackPlan(JaxPlan):
         # at most so many bools that are not at their default, all fluents together
         self.concurrency: list[GroupLimit] = []
         self.probabilities: Callable[..., dict[str, Array]] | None = None
-        # gradient of the parameters -> that of the raw actions [..., H, *shape], as noise meets them
+        # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
         self.action_gradients: Callable[[Params], dict[str, Array]] | None = None
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:

@@ -77,8 +77,8 @@ class AdaptiveNoise(ActionNoise):
         del horizon
         if gradients is None:
             raise ValueError(
-                "adaptive noise needs the gradients of an analysis, which this plan gives by rollouts "
-                "only (analysis_samples of at least 1)"
+                "adaptive noise needs the gradients of an analysis, which this plan gives "
+                "by rollouts only (analysis_samples of at least 1)"
             )
         sensitivity = step_sensitivity(gradients)
         relative = normalised_sensitivity(sensitivity, self.quantile, self.regularization)

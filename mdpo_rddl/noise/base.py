@@ -73,8 +73,8 @@ class ActionNoise(abc.ABC):
 
         Args:
           gradients: per action fluent, the gradient of the return with respect to the raw
-            action at each step [H, *action shape]. If `analysis_samples` is 0, of the update before, where the
-            plan can tell (zeros before the first), else None.
+            action at each step [H, *action shape]. If `analysis_samples` is 0, that of the
+            update before (zeros before the first) where the plan can tell it, else None.
           state: the state that the last call returned, or `initial_state`.
           horizon: number of steps H.
 
