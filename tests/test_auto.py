@@ -18,6 +18,7 @@ from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.auto.recipe import scaled, without_scales
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.auto import COLUMNS, KEYS, auto_table, run_auto
+from mdpo_rddl.experiments.auto_variants import VARIANTS
 from mdpo_rddl.experiments.records import Records
 from mdpo_rddl.jaxplan.feedback_plan import FeedbackPlan
 from mdpo_rddl.planning import build_planner
@@ -247,6 +248,16 @@ def test_the_measurement_goes_on_and_its_table_compares(tmp_path, monkeypatch):
     assert again.rows == records.rows
     with pytest.raises(InputError, match="unknown problem 'powergen8'"):
         run_auto(out, ["powergen8"], ["expert"], seeds=1, seconds=1.0, episodes=2)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_variant_is_a_configuration_of_its_own(variant, lake):
+    config = VARIANTS[variant](auto_preset("toy")).without_section("Search")
+    found = probing.Probe({"pump": 1.0}, {"depth": (0.0, 1.0)}, 0.0, {}, 0.0, False, None)
+    planner, _ = build_planner(lake, scaled(config, found))
+    assert isinstance(planner.plan, FeedbackPlan)
+    others = [change(auto_preset("toy")) for name, change in VARIANTS.items() if name != variant]
+    assert VARIANTS[variant](auto_preset("toy")) not in others
 
 
 def test_the_table_worked_by_hand(tmp_path):

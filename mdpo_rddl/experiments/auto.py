@@ -14,6 +14,7 @@ from scipy import special
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.evaluation import Policy, evaluate
+from mdpo_rddl.experiments.auto_variants import VARIANTS
 from mdpo_rddl.experiments.experts import expert
 from mdpo_rddl.experiments.jaxplan_baseline import train_baseline
 from mdpo_rddl.experiments.records import Records
@@ -36,7 +37,7 @@ COLUMNS = (
     "returns",
 )
 KEYS = COLUMNS[:3]
-PLANNERS = ("expert", "auto", "jaxplan-slp", "jaxplan-drp")
+PLANNERS = ("expert", *VARIANTS, "jaxplan-slp", "jaxplan-drp")
 # of the episodes, far from any training seed
 _EVALUATION_SEED = 2023
 
@@ -56,7 +57,8 @@ def run_auto(
       problems: names of settings, or "Problem:instance" of rddlrepository.
       planners: of `PLANNERS`; the expert needs no seed and plays once.
       seeds: training seeds of each planner.
-      seconds: of each training; with `auto` compilation counts, with JaxPlan it does not.
+      seconds: of each training; with `auto` and its variants compilation counts, with JaxPlan
+        it does not.
       episodes: on the exact environment, the same for all planners.
     """
     conditions = {"seconds": seconds, "episodes": episodes}
@@ -93,8 +95,9 @@ def _try(
     last: Any = ""
     if planner == "expert":
         policy, chosen = expert(problem), ""
-    elif planner == "auto":
-        config = auto_preset(problem.domain_name).with_values("Optimize", train_seconds=seconds)
+    elif planner in VARIANTS:
+        config = VARIANTS[planner](auto_preset(problem.domain_name))
+        config = config.with_values("Optimize", train_seconds=seconds)
         result = plan_automatically(problem, config, seed=seed)
         training, chosen = result.training, result.diagnostics["chosen"]
         hyperparams = training.policy_hyperparams
@@ -111,7 +114,7 @@ def _try(
 
     trained_for = round(time.perf_counter() - started, 1)
     returns = play(policy)
-    if planner == "auto":
+    if planner in VARIANTS:
         last = play(playable(result.planner, training.last_params, hyperparams, seed)).mean()
     text = json.dumps([round(value, 4) for value in returns.tolist()])
     return float(returns.mean()), last, trained_for, chosen, text
