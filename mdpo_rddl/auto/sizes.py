@@ -8,7 +8,9 @@ import numpy as np
 from mdpo_rddl.jaxplan.exact import step_bytes
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 
-_AT_ONCE_BYTES = 10**8
+# what one step of a search's rollouts may hold: more takes too long rather than too much memory
+_AT_ONCE_BYTES = 10**7
+_PLANS_BYTES = 10**8
 
 PLANS = 128
 """Rollouts of open-loop plans in one iteration of the search for them."""
@@ -32,7 +34,7 @@ _SIZES = (Size(32, 4, None), Size(32, 1, None), Size(8, 1, 1))
 
 
 def fitting_size(planner: MDPOPlanner) -> Size:
-    """The largest search whose step fits into memory with ease.
+    """The largest search whose step is small enough.
 
     Args:
       planner: with a `FeedbackPlan`.
@@ -55,4 +57,4 @@ def plans_fit(planner: MDPOPlanner) -> bool:
     """
     shapes = planner.plan.feedback.action_shapes.values()
     actions = sum(math.prod(shape) for shape in shapes)
-    return PLANS * planner.horizon * actions * np.dtype(np.float32).itemsize <= _AT_ONCE_BYTES
+    return PLANS * planner.horizon * actions * np.dtype(np.float32).itemsize <= _PLANS_BYTES
