@@ -2,12 +2,16 @@
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
 2. The few weights that all objects share are searched for without a gradient on the exact
-   return, which neither flat regions nor cliffs stop; then each object's own weights.
+   return, which neither flat regions nor cliffs stop; then an open-loop plan, or each object's own
+   weights if the plan is no match for the rule.
 3. MDPO follows the relaxed model's gradient from there and from the best constant action, with
    several step sizes side by side, in phases, each from the best policy so far.
 4. Another search around the best policy evens out what the relaxed model has wrong.
 5. Meanwhile, in a second process, JaxPlan's default planners have their try.
 6. Whatever earns most in fresh exact rollouts is the result.
+
+Where no constant action and no random rule earns anything, 2 to 4 are a search for a plan that
+explores.
 """
 
 import contextlib
@@ -31,6 +35,7 @@ from mdpo_rddl.auto.searching import FeedbackSearch
 from mdpo_rddl.auto.sizes import plans_fit
 from mdpo_rddl.budgets import JAXPLAN_SECONDS
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.feedback import Params
 from mdpo_rddl.jaxplan.config import PlannerConfig
 from mdpo_rddl.jaxplan.missing import missing_package
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
@@ -44,6 +49,8 @@ logger = logging.getLogger(__name__)
 _ROLLOUTS, _FEW_ROLLOUTS = 128, 2
 _PROBING_SEED = 0
 _OWN_SIGMA, _POLISHING_SIGMA = 0.03, 0.01
+# of the time for the shared weights: random rules
+_WIDE_SHARE = 0.25
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
 # the gradient's program takes longer to compile than the search's, and an iteration longer than
@@ -171,57 +178,63 @@ class _Recipe:
         choice.add("nothing", self._nothing)
         choice.add("constant", self._constant)
         self._on_stage("searching")
+        shared = self._budget.shared_until
+        self.searched = FeedbackSearch(
+            self._planner, self._nothing, self._seed, self._until(shared)
+        )
+        choice.add("random rule", self.searched.wide(self._until(_WIDE_SHARE * shared)))
         plans = self._plans
         if plans is not None and choice.best_mean <= plans.bar:
-            self._explore(plans)
+            self._explore(plans, self.searched)
         else:
-            self._improve()
+            self._improve(self.searched)
 
     def _until(self, share: float) -> float:
         """The end of a share of the time that is left now."""
         now = time.monotonic()
         return now + share * (self._deadline - now)
 
-    def _explore(self, plans: PlanSearch) -> None:
-        """For problems in which no constant action earns more than doing nothing.
+    def _explore(self, plans: PlanSearch, searched: FeedbackSearch) -> None:
+        """For problems in which neither a constant nor a random rule earns more than nothing.
 
         Where there is nothing to earn nearby there is no gradient to follow either.
         """
-        choice = self.choice
-        plan = plans.search(
-            self._nothing, until=self._until(self._budget.own_until), exploring=True
-        )
-        choice.add("plan", plan)
+        choice, budget = self.choice, self._budget
+        until = self._until(budget.own_until)
+        plan = plans.search(self._nothing, until=until, exploring=True)
+        has_plan = choice.add("plan", plan)
         if choice.best_mean <= plans.bar or not self._found.deterministic:
-            until = self._until(self._budget.shared_until)
-            self.searched = FeedbackSearch(self._planner, self._nothing, self._seed, until)
-            choice.add("shared weights", self.searched.shared(until))
+            rule = searched.shared(self._until(budget.shared_until))
+            has_plan &= not choice.add("shared weights", rule)
         self._on_stage("polishing")
-        is_flat = choice.best_mean <= plans.bar
-        start = plan if is_flat else choice.best
-        self.last = plans.search(start, until=self._deadline, exploring=is_flat)
+        if choice.best_mean <= plans.bar:
+            self.last = plans.search(plan, until=self._deadline, exploring=True)
+        else:
+            self.last = self._polish(searched, has_plan)
         choice.add("polished", self.last)
 
-    def _improve(self) -> None:
-        """For problems in which some constant action earns more than doing nothing."""
+    def _improve(self, searched: FeedbackSearch) -> None:
+        """For problems in which a constant or a random rule earns more than doing nothing."""
         choice, budget = self.choice, self._budget
         shares = budget.shared_until, budget.own_until, budget.gradient_until
         shared, own, gradient = (self._until(share) for share in shares)
-        self.searched = FeedbackSearch(self._planner, self._nothing, self._seed, shared)
-        rule = self.searched.shared(shared)
+        rule = searched.shared(shared)
         choice.add("shared weights", rule)
         has_plan = self._search_plan(own)
         if not has_plan:
-            choice.add("own weights", self.searched.around(rule, _OWN_SIGMA, own))
-        if self._has_time_for_the_gradient(self.searched, gradient):
+            choice.add("own weights", searched.around(rule, _OWN_SIGMA, own))
+        if self._has_time_for_the_gradient(searched, gradient):
             self._on_stage("compiling")
             self._follow_the_gradient(gradient)
         self._on_stage("polishing")
-        if self._plans is not None and has_plan:
-            self.last = self._plans.search(choice.best, until=self._deadline)
-        else:
-            self.last = self.searched.around(choice.best, _POLISHING_SIGMA, self._deadline)
+        self.last = self._polish(searched, has_plan)
         choice.add("polished", self.last)
+
+    def _polish(self, searched: FeedbackSearch, has_plan: bool) -> Params:
+        """Around the best policy: its plan, if that is what made it the best, or its weights."""
+        if self._plans is not None and has_plan:
+            return self._plans.search(self.choice.best, until=self._deadline)
+        return searched.around(self.choice.best, _POLISHING_SIGMA, self._deadline)
 
     def _search_plan(self, until: float) -> bool:
         """Whether a plan is better than the best so far; given up early if it will not be."""

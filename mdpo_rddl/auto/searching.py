@@ -69,6 +69,8 @@ class FeedbackSearch:
         """
         self._planner, self._params, self._seed = planner, params, seed
         self._earn = _compile(planner, params, seed, until)
+        self._simple = weights_of(params, ["shared"], _simple(planner))
+        self._start = self._simple.start
         self.shared_iterations = self.own_iterations = 0
 
     @property
@@ -81,13 +83,17 @@ class FeedbackSearch:
         """Of the population's program."""
         return self._earn.compile_seconds
 
+    def wide(self, until: float) -> Params:
+        """The best of many random simple rules, from which `shared` goes on."""
+        found, earned = _search_wide(self._earn, self._simple, until, self._seed)
+        self._start = found[np.argmax(earned)]
+        return self._simple.into(self._start)
+
     def shared(self, until: float) -> Params:
         """The policy with the best shared weights: first of a simple rule, then all of them."""
-        earn, seed = self._earn, self._seed
-        simple = weights_of(self._params, ["shared"], _simple(self._planner))
-        wide, earned = _search_wide(earn, simple, _share(until, 4), seed)
-        found = [wide[np.argmax(earned)]]
-        for number, start in enumerate([found[0], simple.start]):
+        earn, simple = self._earn, self._simple
+        found = [self._start]
+        for number, start in enumerate([self._start, simple.start]):
             found.append(self._adapt(simple, start, _SHARED_SIGMA, _share(until, 4 - number)))
         every = weights_of(self._params, ["shared"])
         refined = weights_of(simple.into(_best(earn, simple, found)), ["shared"])

@@ -109,13 +109,17 @@ def _remarks(root: Path) -> str:
         raise InputError(f"{path}: cannot be read: {error}") from error
 
 
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def _terms(conditions: Mapping[str, Any]) -> str:
     text = (
         f"{conditions['trials']} trials an instance, {conditions['plan_seconds']:g} s to prepare "
         f"and {conditions['trial_seconds']:g} s a trial, at most {conditions['memory_gb']:g} GB, "
-        f"{conditions['cores']} cores, seed {conditions['seed']}. A normalised score is 0 at the "
-        "better one of noop and random and 1 at the best planner of this run; a failed trial "
-        "makes it 0. "
+        f"{_counted(conditions['cores'], 'core')}, seed {conditions['seed']}. A normalised score "
+        "is 0 at the better one of noop and random and 1 at the best planner of this run; a failed "
+        "trial makes it 0. "
     )
     if conditions["lenient"]:
         return text + (
