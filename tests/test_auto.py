@@ -12,7 +12,7 @@ import pytest
 from plan_command import refuse, run, write_problem
 from problems import tiny_files, write_corridor
 
-from mdpo_rddl.auto import alternatives, descent, plan_automatically, probing, recipe
+from mdpo_rddl.auto import alternatives, descent, plan_automatically, probing, recipe, sizes
 from mdpo_rddl.auto.background import run_until
 from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.auto.recipe import scaled, without_scales
@@ -136,6 +136,17 @@ def test_where_exploring_finds_nothing_feedback_is_tried(tmp_path, monkeypatch):
     result = plan_automatically(write_corridor(tmp_path), preset(6.0), seed=0)
     returns = result.diagnostics["returns"]
     assert {"plan", "shared weights", "polished"} <= set(returns)
+
+
+def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch):
+    bare, _ = build_planner(lake, without_scales(preset(1.0)))
+    assert sizes.plans_fit(bare)
+    monkeypatch.setattr(sizes, "_PLANS_BYTES", 8 * 4 * sizes.PLANS - 1)
+    result = plan_automatically(lake, preset(4.0), seed=0)
+    assert "plan" not in result.diagnostics["returns"]
+    # then nothing but rollouts can say how the return answers to an action
+    assert result.config.section("Noise")["analysis_samples"] == 1
+    assert result.config.section("Planner")["method_kwargs"]["plan"] is False
 
 
 def test_a_gradient_that_takes_too_long_is_given_up(lake, monkeypatch, caplog):
