@@ -15,7 +15,7 @@ from problems import tiny_files, write_corridor
 from mdpo_rddl.auto import alternatives, descent, plan_automatically, probing, recipe, sizes
 from mdpo_rddl.auto.background import run_until
 from mdpo_rddl.auto.choice import Choice
-from mdpo_rddl.auto.recipe import scaled, without_scales
+from mdpo_rddl.auto.fitting import scaled, without_scales
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.experiments.auto import COLUMNS, KEYS, auto_table, run_auto
 from mdpo_rddl.experiments.auto_variants import VARIANTS

@@ -122,7 +122,7 @@ def test_an_unknown_name(old: str, new: str, said: str) -> None:
         ("alpha=0.5", "quantile=0", "[Noise] quantile must be above 0, got 0"),
         ("alpha=0.5", "quantile=1.01", "[Noise] quantile must be at most 1, got 1.01"),
         ("alpha=0.5", "regularization=0.0", "[Noise] regularization must be above 0, got 0"),
-        ("alpha=0.5", "analysis_samples=0", "[Noise] analysis_samples must be at least 1, got 0"),
+        ("alpha=0.5", "analysis_samples=-1", "[Noise] analysis_samples must be at least 0, got -1"),
         ("alpha=0.5", "analysis_samples=1.5", "[Noise] analysis_samples must be an integer, got "),
         ("_weight=20", "_weight=0", "[Compiler] sigmoid_weight: must be a positive number, got 0"),
         ("_weight=20", "_weight='a'", "[Compiler] sigmoid_weight: must be a positive number, got "),

@@ -9,10 +9,10 @@ from problems import write_corridor
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto.evolution import Goal, evolve
 from mdpo_rddl.auto.exploring import Archive
+from mdpo_rddl.auto.fitting import scaled, without_scales
 from mdpo_rddl.auto.plan_search import PlanSearch
 from mdpo_rddl.auto.plans import layout_of, mutants, random_values
 from mdpo_rddl.auto.probing import probe
-from mdpo_rddl.auto.recipe import scaled, without_scales
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets.auto import auto_preset
 

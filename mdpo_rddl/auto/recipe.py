@@ -29,6 +29,7 @@ from mdpo_rddl.auto.alternatives import Alternative, Alternatives
 from mdpo_rddl.auto.background import Work, run_until
 from mdpo_rddl.auto.choice import Choice
 from mdpo_rddl.auto.descent import Descent, descend
+from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.plan_search import PlanSearch
 from mdpo_rddl.auto.probing import Probe, probe, with_bias
 from mdpo_rddl.auto.searching import FeedbackSearch
@@ -311,42 +312,3 @@ def _one_line_errors(problem: Problem) -> Iterator[None]:
     except Exception as error:
         cause = missing_package(error) or " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{problem.instance_path}: cannot be planned: {cause}") from error
-
-
-def without_scales(config: PlannerConfig) -> PlannerConfig:
-    """The configuration for probing: no net, states as they are, units of 1 without a box."""
-    return simplified(config)
-
-
-def simplified(config: PlannerConfig) -> PlannerConfig:
-    """The configuration for a problem of many objects: no net, and few features."""
-    return without_plan(_with_plan(config, topology=[], cosines=0, squares=False))
-
-
-def without_plan(config: PlannerConfig) -> PlannerConfig:
-    """The configuration without an open-loop plan, for which noise needs an analysis of its own."""
-    config = _with_plan(config, plan=False)
-    if "analysis_samples" not in config.section("Noise"):
-        return config
-    return config.with_values("Noise", analysis_samples=1)
-
-
-def scaled(config: PlannerConfig, found: Probe) -> PlannerConfig:
-    """The configuration with the scales that probing found."""
-    # a centre is as exact as its scale makes a difference
-    scales = {
-        name: [float(np.round(center / scale, 3) * _short(scale)), _short(scale)]
-        for name, (center, scale) in found.state_scales.items()
-    }
-    units = {name: _short(value) for name, value in found.units.items()}
-    return _with_plan(config, state_scales=scales, units=units)
-
-
-def _with_plan(config: PlannerConfig, **values: Any) -> PlannerConfig:
-    arguments = {**config.section("Planner").get("method_kwargs", {}), **values}
-    return config.with_values("Planner", method_kwargs=arguments)
-
-
-def _short(value: float) -> float:
-    """Four digits are enough for a scale that people may read."""
-    return float(f"{value:.4g}")

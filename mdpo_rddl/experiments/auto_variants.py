@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from mdpo_rddl.auto.recipe import without_plan
+from mdpo_rddl.auto.fitting import without_plan
 from mdpo_rddl.jaxplan.config import PlannerConfig
 
 # a search must have some time, if only to compile

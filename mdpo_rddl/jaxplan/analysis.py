@@ -1,6 +1,7 @@
 """The analysis pass: how the return answers to the action at each step."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -54,3 +55,17 @@ def compile_analysis(
         return summed
 
     return analyse
+
+
+def mean_loss(planner: Any) -> Callable:
+    """JaxPlan's training loss with the mean as its utility, as the sensitivity is defined.
+
+    Args:
+      planner: whose rollouts are compiled.
+    """
+    utility, utility_kwargs = planner.utility, planner.utility_kwargs
+    planner.utility, planner.utility_kwargs = jnp.mean, {}
+    try:
+        return planner._jax_loss(planner.train_rollouts)
+    finally:
+        planner.utility, planner.utility_kwargs = utility, utility_kwargs

@@ -1,6 +1,7 @@
 """One iteration of MDPO: analyse, draw the noise, and let JaxPlan's update follow it."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ from jax import random
 
 from mdpo_rddl.actions import ActionSpec
 from mdpo_rddl.jaxplan.rollout import PerturbedModel
+from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.noise.draws import draw_perturbation
 from mdpo_rddl.staging import with_fast_random_numbers
 
@@ -81,3 +83,13 @@ def noisy_update(
         return (*result[:3], opt_aux, aux, log, *result[6:])
 
     return update
+
+
+def sensed_gradients(plan: Any, noise: ActionNoise) -> Callable | None:
+    """What takes the raw actions' gradients from the parameters', for a rule without an analysis.
+
+    Args:
+      plan: says so by a function `action_gradients`; most have none.
+      noise: the rule.
+    """
+    return None if noise.analysis_samples else getattr(plan, "action_gradients", None)

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 
 from mdpo_rddl.actions import ActionSpec
 from mdpo_rddl.jaxplan.acting import ActingPlanner
-from mdpo_rddl.jaxplan.analysis import compile_analysis
+from mdpo_rddl.jaxplan.analysis import compile_analysis, mean_loss
 from mdpo_rddl.jaxplan.calls import Calls
-from mdpo_rddl.jaxplan.noisy_update import noisy_update
+from mdpo_rddl.jaxplan.noisy_update import noisy_update, sensed_gradients
 from mdpo_rddl.jaxplan.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -220,9 +220,10 @@ class MDPOPlanner(ActingPlanner):
     def _with_noise(self, opt_aux: dict[str, Any], params: Any, state: Any) -> dict[str, Any]:
         """What the noisy update carries on, beside what JaxPlan's does."""
         opt_aux = {**opt_aux, "noise": (self._restarts.rules(self._broadcast_pytree), state)}
-        if self._sensed is None:
+        sensed = sensed_gradients(self.plan, self.noise)
+        if sensed is None:
             return opt_aux
-        return {**opt_aux, "sensed": jax.tree.map(jnp.zeros_like, self._sensed(params))}
+        return {**opt_aux, "sensed": jax.tree.map(jnp.zeros_like, sensed(params))}
 
     def _with_call(self, opt_aux: dict[str, Any], params: Any, is_warm: bool) -> dict[str, Any]:
         if not self.in_calls:
@@ -276,7 +277,7 @@ class MDPOPlanner(ActingPlanner):
         update = noisy_update(
             plain_update,
             self._jax_analysis() if self.noise.analysis_samples else None,
-            self._sensed,
+            sensed_gradients(self.plan, self.noise),
             self.action_specs,
             horizon=self.horizon,
             batch_size=self.batch_size_train,
@@ -285,31 +286,14 @@ class MDPOPlanner(ActingPlanner):
         )
         return jax.jit(update)
 
-    @property
-    def _sensed(self) -> Callable | None:
-        """Takes the raw actions' gradients from the parameters', where they stand in for those
-        of an analysis."""
-        if self.noise.analysis_samples or not self.is_noisy:
-            return None
-        return getattr(self.plan, "action_gradients", None)
-
     def _jax_analysis(self) -> Callable:
         return compile_analysis(
-            self._jax_mean_loss(),
+            mean_loss(self),
             self.action_specs,
             self.horizon,
             self.noise.analysis_samples,
             self.compiled.REAL,
         )
-
-    def _jax_mean_loss(self) -> Callable:
-        """JaxPlan's training loss with the mean as its utility, as the sensitivity is defined."""
-        utility, utility_kwargs = self.utility, self.utility_kwargs
-        self.utility, self.utility_kwargs = jnp.mean, {}
-        try:
-            return self._jax_loss(self.train_rollouts)
-        finally:
-            self.utility, self.utility_kwargs = utility, utility_kwargs
 
     def summarize_hyperparameters(self) -> str:
         """JaxPlan's summary, and the noise's."""

@@ -1,0 +1,47 @@
+"""The preset's configuration, fitted to a problem."""
+
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.jaxplan.config import PlannerConfig
+
+
+def without_scales(config: PlannerConfig) -> PlannerConfig:
+    """The configuration for probing: no net, states as they are, units of 1 without a box."""
+    return simplified(config)
+
+
+def simplified(config: PlannerConfig) -> PlannerConfig:
+    """The configuration for a problem of many objects: no net, and few features."""
+    return without_plan(_with_plan(config, topology=[], cosines=0, squares=False))
+
+
+def without_plan(config: PlannerConfig) -> PlannerConfig:
+    """The configuration without an open-loop plan, for which noise needs an analysis of its own."""
+    config = _with_plan(config, plan=False)
+    if "analysis_samples" not in config.section("Noise"):
+        return config
+    return config.with_values("Noise", analysis_samples=1)
+
+
+def scaled(config: PlannerConfig, found: Probe) -> PlannerConfig:
+    """The configuration with the scales that probing found."""
+    # a centre is as exact as its scale makes a difference
+    scales = {
+        name: [float(np.round(center / scale, 3) * _short(scale)), _short(scale)]
+        for name, (center, scale) in found.state_scales.items()
+    }
+    units = {name: _short(value) for name, value in found.units.items()}
+    return _with_plan(config, state_scales=scales, units=units)
+
+
+def _with_plan(config: PlannerConfig, **values: Any) -> PlannerConfig:
+    arguments = {**config.section("Planner").get("method_kwargs", {}), **values}
+    return config.with_values("Planner", method_kwargs=arguments)
+
+
+def _short(value: float) -> float:
+    """Four digits are enough for a scale that people may read."""
+    return float(f"{value:.4g}")
