@@ -15,6 +15,7 @@ from mdpo_rddl.auto.plans import layout_of, mutants, random_values
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.presets.auto import auto_preset
+from mdpo_rddl.problem import load_problem
 
 HORIZON = 12
 PLAN = {"push": np.zeros((HORIZON, 2, 3)), "on": np.zeros((HORIZON, 4))}
@@ -137,3 +138,24 @@ def test_a_hidden_prize_is_found(tmp_path):
         earned = evaluate(make_environment(problem), policy, episodes=1, seed=0).mean
         slices += 1
     assert earned > 90.0
+
+
+def test_without_a_state_there_is_nothing_to_explore(tmp_path):
+    domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
+    domain.write_text(
+        "domain bare { pvariables { push : { action-fluent, real, default = 0.0 }; };"
+        " cpfs { }; reward = -pow[push, 2];"
+        " action-preconditions { push >= -1.0; push <= 1.0; }; }"
+    )
+    instance.write_text(
+        "non-fluents nf { domain = bare; } instance one { domain = bare; non-fluents = nf;"
+        " max-nondef-actions = pos-inf; horizon = 5; discount = 1.0; }"
+    )
+    problem = load_problem(str(domain), str(instance))
+    config = auto_preset("toy").without_section("Search")
+    found = probe(build_planner(problem, without_scales(config))[0], seed=0)
+    planner, _ = build_planner(problem, scaled(config, found))
+    params = planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
+    search = PlanSearch(planner, found, seed=0)
+    search.search(params, until=time.monotonic() + 1.0, exploring=True)
+    assert search.iterations > 0

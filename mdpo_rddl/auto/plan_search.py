@@ -71,6 +71,7 @@ class PlanSearch:
         start = layout.vector(params["plan"])
         rest = {name: part for name, part in params.items() if name != "plan"}
         rest = jax.tree.map(self._repeated, rest)
+        exploring = exploring and bool(self._scales)  # without a state there is nowhere to go
         if exploring and self._archive is None:
             self._archive = Archive(layout, self._scales, self._seed)
 
