@@ -7,7 +7,8 @@ import pytest
 from problems import write_corridor
 
 from mdpo_rddl import evaluate, make_environment
-from mdpo_rddl.auto.evolution import Goal, evolve
+from mdpo_rddl.auto import plan_search
+from mdpo_rddl.auto.evolution import Evolved, Goal, evolve
 from mdpo_rddl.auto.exploring import Archive
 from mdpo_rddl.auto.fitting import scaled, without_scales
 from mdpo_rddl.auto.plan_search import PlanSearch
@@ -119,6 +120,62 @@ def test_evolution_gives_up_where_it_would_not_catch_up(rival, most):
     taken = time.monotonic() - begun
     assert taken < most * seconds
     assert taken > 0.2 * seconds
+
+
+@pytest.mark.parametrize("until_settled", [False, True])
+def test_evolution_ends_where_nothing_more_is_gained_if_it_shall(until_settled):
+    def evaluate(iteration, plans):
+        # as much as there is to gain is gained at once
+        return np.where(np.any(plans != 0.0, axis=(1, 2)), 5.0, 0.0), dict
+
+    begun = time.monotonic()
+    result = evolve(
+        evaluate,
+        np.zeros((1, HORIZON, 10), np.float32),
+        LAYOUT,
+        Goal(
+            until=begun + (60.0 if until_settled else 1.0), bar=-np.inf, until_settled=until_settled
+        ),
+        population=16,
+        begin=0,
+        archive=None,
+        random=generator(),
+    )
+    assert result.settled is until_settled
+    assert result.best == 5.0
+    if until_settled:
+        assert result.iterations < 300
+
+
+def test_a_search_begins_again_where_it_has_settled(tmp_path, monkeypatch):
+    found, planner, params = corridor_plans(tmp_path)
+    best = iter([3.0, 7.0, 5.0])
+    starts, rivals = [], []
+
+    def settle(evaluate, start, layout, goal, **kwargs):
+        starts.append(float(np.abs(start).sum()))
+        rivals.append(goal.rival)
+        earned = next(best)
+        elites = np.full_like(start, earned)
+        return Evolved(elites, earned, iterations=10, settled=len(starts) < 3)
+
+    monkeypatch.setattr(plan_search, "evolve", settle)
+    params = {**params, "plan": {name: part + 1.0 for name, part in params["plan"].items()}}
+    search = PlanSearch(planner, found, seed=0)
+    result = search.search(params, until=time.monotonic(), rival=2.0, restarting=True)
+    assert starts[0] > 0.0
+    assert starts[1:] == [0.0, 0.0]
+    assert rivals == [2.0, -np.inf, -np.inf]
+    assert search.iterations == 30
+    assert all(np.all(np.asarray(part) == 7.0) for part in result["plan"].values())
+
+
+def corridor_plans(tmp_path):
+    problem = write_corridor(tmp_path)
+    config = auto_preset("toy").without_section("Search")
+    found = probe(build_planner(problem, without_scales(config))[0], seed=0)
+    planner, _ = build_planner(problem, scaled(config, found))
+    return found, planner, planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
 
 
 def test_a_hidden_prize_is_found(tmp_path):

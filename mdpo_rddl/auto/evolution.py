@@ -19,6 +19,8 @@ Evaluate = Callable[[int, np.ndarray], Evaluation]
 _ELITES = 8
 _EXPLORERS = 0.5
 _PATIENCE = 0.3
+# an evolution may have settled after so many iterations, if a gain is this share of all it gained
+_LEAST_ITERATIONS, _LEAST_GAIN = 200, 0.01
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,14 @@ class Goal:
       until: when to end, by `time.monotonic`.
       bar: what a plan must earn more than for an exploration to end.
       rival: the search ends early if at its pace it would not earn so much in time.
+      until_settled: whether it ends early, too, once it has gained nothing for as long as it had
+        taken to get there.
     """
 
     until: float
     bar: float
     rival: float = -math.inf
+    until_settled: bool = False
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,15 @@ class Evolved:
 
     Attributes:
       elites: the best plans [E, H, D], the very best first.
+      best: what the very best earned in the last iteration.
       iterations: done.
+      settled: whether it ended because nothing was gained any more.
     """
 
     elites: np.ndarray
+    best: float
     iterations: int
+    settled: bool
 
 
 def evolve(
@@ -79,7 +88,10 @@ def evolve(
     elites, best, found, iterations = start, -np.inf, archive is None, 0
     begun = time.monotonic()
     checked, earlier = begun, -np.inf
-    while (now := time.monotonic()) < goal.until:
+    first = record = -np.inf
+    gained = 0
+    settled = False
+    while (now := time.monotonic()) < goal.until and not settled:
         if found and best < goal.rival and now - checked > _PATIENCE * (goal.until - begun):
             if best + (best - earlier) / (now - checked) * (goal.until - now) < goal.rival:
                 break
@@ -96,8 +108,12 @@ def evolve(
         elites, best = plans[chosen], float(returns[chosen[0]])
         if not iterations:  # which may have compiled
             begun, checked, earlier = time.monotonic(), time.monotonic(), best
+            first = record = best
         iterations += 1
+        if best > record + _LEAST_GAIN * (best - first):
+            record, gained = best, iterations
+        settled = goal.until_settled and iterations > max(2 * gained, _LEAST_ITERATIONS)
         found = found or best > goal.bar
         if archive is not None and not found:
             archive.add(plans, visited())
-    return Evolved(elites, iterations)
+    return Evolved(elites, best, iterations, settled)

@@ -1,5 +1,6 @@
 """The part of the recipe that looks for an open-loop plan on the exact model."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -8,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.auto.evolution import Evaluation, Goal, evolve
+from mdpo_rddl.auto.evolution import Evaluate, Evaluation, Evolved, Goal, evolve
 from mdpo_rddl.auto.exploring import Archive
-from mdpo_rddl.auto.plans import layout_of
+from mdpo_rddl.auto.plans import Layout, layout_of
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.sizes import PLANS
 from mdpo_rddl.feedback import Params
@@ -42,6 +43,7 @@ class PlanSearch:
         # as many rollouts in all, whether one shows what a plan earns or not
         rollouts = 1 if found.deterministic else _ROLLOUTS
         self._population = PLANS // rollouts
+        self._deterministic = found.deterministic
         self._play = compile_visits(planner, rollouts)
         self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 2)
         self._random = np.random.default_rng([seed, 2])
@@ -57,6 +59,7 @@ class PlanSearch:
         until: float,
         rival: float = -math.inf,
         exploring: bool = False,
+        restarting: bool = False,
     ) -> Params:
         """A policy with a better plan.
 
@@ -65,10 +68,12 @@ class PlanSearch:
           until: when to end, by `time.monotonic`.
           rival: a return; ends early if it would not be reached in time.
           exploring: whether to go where no plan has been until one earns more than the bar.
+          restarting: whether to begin again with doing nothing where nothing more is gained.
+            That can be seen only if chance does not matter.
         """
         bools = [name for name in params["plan"] if name not in self._planner.plan.units]
         layout = layout_of(params["plan"], bools)
-        start = layout.vector(params["plan"])
+        start = layout.vector(params["plan"])[np.newaxis]
         rest = {name: part for name, part in params.items() if name != "plan"}
         rest = jax.tree.map(self._repeated, rest)
         exploring = exploring and bool(self._scales)  # without a state there is nowhere to go
@@ -80,18 +85,35 @@ class PlanSearch:
             returns, states = self._play(key, {**rest, "plan": layout.tree(plans)})
             return np.mean(np.asarray(returns, float), axis=1), lambda: _of_first_rollout(states)
 
+        goal = Goal(until, self.bar, rival, until_settled=restarting and self._deterministic)
+        archive = self._archive if exploring else None
+        best = result = self._evolve(evaluate, start, layout, goal, archive)
+        while result.settled:
+            goal = dataclasses.replace(goal, rival=-math.inf)
+            result = self._evolve(evaluate, np.zeros_like(start), layout, goal, archive)
+            best = max(best, result, key=lambda evolved: evolved.best)
+        return {**params, "plan": jax.tree.map(jnp.asarray, layout.tree(best.elites[0]))}
+
+    def _evolve(
+        self,
+        evaluate: Evaluate,
+        start: np.ndarray,
+        layout: Layout,
+        goal: Goal,
+        archive: Archive | None,
+    ) -> Evolved:
         result = evolve(
             evaluate,
-            start[np.newaxis],
+            start,
             layout,
-            Goal(until, self.bar, rival),
+            goal,
             population=self._population,
             begin=self.iterations,
-            archive=self._archive if exploring else None,
+            archive=archive,
             random=self._random,
         )
         self.iterations += result.iterations
-        return {**params, "plan": jax.tree.map(jnp.asarray, layout.tree(result.elites[0]))}
+        return result
 
     def _repeated(self, leaf: Array) -> Array:
         return jnp.broadcast_to(leaf, (self._population, *np.shape(leaf)))

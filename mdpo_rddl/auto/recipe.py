@@ -228,20 +228,23 @@ class _Recipe:
             self._on_stage("compiling")
             self._follow_the_gradient(gradient)
         self._on_stage("polishing")
-        self.last = self._polish(searched, has_plan)
+        self.last = self._polish(searched, has_plan, restarting=True)
         choice.add("polished", self.last)
 
-    def _polish(self, searched: FeedbackSearch, has_plan: bool) -> Params:
+    def _polish(self, searched: FeedbackSearch, has_plan: bool, restarting: bool = False) -> Params:
         """Around the best policy: its plan, if that is what made it the best, or its weights."""
         if self._plans is not None and has_plan:
-            return self._plans.search(self.choice.best, until=self._deadline)
+            best = self.choice.best
+            return self._plans.search(best, until=self._deadline, restarting=restarting)
         return searched.around(self.choice.best, _POLISHING_SIGMA, self._deadline)
 
     def _search_plan(self, until: float) -> bool:
         """Whether a plan is better than the best so far; given up early if it will not be."""
         if self._plans is None:
             return False
-        plan = self._plans.search(self._nothing, until=until, rival=self.choice.best_mean)
+        plan = self._plans.search(
+            self._nothing, until=until, rival=self.choice.best_mean, restarting=True
+        )
         return self.choice.add("plan", plan)
 
     def _follow_the_gradient(self, until: float) -> None:
