@@ -3,6 +3,7 @@
 import json
 import re
 import statistics
+import subprocess
 import sys
 from pathlib import Path
 
@@ -185,3 +186,10 @@ def test_the_same_seed_gives_the_same_run_and_quiet_json_exactly_one_line(
     for layer, tensors in yours.params["params"].items():
         for name, tensor in tensors.items():
             np.testing.assert_array_equal(mine.params["params"][layer][name], tensor, strict=True)
+
+
+def test_the_search_is_imported_only_by_the_preset_that_searches() -> None:
+    # its package brings scipy.stats, a good part of a second
+    code = "import sys, mdpo_rddl.cli.plan; print({'cmaes', 'mdpo_rddl.auto'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

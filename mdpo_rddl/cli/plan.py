@@ -1,7 +1,9 @@
 """`mdpo-plan`: plan an RDDL problem from its files."""
 
 import argparse
+import atexit
 import contextlib
+import gc
 import io
 import json
 import logging
@@ -35,6 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
       The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
     options = plan_parser().parse_args(arguments)
+    # at the end all goes at once: to look through compiled programs for garbage would take long
+    atexit.register(gc.freeze)
     logging.basicConfig(
         level=logging.ERROR if options.quiet else logging.WARNING,
         format="mdpo-plan: %(levelname)s: %(message)s",

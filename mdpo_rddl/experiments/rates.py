@@ -46,12 +46,14 @@ def rates(planner: JaxBackpropPlanner, seeds: int, seconds: float) -> Iterator[f
         yield seeds * (callback["iteration"] - before) / passed
 
 
-def rates_of_calls(call: Callable[[int], Any], seeds: int, seconds: float) -> Iterator[float]:
-    """The same for a compiled function of a number of iterations."""
-    jax.block_until_ready(call(ITERATIONS_PER_CALL))  # compiles
+def rates_of_calls(
+    call: Callable[[int], Any], seeds: int, seconds: float, iterations: int = ITERATIONS_PER_CALL
+) -> Iterator[float]:
+    """The same for a compiled function of a number of iterations, which each call makes."""
+    jax.block_until_ready(call(iterations))  # compiles
     while True:
         done, started = 0, time.perf_counter()
         while time.perf_counter() - started < seconds:
-            jax.block_until_ready(call(ITERATIONS_PER_CALL))
-            done += ITERATIONS_PER_CALL
+            jax.block_until_ready(call(iterations))
+            done += iterations
         yield seeds * done / (time.perf_counter() - started)

@@ -3,11 +3,10 @@
 import contextlib
 import dataclasses
 import logging
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 
-from mdpo_rddl.auto import AutoResult, plan_automatically
 from mdpo_rddl.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
@@ -20,6 +19,9 @@ from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.summary import identity, return_figures, title, training_figures
 from mdpo_rddl.training import TrainingResult, train
+
+if TYPE_CHECKING:
+    from mdpo_rddl.auto import AutoResult
 
 logger = logging.getLogger(__name__)
 
@@ -107,7 +109,10 @@ def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, Train
     return planner, result
 
 
-def _plan_automatically(request: PlanRequest, reporter: Reporter) -> AutoResult:
+def _plan_automatically(request: PlanRequest, reporter: Reporter) -> "AutoResult":
+    # the search's package takes long to import, which other presets need not wait for
+    from mdpo_rddl.auto import plan_automatically
+
     return plan_automatically(
         request.problem,
         request.config,
