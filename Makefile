@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all lint bench sweep paper-preset decay paper ipc clean
+.PHONY: plan test test-all lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
@@ -51,6 +51,20 @@ decay: $(VENV)/.installed
 # the 2023 competition's forty instances, a minute on one core to prepare for each
 ipc: $(VENV)/.installed
 	taskset --cpu-list 0 $(BIN)/mdpo-ipc run --plan-seconds 60 --memory-gb 12 --lenient --out runs/ipc2023
+
+# the default preset against JaxPlan's defaults on the competition's instances of the paper's domains
+auto-jaxplan: $(VENV)/.installed
+	taskset --cpu-list 0 $(BIN)/mdpo-bench auto --seconds 120 --seeds 1 \
+	  --planners auto jaxplan-slp jaxplan-drp --out runs/auto_jaxplan \
+	  --problems $(foreach d,HVAC PowerGen Reservoir,$(foreach i,1 2 3 4 5,$(d)_ippc2023:$(i)))
+
+# the default preset without each of its parts
+auto-ablation: $(VENV)/.installed
+	taskset --cpu-list 0 $(BIN)/mdpo-bench auto --seconds 60 --seeds 1 --out runs/auto_ablation \
+	  --planners auto auto-without-searches auto-without-own-weights auto-without-gradient \
+	  auto-without-last-search auto-without-noise auto-with-analysis-rollouts auto-without-plan \
+	  auto-without-net auto-without-cosines-and-squares auto-with-closed-loop-gradient \
+	  auto-with-plain-adam
 
 # the paper's table and figures, and the evidence for what docs/paper.md says
 paper: $(VENV)/.installed-paper

@@ -1,6 +1,7 @@
 """The README keeps its word: its code runs, its options exist, its figures are the results'."""
 
 import ast
+import csv
 import dataclasses
 import json
 import re
@@ -51,6 +52,21 @@ def test_the_table_of_auto_is_the_one_in_results():
     assert len(rows) == 2 + 2 * 6
     for row in rows:
         assert row in README
+
+
+def test_the_table_against_jaxplan_is_the_one_in_results():
+    with (ROOT / "results" / "auto_jaxplan" / "runs.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    returns = {(row["problem"], row["planner"]): float(row["mean_return"]) for row in rows}
+    problems = {problem for problem, _ in returns}
+    assert len(problems) == 15
+    for problem in problems:
+        ours, slp, drp = (
+            f"{returns[problem, planner]:,.0f}"
+            for planner in ("auto", "jaxplan-slp", "jaxplan-drp")
+        )
+        name = problem.replace("_ippc2023:", " ")
+        assert f"| {name} | **{ours}** | {slp} | {drp} |" in README
 
 
 def test_the_papers_table_is_the_one_in_results():
