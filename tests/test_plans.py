@@ -147,31 +147,31 @@ def test_evolution_ends_where_nothing_more_is_gained_if_it_shall(until_settled):
         assert result.iterations < 300
 
 
-def test_a_search_begins_again_where_it_has_settled(tmp_path, monkeypatch):
-    found, planner, params = corridor_plans(tmp_path)
-    best = iter([3.0, 7.0, 5.0])
+@pytest.mark.parametrize(("rival", "searches"), [(2.0, 3), (4.0, 1)])
+def test_a_search_begins_again_where_it_has_settled(tmp_path, monkeypatch, rival, searches):
+    found, planner, params = plans_of(write_corridor(tmp_path))
     starts, rivals = [], []
 
     def settle(evaluate, start, layout, goal, **kwargs):
+        earned = (3.0, 7.0, 5.0)[len(starts)]
         starts.append(float(np.abs(start).sum()))
         rivals.append(goal.rival)
-        earned = next(best)
         elites = np.full_like(start, earned)
         return Evolved(elites, earned, iterations=10, settled=len(starts) < 3)
 
     monkeypatch.setattr(plan_search, "evolve", settle)
     params = {**params, "plan": {name: part + 1.0 for name, part in params["plan"].items()}}
     search = PlanSearch(planner, found, seed=0)
-    result = search.search(params, until=time.monotonic(), rival=2.0, restarting=True)
+    result = search.search(params, until=time.monotonic(), rival=rival, restarting=True)
     assert starts[0] > 0.0
-    assert starts[1:] == [0.0, 0.0]
-    assert rivals == [2.0, -np.inf, -np.inf]
-    assert search.iterations == 30
-    assert all(np.all(np.asarray(part) == 7.0) for part in result["plan"].values())
+    assert starts[1:] == [0.0] * (searches - 1)
+    assert rivals == [rival] + [-np.inf] * (searches - 1)
+    assert search.iterations == 10 * searches
+    best = 7.0 if searches > 1 else 3.0  # no match for the rival: not tried again
+    assert all(np.all(np.asarray(part) == best) for part in result["plan"].values())
 
 
-def corridor_plans(tmp_path):
-    problem = write_corridor(tmp_path)
+def plans_of(problem):
     config = auto_preset("toy").without_section("Search")
     found = probe(build_planner(problem, without_scales(config))[0], seed=0)
     planner, _ = build_planner(problem, scaled(config, found))
@@ -180,13 +180,10 @@ def corridor_plans(tmp_path):
 
 def test_a_hidden_prize_is_found(tmp_path):
     problem = write_corridor(tmp_path)
-    config = auto_preset("toy").without_section("Search")
-    found = probe(build_planner(problem, without_scales(config))[0], seed=0)
+    found, planner, params = plans_of(problem)
     assert found.deterministic
     assert found.start_return <= found.nothing
-    planner, _ = build_planner(problem, scaled(config, found))
     search = PlanSearch(planner, found, seed=0)
-    params = planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
     earned, slices = 0.0, 0
     while earned <= 90.0 and slices < 20:  # however slow the machine
         params = search.search(params, until=time.monotonic() + 4.0, exploring=True)
@@ -208,11 +205,7 @@ def test_without_a_state_there_is_nothing_to_explore(tmp_path):
         "non-fluents nf { domain = bare; } instance one { domain = bare; non-fluents = nf;"
         " max-nondef-actions = pos-inf; horizon = 5; discount = 1.0; }"
     )
-    problem = load_problem(str(domain), str(instance))
-    config = auto_preset("toy").without_section("Search")
-    found = probe(build_planner(problem, without_scales(config))[0], seed=0)
-    planner, _ = build_planner(problem, scaled(config, found))
-    params = planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
+    found, planner, params = plans_of(load_problem(str(domain), str(instance)))
     search = PlanSearch(planner, found, seed=0)
     search.search(params, until=time.monotonic() + 1.0, exploring=True)
     assert search.iterations > 0

@@ -66,7 +66,8 @@ class PlanSearch:
         Args:
           params: of the policy with the first plan; all but the plan stays.
           until: when to end, by `time.monotonic`.
-          rival: a return; ends early if it would not be reached in time.
+          rival: a return; ends early if it would not be reached in time, or was not where nothing
+            more is gained.
           exploring: whether to go where no plan has been until one earns more than the bar.
           restarting: whether to begin again with doing nothing where nothing more is gained.
             That can be seen only if chance does not matter.
@@ -88,8 +89,8 @@ class PlanSearch:
         goal = Goal(until, self.bar, rival, until_settled=restarting and self._deterministic)
         archive = self._archive if exploring else None
         best = result = self._evolve(evaluate, start, layout, goal, archive)
-        while result.settled:
-            goal = dataclasses.replace(goal, rival=-math.inf)
+        goal = dataclasses.replace(goal, rival=-math.inf)
+        while result.settled and best.best >= rival:
             result = self._evolve(evaluate, np.zeros_like(start), layout, goal, archive)
             best = max(best, result, key=lambda evolved: evolved.best)
         return {**params, "plan": jax.tree.map(jnp.asarray, layout.tree(best.elites[0]))}
