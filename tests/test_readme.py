@@ -13,7 +13,9 @@ from problems import ROOT
 
 import mdpo_rddl
 from mdpo_rddl.cli.options import plan_parser
+from mdpo_rddl.experiments.auto_variants import VARIANTS
 
+SETTINGS = ("hvac10", "hvac20", "powergen7", "powergen11", "reservoir15", "reservoir30")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -67,6 +69,19 @@ def test_the_table_against_jaxplan_is_the_one_in_results():
         )
         name = problem.replace("_ippc2023:", " ")
         assert f"| {name} | **{ours}** | {slp} | {drp} |" in README
+
+
+def test_the_ablation_in_the_docs_is_the_one_in_results():
+    docs = (ROOT / "docs" / "auto.md").read_text(encoding="utf-8")
+    with (ROOT / "results" / "auto_ablation" / "runs.csv").open(newline="") as file:
+        returns = {
+            (r["problem"], r["planner"]): float(r["mean_return"]) for r in csv.DictReader(file)
+        }
+    planners = {planner for _, planner in returns}
+    assert planners == set(VARIANTS)
+    for planner in planners:
+        cells = [f"{returns[name, planner]:,.0f}" for name in SETTINGS]
+        assert f"| {planner} | {' | '.join(cells)} |" in docs
 
 
 def test_the_papers_table_is_the_one_in_results():
