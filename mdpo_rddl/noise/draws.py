@@ -8,6 +8,7 @@ import numpy as np
 from jax import Array
 
 from mdpo_rddl.actions import ActionKind, ActionSpec
+from mdpo_rddl.noise.normal import standard_normal
 
 
 def unit_noise(key: Array, kind: ActionKind, shape: tuple[int, ...], dtype: jnp.dtype) -> Array:
@@ -23,7 +24,7 @@ def unit_noise(key: Array, kind: ActionKind, shape: tuple[int, ...], dtype: jnp.
         return jax.random.logistic(key, shape, dtype)
     if kind is ActionKind.CHOICE:
         return jax.random.gumbel(key, shape, dtype)
-    return jax.random.normal(key, shape, dtype)
+    return standard_normal(key, shape, dtype)
 
 
 def draw_perturbation(
