@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
-from scipy import special
 
 from mdpo_rddl.legality import Referee
 
@@ -49,6 +48,8 @@ class Evaluation:
         n = len(self.returns)
         if n < 2:
             return None
+        from scipy import special  # takes long to import, and can be while training goes on
+
         half = float(special.stdtrit(n - 1, 0.975) * self.std / np.sqrt(n))
         return self.mean - half, self.mean + half
 

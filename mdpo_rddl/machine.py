@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 
 _CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
-_WORTH_KEEPING_SECONDS = 0.3
+_WORTH_KEEPING_SECONDS = 0.0
 
 
 def cache_folder() -> Path:

@@ -15,10 +15,11 @@ from mdpo_rddl.planning import build_planner
 from mdpo_rddl.report.policy_file import SavedPolicy, problem_identity
 from mdpo_rddl.report.run_folder import SUMMARY, RunFolder, write_json, write_training
 from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.preparation import Preparation
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.summary import identity, return_figures, title, training_figures
-from mdpo_rddl.training import TrainingResult, train
+from mdpo_rddl.training import Progress, TrainingResult, train
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto import AutoResult
@@ -94,14 +95,21 @@ def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, Train
     }
     for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
         optimize_args.pop(name, None)
+    preparation = Preparation(planner, request)
+
+    def on_progress(progress: Progress) -> None:
+        preparation.begin()
+        reporter.training(progress)
+
     try:
-        result = train(
-            planner,
-            key=jax.random.PRNGKey(request.seed),
-            **budget,
-            optimize_kwargs=optimize_args,
-            on_progress=reporter.training,
-        )
+        with preparation:
+            result = train(
+                planner,
+                key=jax.random.PRNGKey(request.seed),
+                **budget,
+                optimize_kwargs=optimize_args,
+                on_progress=on_progress,
+            )
     except InputError as error:
         raise InputError(
             f"{request.problem.instance_path}: {error} (configured by {request.config.source})"

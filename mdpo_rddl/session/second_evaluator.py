@@ -16,12 +16,12 @@ from types import TracebackType
 from typing import Any
 
 import jax
-import numpy as np
 
 from mdpo_rddl.evaluation import Evaluation, evaluate
 from mdpo_rddl.machine import start_python, usable_cores
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.problem import make_environment
+from mdpo_rddl.session.preparation import prepare
 from mdpo_rddl.session.requests import PlanRequest
 
 logger = logging.getLogger(__name__)
@@ -114,17 +114,9 @@ def serve() -> None:
     os.dup2(2, 1)  # what the libraries print is no result
     request = pickle.load(sys.stdin.buffer)
     planner, _ = build_planner(request.problem, request.config)
-    env = make_environment(request.problem)
-    _compile_policy(planner, env, request.seed)
+    prepare(planner, request)
     params, hyperparams = pickle.load(sys.stdin.buffer)
+    env = make_environment(request.problem)
     policy = playable(planner, params, hyperparams, request.seed)
     pickle.dump(evaluate(env, policy, request.episodes, request.seed), results)
     results.close()
-
-
-def _compile_policy(planner: Any, env: Any, seed: int) -> None:
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
-    structure = planner.params_structure(hyperparams)
-    zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), structure)
-    state, _ = env.reset(seed=0)
-    playable(planner, zeros, hyperparams, seed)(0, state)
