@@ -1,6 +1,8 @@
 """What a command sets up in JAX before it computes anything."""
 
+import atexit
 import contextlib
+import gc
 import os
 import signal
 import subprocess
@@ -31,6 +33,20 @@ def keep_compiled_programs() -> Path:
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING_SECONDS)
     return cache_folder() / "traced"
+
+
+def grammar_tables() -> Path:
+    """Where the tables of RDDL's grammar are kept, which take longer to build than to read."""
+    return cache_folder() / "grammar-tables"
+
+
+def leave_out_of_collections() -> None:
+    """Has Python look through nothing that is there now, and nothing at the end, for garbage.
+
+    What was imported and compiled holds none worth the time that looking takes.
+    """
+    gc.freeze()
+    atexit.register(gc.freeze)
 
 
 def usable_cores() -> int:

@@ -11,6 +11,7 @@ import io
 import logging
 import os
 import re
+import tempfile
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from pyRDDLGym.core.parser.parser import RDDLlex, RDDLParser
 from pyRDDLGym.core.parser.rddl import RDDL
 from rddlrepository import RDDLRepoManager
 
+from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 
 logger = logging.getLogger(__name__)
@@ -57,11 +59,14 @@ class Problem:
         return self.model.horizon
 
 
-def load_problem(domain: str, instance: str, horizon: int | None = None) -> Problem:
+def load_problem(
+    domain: str, instance: str, horizon: int | None = None, tables: Path | None = None
+) -> Problem:
     """Parse and check a problem given as two files, or as two names of rddlrepository.
 
     The arguments are two files if either looks like one: it has a path separator or the
-    suffix .rddl, or it exists. A `horizon` replaces the instance's own.
+    suffix .rddl, or it exists. A `horizon` replaces the instance's own. `tables` is a file
+    that keeps the grammar's tables for the next run, a pickle that is trusted.
 
     Raises `InputError` for whatever is wrong with the arguments or in the files.
     """
@@ -76,7 +81,8 @@ def load_problem(domain: str, instance: str, horizon: int | None = None) -> Prob
         label = f"{domain}-{instance}"
     domain_text = _read_text(domain_path, "domain")
     instance_text = _read_text(instance_path, "instance")
-    ast = _parse(domain_path, domain_text, instance_path, instance_text)
+    parser = _Parser(tables)
+    ast = _parse(parser, domain_path, domain_text, instance_path, instance_text)
     if horizon is not None:
         ast.instance.horizon = horizon
     if are_files:  # Some pairs of rddlrepository disagree in their names, and still work.
@@ -171,10 +177,23 @@ class _Lexer(RDDLlex):
 class _Parser(RDDLParser):
     """pyRDDLGym's grammar, applied to one file at a time."""
 
-    def __init__(self) -> None:
+    def __init__(self, tables: Path | None) -> None:
         super().__init__()
         # Without these options ply writes files next to the module of this class.
-        self.build(start="rddl_block", debug=False, write_tables=False, errorlog=yacc.NullLogger())
+        options = {"start": "rddl_block", "debug": False, "write_tables": False}
+        options["errorlog"] = yacc.NullLogger()
+        if tables is None:
+            self.build(**options)
+            return
+        with contextlib.suppress(Exception):  # whatever a damaged file makes pickle raise
+            if tables.is_file():
+                self.build(picklefile=str(tables), **options)
+                return
+        with tempfile.TemporaryDirectory() as folder:
+            fresh = Path(folder) / tables.name
+            self.build(picklefile=str(fresh), **options)
+            with contextlib.suppress(InputError):  # a full or read-only disk
+                write_atomically(tables, fresh.read_bytes())
 
     def parse_file(self, path: Path, text: str) -> dict[str, Any]:
         """Return the file's blocks by kind. Raises `InputError` for a syntax error."""
@@ -201,9 +220,10 @@ class _Parser(RDDLParser):
         raise _input_error(f"{self._path}:{p.lineno}: syntax error at {word}{hint}")
 
 
-def _parse(domain_path: Path, domain_text: str, instance_path: Path, instance_text: str) -> RDDL:
+def _parse(
+    parser: _Parser, domain_path: Path, domain_text: str, instance_path: Path, instance_text: str
+) -> RDDL:
     """Parse both files. Raises `InputError` for a syntax error or a missing block."""
-    parser = _Parser()
     blocks = parser.parse_file(domain_path, domain_text)
     instance_blocks = parser.parse_file(instance_path, instance_text)
     _require_block(blocks, "domain", "instance", domain_path)

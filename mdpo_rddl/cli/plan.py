@@ -1,9 +1,7 @@
 """`mdpo-plan`: plan an RDDL problem from its files."""
 
 import argparse
-import atexit
 import contextlib
-import gc
 import io
 import json
 import logging
@@ -20,7 +18,12 @@ from mdpo_rddl.cli.options import PLAIN_ONLY, TRAINING_ONLY, configure, plan_par
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
+from mdpo_rddl.machine import (
+    grammar_tables,
+    keep_compiled_programs,
+    leave_out_of_collections,
+    use_all_cores,
+)
 from mdpo_rddl.presets import DEFAULT_PRESET, PLAIN_PRESET, PRESETS
 from mdpo_rddl.presets.shipped import METHODS, config_for_domain
 from mdpo_rddl.problem import load_problem
@@ -37,8 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
       The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
     options = plan_parser().parse_args(arguments)
-    # at the end all goes at once: to look through compiled programs for garbage would take long
-    atexit.register(gc.freeze)
+    leave_out_of_collections()
     logging.basicConfig(
         level=logging.ERROR if options.quiet else logging.WARNING,
         format="mdpo-plan: %(levelname)s: %(message)s",
@@ -89,7 +91,8 @@ def _run(options: argparse.Namespace, programs: Path | None) -> tuple[dict[str, 
 
 
 def _plan_request(options: argparse.Namespace, programs: Path | None) -> PlanRequest:
-    problem = load_problem(options.domain, options.instance, options.horizon)
+    tables = None if options.no_cache else grammar_tables()
+    problem = load_problem(options.domain, options.instance, options.horizon, tables)
     if str(options.config) in METHODS:
         # as JaxPlan's third argument: the domain's own configuration
         config = config_for_domain(options.domain, problem.domain_name, str(options.config))

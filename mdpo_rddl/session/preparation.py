@@ -1,7 +1,6 @@
 """What an evaluation would begin with, done while the policy is still being trained."""
 
 import contextlib
-import importlib
 from threading import Thread
 from types import TracebackType
 
@@ -21,7 +20,8 @@ def prepare(planner: MDPOPlanner, request: PlanRequest) -> None:
       planner: whose policies will be played.
       request: how they will be played.
     """
-    importlib.import_module("scipy.special")
+    import scipy.special  # noqa: F401  (the figures of the evaluation need it)
+
     hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
     structure = planner.params_structure(hyperparams)
     zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), structure)

@@ -18,7 +18,7 @@ from typing import Any
 import jax
 
 from mdpo_rddl.evaluation import Evaluation, evaluate
-from mdpo_rddl.machine import start_python, usable_cores
+from mdpo_rddl.machine import leave_out_of_collections, start_python, usable_cores
 from mdpo_rddl.planning import build_planner, playable
 from mdpo_rddl.problem import make_environment
 from mdpo_rddl.session.preparation import prepare
@@ -115,6 +115,7 @@ def serve() -> None:
     request = pickle.load(sys.stdin.buffer)
     planner, _ = build_planner(request.problem, request.config)
     prepare(planner, request)
+    leave_out_of_collections()
     params, hyperparams = pickle.load(sys.stdin.buffer)
     env = make_environment(request.problem)
     policy = playable(planner, params, hyperparams, request.seed)
