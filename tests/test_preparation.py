@@ -1,0 +1,49 @@
+"""What an evaluation begins with, done beside training: once, and its mistakes left to it."""
+
+import pytest
+from problems import shipped
+
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.presets import PRESETS
+from mdpo_rddl.session import preparation
+from mdpo_rddl.session.preparation import Preparation, prepare
+from mdpo_rddl.session.requests import PlanRequest
+
+
+@pytest.fixture(scope="module")
+def planner_and_request(tmp_path_factory):
+    problem, config = shipped("reservoir15", horizon=3), PRESETS["paper"]("Reservoir")
+    request = PlanRequest(problem, config, "paper", 7, 2, tmp_path_factory.mktemp("out"))
+    return build_planner(problem, config)[0], request
+
+
+def test_the_policy_is_compiled_ahead(planner_and_request):
+    planner, request = planner_and_request
+    assert planner.test_policy._cache_size() == 0
+    prepare(planner, request)
+    assert planner.test_policy._cache_size() == 1
+    prepare(planner, request)
+    assert planner.test_policy._cache_size() == 1
+
+
+def test_it_happens_once_and_has_ended_with_the_block(monkeypatch):
+    done = []
+    monkeypatch.setattr(preparation, "prepare", lambda *arguments: done.append(arguments))
+    with Preparation("planner", "request") as prepared:
+        assert done == []
+        prepared.begin()
+        prepared.begin()
+    assert done == [("planner", "request")]
+    with Preparation("planner", "request"):
+        pass
+    assert len(done) == 1
+
+
+def test_its_mistakes_are_left_to_the_evaluation(monkeypatch, recwarn):
+    def fail(*arguments):
+        raise RuntimeError("cannot be compiled")
+
+    monkeypatch.setattr(preparation, "prepare", fail)
+    with Preparation("planner", "request") as prepared:
+        prepared.begin()
+    assert list(recwarn) == []
