@@ -73,7 +73,7 @@ def playable(
     """
     steps = max(planner.horizon, planner.rddl.horizon)
     keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), steps))
-    params, hyperparams = jax.device_put(params), dict(policy_hyperparams)
+    hyperparams = dict(policy_hyperparams)
 
     def policy(step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
         return planner.get_action(keys[step], params, step, dict(state), hyperparams)
