@@ -6,7 +6,7 @@ from problems import shipped
 from mdpo_rddl.planning import build_planner
 from mdpo_rddl.presets import PRESETS
 from mdpo_rddl.session import preparation
-from mdpo_rddl.session.preparation import Preparation, prepare
+from mdpo_rddl.session.preparation import prepare, preparing
 from mdpo_rddl.session.requests import PlanRequest
 
 
@@ -29,12 +29,12 @@ def test_the_policy_is_compiled_ahead(planner_and_request):
 def test_it_happens_once_and_has_ended_with_the_block(monkeypatch):
     done = []
     monkeypatch.setattr(preparation, "prepare", lambda *arguments: done.append(arguments))
-    with Preparation("planner", "request") as prepared:
+    with preparing("planner", "request") as begin:
         assert done == []
-        prepared.begin()
-        prepared.begin()
+        begin()
+        begin()
     assert done == [("planner", "request")]
-    with Preparation("planner", "request"):
+    with preparing("planner", "request"):
         pass
     assert len(done) == 1
 
@@ -44,6 +44,6 @@ def test_its_mistakes_are_left_to_the_evaluation(monkeypatch, recwarn):
         raise RuntimeError("cannot be compiled")
 
     monkeypatch.setattr(preparation, "prepare", fail)
-    with Preparation("planner", "request") as prepared:
-        prepared.begin()
+    with preparing("planner", "request") as begin:
+        begin()
     assert list(recwarn) == []

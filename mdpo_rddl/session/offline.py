@@ -15,7 +15,7 @@ from mdpo_rddl.planning import build_planner
 from mdpo_rddl.report.policy_file import SavedPolicy, problem_identity
 from mdpo_rddl.report.run_folder import SUMMARY, RunFolder, write_json, write_training
 from mdpo_rddl.session.evaluator import Evaluator
-from mdpo_rddl.session.preparation import Preparation
+from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.summary import identity, return_figures, title, training_figures
@@ -95,14 +95,13 @@ def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, Train
     }
     for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
         optimize_args.pop(name, None)
-    preparation = Preparation(planner, request)
-
-    def on_progress(progress: Progress) -> None:
-        preparation.begin()
-        reporter.training(progress)
-
     try:
-        with preparation:
+        with preparing(planner, request) as begin_preparing:
+
+            def on_progress(progress: Progress) -> None:
+                begin_preparing()
+                reporter.training(progress)
+
             result = train(
                 planner,
                 key=jax.random.PRNGKey(request.seed),

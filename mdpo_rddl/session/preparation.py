@@ -1,8 +1,8 @@
 """What an evaluation would begin with, done while the policy is still being trained."""
 
 import contextlib
+from collections.abc import Callable, Iterator
 from threading import Thread
-from types import TracebackType
 
 import jax
 import numpy as np
@@ -29,37 +29,27 @@ def prepare(planner: MDPOPlanner, request: PlanRequest) -> None:
     playable(planner, zeros, hyperparams, request.seed)(0, state)
 
 
-class Preparation:
+@contextlib.contextmanager
+def preparing(planner: MDPOPlanner, request: PlanRequest) -> Iterator[Callable[[], None]]:
     """Prepares in a thread beside training, which leaves Python to others while JAX computes.
 
-    A context manager: the thread has ended with the block.
+    Yields:
+      What starts the thread, the first time it is called. It has ended with the block.
     """
 
-    def __init__(self, planner: MDPOPlanner, request: PlanRequest) -> None:
-        """Does nothing yet; the arguments are those of `prepare`."""
-        self._thread = Thread(target=self._prepare, args=(planner, request))
-        self._has_begun = False
-
-    def __enter__(self) -> "Preparation":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self._has_begun:
-            self._thread.join()
-
-    def begin(self) -> None:
-        """Starts the thread, the first time."""
-        if not self._has_begun:
-            self._has_begun = True
-            self._thread.start()
-
-    @staticmethod
-    def _prepare(planner: MDPOPlanner, request: PlanRequest) -> None:
+    def work() -> None:
         # the evaluation itself will say what is wrong
         with contextlib.suppress(Exception):
             prepare(planner, request)
+
+    thread = Thread(target=work)
+
+    def begin() -> None:
+        if thread.ident is None:
+            thread.start()
+
+    try:
+        yield begin
+    finally:
+        if thread.ident is not None:
+            thread.join()
