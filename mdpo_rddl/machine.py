@@ -13,7 +13,6 @@ from pathlib import Path
 import jax
 
 _CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
-_WORTH_KEEPING_SECONDS = 0.0
 
 
 def cache_folder() -> Path:
@@ -31,7 +30,8 @@ def keep_compiled_programs() -> Path:
       A folder for traced programs.
     """
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING_SECONDS)
+    # the many small programs too, which together take as long as a large one
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     return cache_folder() / "traced"
 
 

@@ -1,5 +1,7 @@
 """What an evaluation begins with, done beside training: once, and its mistakes left to it."""
 
+import threading
+
 import pytest
 from problems import shipped
 
@@ -39,11 +41,16 @@ def test_it_happens_once_and_has_ended_with_the_block(monkeypatch):
     assert len(done) == 1
 
 
-def test_its_mistakes_are_left_to_the_evaluation(monkeypatch, recwarn):
+def test_its_mistakes_are_left_to_the_evaluation(monkeypatch):
+    asked, said = [], []
+
     def fail(*arguments):
+        asked.append(arguments)
         raise RuntimeError("cannot be compiled")
 
     monkeypatch.setattr(preparation, "prepare", fail)
+    monkeypatch.setattr(threading, "excepthook", said.append)
     with preparing("planner", "request") as begin:
         begin()
-    assert list(recwarn) == []
+    assert len(asked) == 1
+    assert said == []

@@ -1,40 +1,30 @@
 """Training: its budgets, what it keeps, and that without noise it is JaxPlan's own."""
 
-import itertools
 import time
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-from types import SimpleNamespace
+from collections.abc import Iterator
 from typing import Any
 
 import jax
 import numpy as np
 import pytest
-from mistakes import one_line
 from problems import assert_same_bits
+from trainings import (
+    FOREVER,
+    HORIZON,
+    KEY,
+    Scripted,
+    cart_planner,
+    paper_config,
+    reservoir,
+    trained,
+)
 
 from mdpo_rddl import training
 from mdpo_rddl.jaxplan.planner import MDPOPlanner
 from mdpo_rddl.jaxplan.upstream import JaxBackpropPlanner
 from mdpo_rddl.jaxplan.upstream import planner as jaxplan
-from mdpo_rddl.planning import build_planner, playable
-from mdpo_rddl.presets import PRESETS
-from mdpo_rddl.problem import Problem, load_problem
-from mdpo_rddl.training import Progress, TrainingResult, bound_calls, select_restart, train
-
-HORIZON = 5
-FOREVER = 1e6
-KEY = jax.random.PRNGKey(3)
-
-
-def reservoir() -> Problem:
-    return load_problem("Reservoir_ippc2023", "2", HORIZON)
-
-
-def paper_config(**planner_values: Any):
-    # an iteration a call, as JaxPlan; calls of several are tested in test_calls.py
-    config = PRESETS["paper"]("reservoir_control_cont").with_section("MDPO", {})
-    return config.with_values("Planner", **planner_values)
+from mdpo_rddl.planning import build_planner
+from mdpo_rddl.training import Progress, TrainingResult, select_restart, train
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +48,6 @@ def silent_planner() -> MDPOPlanner:
 def differ(left: Any, right: Any) -> bool:
     pairs = zip(jax.tree.leaves(left), jax.tree.leaves(right), strict=True)
     return any((np.asarray(one) != np.asarray(other)).any() for one, other in pairs)
-
-
-def trained(planner: Any, iterations: int, **kwargs: Any) -> tuple[TrainingResult, list[Progress]]:
-    progress: list[Progress] = []
-    kwargs = {"key": KEY, "seconds": FOREVER, "on_progress": progress.append} | kwargs
-    return train(planner, iterations=iterations, **kwargs), progress
 
 
 # --- budgets -------------------------------------------------------------------------------
@@ -271,216 +255,3 @@ def test_an_interrupt_before_the_first_iteration_is_passed_on(run):
     with pytest.raises(KeyboardInterrupt):
         trained(planner, 5)
     assert planner.runs == run + 1
-
-
-# --- divergence ----------------------------------------------------------------------------
-
-CART = """
-domain cart {
-    pvariables {
-        x : { state-fluent, real, default = 3.0 };
-        push : { action-fluent, real, default = 0.0 };
-    };
-    cpfs { x' = x + push; };
-    reward = -(x' * x');
-}
-"""
-CART_INSTANCE = """
-non-fluents nf_cart { domain = cart; }
-instance one {
-    domain = cart;
-    non-fluents = nf_cart;
-    max-nondef-actions = pos-inf;
-    horizon = 2;
-    discount = 1.0;
-}
-"""
-
-
-def cart_planner(folder: Path, noise: str = "NoNoise", **values: Any) -> MDPOPlanner:
-    (folder / "cart.rddl").write_text(CART)
-    (folder / "one.rddl").write_text(CART_INSTANCE)
-    problem = load_problem(str(folder / "cart.rddl"), str(folder / "one.rddl"))
-    values = {"method": "JaxStraightLinePlan", "method_kwargs": {}} | values
-    config = paper_config(**values).with_section("Noise", {"method": noise})
-    return build_planner(problem, config)[0]
-
-
-def test_a_run_without_a_finite_return_is_an_input_error(tmp_path):
-    planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": 1e30})
-    said = one_line(lambda: trained(planner, 50))
-    assert said.startswith("training diverged: no finite return in 2 iterations")
-
-
-def test_what_was_found_before_it_diverged_is_kept(tmp_path):
-    # each step overshoots a million-fold, until the square of x overflows
-    planner = cart_planner(tmp_path, optimizer="sgd", optimizer_kwargs={"learning_rate": 1e6})
-    result, progress = trained(planner, 50)
-    assert result.status == "invalid_gradient"
-    assert 1 < result.iterations < 10
-    assert result.best_iteration == 0
-    assert progress[0].best_return == progress[-1].best_return > -np.inf
-    till_then, _ = trained(planner, 1)
-    assert_same_bits(result.best_params, till_then.last_params)
-    assert np.isfinite(jax.tree.leaves(result.best_params)).all()
-
-
-def test_a_restart_that_diverges_does_not_hide_the_others():
-    nan = np.nan
-    planner = Scripted([[nan, 5.0, 6.0], [nan, 9.0, 7.0], [nan, -np.inf, 8.0]])
-    result, progress = trained(planner, 3)
-    assert [p.test_return for p in progress] == [6.0, 9.0, 8.0]
-    assert [p.best_return for p in progress] == [6.0, 9.0, 9.0]
-    assert (result.best_iteration, float(result.best_params["w"])) == (1, 101.0)
-    assert (result.restart, float(result.last_params["w"])) == (1, 201.0)
-    assert [record.test_return for record in result.history] == [5.0, 9.0, -np.inf]
-
-
-def test_of_equal_returns_the_first_is_the_best():
-    result, _ = trained(Scripted([[1.0, 4.0], [5.0, 5.0], [5.0, 5.0]]), 3)
-    assert (result.best_iteration, float(result.best_params["w"])) == (1, 100.0)
-    assert (result.restart, float(result.last_params["w"])) == (0, 200.0)
-
-
-def test_restarts_that_all_diverge_are_an_input_error():
-    said = one_line(lambda: trained(Scripted([[np.nan, -np.inf], [np.inf, np.nan]]), 2))
-    assert said.startswith("training diverged: no finite return in 2 iterations")
-
-
-class Scripted:
-    """In place of a planner: given smoothed test returns per iteration and restart.
-
-    The parameter of restart r at iteration i is 100 i + r, its noise i at each of two steps.
-    """
-
-    in_calls, iterations_per_call, test_every = False, 1, 1
-
-    def __init__(
-        self,
-        returns: Iterable[list[float]],
-        last_status: str = "ITER_BUDGET_REACHED",
-        interrupted_run: int | None = None,
-    ) -> None:
-        self.returns, self.last_status = list(returns), last_status
-        self.interrupted_run, self.runs = interrupted_run, 0
-
-    def optimize_generator(self, **kwargs: Any) -> Iterator[dict[str, Any]]:
-        self.runs += 1
-        if self.interrupted_run == self.runs - 1:
-            raise KeyboardInterrupt
-        for i, returns in enumerate(self.returns):
-            restarts = np.arange(len(returns), dtype=float)
-            last = i == len(self.returns) - 1
-            yield {
-                "iteration": i,
-                "status": jaxplan.JaxPlannerStatus[self.last_status if last else "NORMAL"],
-                "train_return": restarts,
-                "test_return": np.array(returns),
-                "params": {"w": 100 * i + restarts},
-                "policy_hyperparams": {"push": 1.0},
-                "sigma": np.full((len(returns), 2), float(i)),
-            }
-
-
-# --- planners and policies -----------------------------------------------------------------
-
-
-def test_what_jaxplan_cannot_compile_is_an_input_error_that_names_the_file(tmp_path):
-    text = CART.replace("x + push;", "x + push + gamma[x];")  # takes two arguments
-    assert text != CART
-    (tmp_path / "cart.rddl").write_text(text)
-    (tmp_path / "one.rddl").write_text(CART_INSTANCE)
-    problem = load_problem(str(tmp_path / "cart.rddl"), str(tmp_path / "one.rddl"))
-    said = one_line(lambda: build_planner(problem, paper_config()))
-    assert said.startswith(f"{tmp_path / 'one.rddl'}: JaxPlan cannot compile it: ")
-    assert "gamma" in said
-
-
-def test_what_only_shows_in_the_first_iteration_is_an_input_error(tmp_path):
-    planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": "fast"})
-    said = one_line(lambda: trained(planner, 2))
-    assert said.startswith("JaxPlan cannot compile the planner: TypeError: ")
-
-
-def test_a_policy_takes_the_step_th_key_of_its_seed_to_the_end_of_the_episode():
-    calls: list[tuple] = []
-
-    def get_action(*arguments: Any) -> dict[str, Any]:
-        calls.append(arguments)
-        return {"push": len(calls)}
-
-    # plans over two steps, plays five
-    planner = SimpleNamespace(horizon=2, rddl=SimpleNamespace(horizon=5), get_action=get_action)
-    policy = playable(planner, "params", {"push": 1.0}, seed=9)
-    state = {"x": np.array([1.0])}
-    assert [policy(step, state) for step in range(5)] == [{"push": n} for n in range(1, 6)]
-    keys = jax.random.split(jax.random.PRNGKey(9), 5)
-    for step, (key, *rest) in enumerate(calls):
-        np.testing.assert_array_equal(key, keys[step])
-        assert rest == ["params", step, state, {"push": 1.0}]
-
-
-# --- calls of several iterations --------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def calling_planner() -> MDPOPlanner:
-    values = {"iterations_per_call": 20, "test_every": 5}
-    return build_planner(reservoir(), paper_config().with_section("MDPO", values))[0]
-
-
-def test_calls_train_as_single_iterations_do(planner, calling_planner):
-    single = train(planner, key=KEY, iterations=155, seconds=FOREVER)
-    calls = train(calling_planner, key=KEY, iterations=155, seconds=FOREVER)
-    assert (calls.iterations, calls.status) == (155, single.status)
-    for one, other in zip(
-        jax.tree.leaves(calls.last_params), jax.tree.leaves(single.last_params), strict=True
-    ):
-        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
-    # short enough for 60 points
-    assert [record.iteration for record in calls.history] == [*range(1, 154, 2), 154]
-
-
-def test_the_best_iterate_may_lie_within_a_call():
-    values = {"iterations_per_call": 20, "test_every": 5}
-    config = paper_config(optimizer_kwargs={"learning_rate": 50.0}).with_section("MDPO", values)
-    wild, _ = build_planner(reservoir(), config.with_section("Noise", {"method": "NoNoise"}))
-    window = {"test_rolling_window": 1}
-    result = train(wild, key=KEY, iterations=1200, seconds=FOREVER, optimize_kwargs=window)
-    best = max(result.history, key=lambda record: record.test_return)
-    assert result.history[0].iteration == 19
-    assert result.best_iteration % 5 == 4
-    assert result.best_iteration < best.iteration
-
-
-@pytest.mark.parametrize(
-    ("most", "sizes"), [(1000.0, (20, 5)), (14.9, (10, 5)), (3.3, (3, 3)), (0.1, (1, 1))]
-)
-def test_calls_of_a_slow_model_are_shorter(most, sizes):
-    slow = SimpleNamespace(iterations_per_call=20, test_every=5)
-    bound_calls(slow, most)
-    assert (slow.iterations_per_call, slow.test_every) == sizes
-
-
-def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
-    found = {}
-    for tick in (0.001, 0.3):
-        clock = itertools.count(0.0, tick)
-        passing = SimpleNamespace(perf_counter=lambda clock=clock: next(clock))
-        monkeypatch.setattr(training, "time", passing)
-        calls: list[Progress] = []
-        result = train(
-            calling_planner, key=KEY, iterations=1200, seconds=FOREVER, on_progress=calls.append
-        )
-        found[len(calls)] = result
-    assert list(found) == [60, 240]
-    fast, slow = found.values()
-    assert fast.best_iteration == slow.best_iteration
-    assert_same_bits(fast.best_params, slow.best_params)
-
-
-def test_the_seconds_are_kept_by_calls_too(calling_planner):
-    result = train(calling_planner, key=KEY, iterations=10**6, seconds=0.5)
-    assert result.status == "time_budget_reached"
-    assert 0.5 <= result.train_seconds < 2.0
-    assert np.isfinite(result.history[-1].test_return)
