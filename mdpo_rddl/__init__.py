@@ -1,17 +1,17 @@
 """Model-driven policy optimization for RDDL: JaxPlan with adaptive noise on the actions."""
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.evaluation import Evaluation, evaluate
-from mdpo_rddl.jaxplan.config import load_config, load_config_from_string
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.jaxplan.upstream import (
+from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
+from mdpo_rddl.planner.config.config import load_config, load_config_from_string
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.upstream import (
     JaxDeepReactivePolicy,
     JaxOfflineController,
     JaxOnlineController,
     JaxStraightLinePlan,
 )
-from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
-from mdpo_rddl.problem import Problem, load_problem, make_environment
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 __version__ = "0.1.0"
 

@@ -1,4 +1,10 @@
-"""The one exception that a user's mistake raises."""
+"""The one exception that a user's mistake raises, and errors told in one line."""
+
+import re
+
+_CAUSE_LENGTH = 240
+# a folder is this machine's business, the file's name is not
+_FOLDER = re.compile(r"(?<![\w.])(?:/[\w.@+-]+)+/")
 
 
 class InputError(Exception):
@@ -7,3 +13,10 @@ class InputError(Exception):
     The message is one line that names what is wrong and where (the file and, where it
     is known, the line). The command line prints it and ends with status 2.
     """
+
+
+def one_line_cause(error: Exception) -> str:
+    """An error's message on one line of bounded length, without folders."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    text = _FOLDER.sub("", text)
+    return text if len(text) <= _CAUSE_LENGTH else text[: _CAUSE_LENGTH - 1] + "…"

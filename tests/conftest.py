@@ -8,4 +8,4 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 sys.path.insert(0, str(Path(__file__).parent))
 
 # its fixtures serve several files
-pytest_plugins = ["plan_command"]
+pytest_plugins = ["helpers.plan_command"]

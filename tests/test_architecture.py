@@ -4,13 +4,29 @@ import ast
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "mdpo_rddl"
 FILES = sorted(PACKAGE.rglob("*.py"))
 MAX_LINES = 350
 
-# what knows nothing of planners or RDDL
-PURE = ("mdpo_rddl.noise", "mdpo_rddl.projection", "mdpo_rddl.actions")
+# the rooms, each with those that it may import from; `errors` is everybody's
+ROOMS = {
+    "machine": (),
+    "noise": (),
+    "problem": ("machine",),
+    "planner": ("machine", "noise", "problem"),
+    "policy": ("machine", "noise", "problem", "planner"),
+    "auto": ("machine", "noise", "problem", "planner", "policy"),
+    "session": ("machine", "noise", "problem", "planner", "policy", "auto"),
+    "ipc": ("machine", "noise", "problem", "planner", "policy", "auto", "session"),
+    "bench": ("machine", "noise", "problem", "planner", "policy", "auto", "session", "ipc"),
+}
+# the command line imports from all of them
+ALL_ROOMS = {*ROOMS, "cli"}
+# what may lie beside the rooms
+LOOSE = {"__init__.py", "errors.py", "py.typed"}
 
 
 def module_name(path: Path) -> str:
@@ -103,46 +119,98 @@ def test_imports_are_written_as_statements():
 # --- the arrows ----------------------------------------------------------------------------
 
 
-def test_noise_and_projection_know_only_jax_numpy_and_each_other():
-    allowed = ("jax", "numpy", *sys.stdlib_module_names, *PURE)
-    paths = modules(*PURE)
-    names = [(module_name(path), name) for path in paths for name in imports(path)]
-    assert [(module, name) for module, name in names if not is_of(name, *allowed)] == []
-    assert {name for _, name in names} >= {"jax", "numpy", "mdpo_rddl.actions.ActionSpec"}
+def room_of(module: str) -> str:
+    return module.split(".")[1] if "." in module else ""
 
 
-def test_only_jaxplan_imports_jaxplan():
+def room(*names: str) -> list[Path]:
+    return modules(*(f"mdpo_rddl.{name}" for name in names))
+
+
+def edges_inside(folder: Path) -> set[tuple[str, str]]:
+    """Which entry of a folder imports from which other one, both by their names in it."""
+    prefix = module_name(folder / "__init__.py").split(".")
+    depth = len(prefix)
+    found = set()
+    for path in sorted(folder.rglob("*.py")):
+        inside = path.relative_to(folder).parts[0].removesuffix(".py")
+        if inside == "__init__":
+            continue
+        for name in imports(path):
+            parts = name.split(".")
+            if parts[:depth] == prefix and len(parts) > depth and parts[depth] != inside:
+                found.add((inside, parts[depth]))
+    names = {entry.name.removesuffix(".py") for entry in folder.iterdir()}
+    return {edge for edge in found if set(edge) <= names}
+
+
+def cycle(edges: set[tuple[str, str]]) -> list[str]:
+    """Nodes that reach themselves."""
+    after: dict[str, set[str]] = {}
+    for start, end in edges:
+        after.setdefault(start, set()).add(end)
+    reached = {node: set(ends) for node, ends in after.items()}
+    for _ in after:
+        for ends in reached.values():
+            ends |= set().union(*(after.get(end, set()) for end in ends))
+    return sorted(node for node, ends in reached.items() if node in ends)
+
+
+def test_a_cycle_is_seen():
+    assert cycle({("a", "b"), ("b", "c"), ("c", "a"), ("d", "a")}) == ["a", "b", "c"]
+    assert cycle({("a", "b"), ("b", "c"), ("a", "c")}) == []
+
+
+def test_there_are_ten_rooms_and_nothing_beside_them():
+    entries = {path.name for path in PACKAGE.iterdir() if path.name != "__pycache__"}
+    assert entries - LOOSE == ALL_ROOMS
+    assert len(ALL_ROOMS) <= 10
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_room_imports_only_from_those_below_it(name):
+    above = ALL_ROOMS - {name, *ROOMS[name]}
+    assert violations(room(name), *(f"mdpo_rddl.{other}" for other in above)) == []
+
+
+@pytest.mark.parametrize(
+    "folder", [PACKAGE, *sorted(path.parent for path in PACKAGE.glob("*/**/__init__.py"))], ids=str
+)
+def test_imports_go_one_way_inside_a_room_too(folder):
+    assert cycle(edges_inside(folder)) == []
+
+
+def test_only_the_planner_imports_jaxplan():
     importers = {name for name, _ in violations(FILES, "pyRDDLGym_jax")}
     assert importers
-    assert all(is_of(name, "mdpo_rddl.jaxplan") for name in importers)
+    assert all(is_of(name, "mdpo_rddl.planner") for name in importers)
 
 
-def test_evaluation_knows_no_planner():
-    paths = modules("mdpo_rddl.evaluation", "mdpo_rddl.problem")
-    assert violations(paths, "jax", "mdpo_rddl.jaxplan", "mdpo_rddl.noise") == []
+def test_the_problem_knows_no_jax():
+    assert violations(room("problem"), "jax", "mdpo_rddl.machine.jax_setup") == []
 
 
-def test_the_core_imports_neither_experiments_nor_runs_nor_commands():
-    outer = ("mdpo_rddl.experiments", "mdpo_rddl.ipc", "mdpo_rddl.cli")
-    core = [path for path in FILES if not is_of(module_name(path), *outer)]
-    names = {module_name(path) for path in core}
-    assert names >= {f"mdpo_rddl.{name}" for name in ("training", "evaluation", "planning")}
-    assert violations(core, *outer) == []
+def test_the_machine_knows_no_rddl():
+    assert violations(room("machine"), "pyRDDLGym", "rddlrepository") == []
 
 
-def test_experiments_do_not_know_the_competition():
-    assert violations(modules("mdpo_rddl.experiments"), "mdpo_rddl.ipc") == []
+def test_noise_knows_only_jax_and_numpy():
+    allowed = ("jax", "numpy", *sys.stdlib_module_names, "mdpo_rddl.noise")
+    names = [(module_name(path), name) for path in room("noise") for name in imports(path)]
+    assert [(module, name) for module, name in names if not is_of(name, *allowed)] == []
+    assert {name for _, name in names} >= {"jax", "numpy"}
+
+
+def test_the_measurements_rooms_share_only_what_is_common():
+    folder = PACKAGE / "bench"
+    ends = {end for start, end in edges_inside(folder)}
+    assert ends == {"common"}
 
 
 def test_executors_know_nothing_of_the_work():
-    names = {name for path in modules("mdpo_rddl.executors") for name in imports(path)}
+    names = {name for path in room("machine.executors") for name in imports(path)}
     ours = {name for name in names if is_of(name, "mdpo_rddl")}
-    assert all(is_of(name, "mdpo_rddl.executors", "mdpo_rddl.errors") for name in ours)
-
-
-def test_nothing_but_the_commands_imports_the_commands():
-    others = [path for path in FILES if not is_of(module_name(path), "mdpo_rddl.cli")]
-    assert violations(others, "mdpo_rddl.cli") == []
+    assert all(is_of(name, "mdpo_rddl.machine.executors", "mdpo_rddl.errors") for name in ours)
 
 
 # --- habits --------------------------------------------------------------------------------
@@ -162,12 +230,12 @@ def test_a_file_can_be_read_in_one_sitting():
 def test_nothing_unpickles_what_may_come_from_anyone():
     # as a policy file may; the cache and a child's pipe come from the package itself
     own = {
-        "mdpo_rddl.stored_programs",
+        "mdpo_rddl.planner.programs.stored",
         "mdpo_rddl.session.second_evaluator",
-        "mdpo_rddl.auto.alternatives",
+        "mdpo_rddl.auto.arms.jaxplan",
     }
     unsafe = ("pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "cloudpickle")
-    everything = [*FILES, *sorted((ROOT / "tests").glob("*.py"))]
+    everything = [*FILES, *sorted((ROOT / "tests").rglob("*.py"))]
     assert {name for name, _ in violations(everything, *unsafe)} == own
     for path in everything:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

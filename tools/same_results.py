@@ -1,6 +1,6 @@
 """Whether a change left every result as it was: records runs, and compares two records.
 
-    python tools/same_results.py record OUT [--checkout FOLDER]   # the runs, by that checkout's code
+    python tools/same_results.py record OUT [--checkout FOLDER]  # the runs, by a checkout's code
     python tools/same_results.py compare ONE OTHER                # parameters, returns, history
     python tools/same_results.py load ONE                         # this code plays what ONE holds
 

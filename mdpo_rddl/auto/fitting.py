@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto.probing import Probe
-from mdpo_rddl.jaxplan.config import PlannerConfig
+from mdpo_rddl.planner.config.config import PlannerConfig
 
 
 def without_scales(config: PlannerConfig) -> PlannerConfig:

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.sizes import is_large
-from mdpo_rddl.feedback import Params
-from mdpo_rddl.jaxplan.exact import compile_visits
-from mdpo_rddl.jaxplan.feedback_plan import box_width
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.planner.exact import compile_visits
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.plans.feedback_plan import box_width
 
 logger = logging.getLogger(__name__)
 

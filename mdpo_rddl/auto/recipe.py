@@ -25,25 +25,25 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.auto.alternatives import Alternative, Alternatives
-from mdpo_rddl.auto.background import Work, run_until
-from mdpo_rddl.auto.choice import Choice
-from mdpo_rddl.auto.descent import Descent, descend
+from mdpo_rddl.auto.arms.feedback_search import FeedbackSearch
+from mdpo_rddl.auto.arms.gradient import Descent, descend
+from mdpo_rddl.auto.arms.jaxplan import Alternative, Alternatives
+from mdpo_rddl.auto.arms.plan_search import PlanSearch
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
-from mdpo_rddl.auto.plan_search import PlanSearch
+from mdpo_rddl.auto.judge import Choice
 from mdpo_rddl.auto.probing import Probe, probe, with_bias
-from mdpo_rddl.auto.searching import FeedbackSearch
 from mdpo_rddl.auto.sizes import plans_fit
-from mdpo_rddl.budgets import JAXPLAN_SECONDS
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.feedback import Params
-from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.jaxplan.missing import missing_package
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.jaxplan.search_section import Search
-from mdpo_rddl.planning import build_planner
-from mdpo_rddl.problem import Problem
-from mdpo_rddl.training import Progress, TrainingResult
+from mdpo_rddl.machine.background import Work, run_until
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import JAXPLAN_SECONDS
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.search_section import Search
+from mdpo_rddl.planner.missing import missing_package
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.training import Progress, TrainingResult
+from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.jaxplan.exact import step_bytes
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
+from mdpo_rddl.planner.exact import step_bytes
+from mdpo_rddl.planner.planner import MDPOPlanner
 
 # what one step of a search's rollouts may hold: more takes too long rather than too much memory
 _AT_ONCE_BYTES = 10**7

@@ -8,24 +8,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.bench.common.settings import DOMAIN_FILES
+from mdpo_rddl.bench.configs.candidates import PLANS, SCALES
+from mdpo_rddl.bench.configs.sweep import config_sweep_table, run_config_sweep, ship
+from mdpo_rddl.bench.presets.auto import PLANNERS, auto_table, run_auto
+from mdpo_rddl.bench.presets.noise_sweep import sweep, sweep_table
+from mdpo_rddl.bench.presets.paper_preset import NOISES, paper_preset_table, run_paper_preset
+from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
+from mdpo_rddl.bench.problems.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
+from mdpo_rddl.bench.speed.growth import AXES, growth_table, run_growth
+from mdpo_rddl.bench.speed.profile import profile_table, run_profile
+from mdpo_rddl.bench.speed.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.cli.bench_paper import add_paper_commands
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.experiments.auto import PLANNERS, auto_table, run_auto
-from mdpo_rddl.experiments.compatibility import compatibility_table, run_compatibility
-from mdpo_rddl.experiments.config_candidates import PLANS, SCALES
-from mdpo_rddl.experiments.config_sweep import config_sweep_table, run_config_sweep, ship
-from mdpo_rddl.experiments.growth import AXES, growth_table, run_growth
-from mdpo_rddl.experiments.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
-from mdpo_rddl.experiments.noise_sweep import sweep, sweep_table
-from mdpo_rddl.experiments.paper_preset import NOISES, paper_preset_table, run_paper_preset
-from mdpo_rddl.experiments.profile import profile_table, run_profile
-from mdpo_rddl.experiments.settings import DOMAIN_FILES
-from mdpo_rddl.experiments.speed import SETTINGS, run_speed, speed_table
-from mdpo_rddl.experiments.worker import Limits
-from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
-from mdpo_rddl.presets.auto import AUTO_SECONDS
-from mdpo_rddl.presets.paper import PYTORCH_DECAY
+from mdpo_rddl.machine.guarded import Limits
+from mdpo_rddl.machine.jax_setup import keep_compiled_programs, use_all_cores
+from mdpo_rddl.planner.config.presets.auto import AUTO_SECONDS
+from mdpo_rddl.planner.config.presets.paper import PYTORCH_DECAY
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,16 +4,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.bench.common.settings import DOMAIN_FILES
+from mdpo_rddl.bench.paper import sensitivity
+from mdpo_rddl.bench.paper.landscape import run_landscape
+from mdpo_rddl.bench.paper.methods import METHODS
+from mdpo_rddl.bench.paper.report import write_report
+from mdpo_rddl.bench.paper.runner import run_paper
+from mdpo_rddl.bench.paper.theorem import run_theorem, theorem_table
 from mdpo_rddl.cli.executor_options import add_executor_options, executor_from
 from mdpo_rddl.cli.options import OneLineParser, positive_int
-from mdpo_rddl.experiments.paper import sensitivity
-from mdpo_rddl.experiments.paper.landscape import run_landscape
-from mdpo_rddl.experiments.paper.methods import METHODS
-from mdpo_rddl.experiments.paper.report import write_report
-from mdpo_rddl.experiments.paper.runner import run_paper
-from mdpo_rddl.experiments.paper.theorem import run_theorem, theorem_table
-from mdpo_rddl.experiments.settings import DOMAIN_FILES
-from mdpo_rddl.machine import keep_compiled_programs, use_all_cores
+from mdpo_rddl.machine.jax_setup import keep_compiled_programs, use_all_cores
 
 
 def add_paper_commands(commands: Any) -> list[OneLineParser]:

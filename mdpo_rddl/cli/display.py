@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from mdpo_rddl.training import Progress as TrainingProgress
+from mdpo_rddl.planner.training import Progress as TrainingProgress
 
 
 class ProgressBar:

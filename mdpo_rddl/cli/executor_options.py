@@ -6,8 +6,8 @@ from typing import Any
 
 from mdpo_rddl.cli.options import number, positive_int
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.executors import EXECUTORS, Executor, SlurmExecutor, make_executor
-from mdpo_rddl.machine import usable_cores
+from mdpo_rddl.machine.cores import usable_cores
+from mdpo_rddl.machine.executors import EXECUTORS, Executor, SlurmExecutor, make_executor
 
 _JOBS = "jobs"
 _OPTIONS: dict[str, tuple[Any, str]] = {

@@ -14,7 +14,6 @@ from mdpo_rddl.cli.ipc_display import LiveTable
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.executors import LocalExecutor, SlurmExecutor
 from mdpo_rddl.ipc.conditions import keep_conditions
 from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
 from mdpo_rddl.ipc.registry import PLANNERS, check_planner
@@ -23,7 +22,8 @@ from mdpo_rddl.ipc.results import load_result
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.run import run
 from mdpo_rddl.ipc.trial import OK
-from mdpo_rddl.machine import usable_cores
+from mdpo_rddl.machine.cores import usable_cores
+from mdpo_rddl.machine.executors import LocalExecutor, SlurmExecutor
 
 _SUFFIX = "_ippc2023"
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from mdpo_rddl.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.jaxplan.config import PlannerConfig, relaxation_weights
+from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
+from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
 
 
 class OneLineParser(argparse.ArgumentParser):

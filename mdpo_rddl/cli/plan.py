@@ -17,18 +17,21 @@ from mdpo_rddl.cli.display import ProgressBar, print_summary
 from mdpo_rddl.cli.options import PLAIN_ONLY, TRAINING_ONLY, configure, plan_parser
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.machine import (
+from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
     keep_compiled_programs,
     leave_out_of_collections,
     use_all_cores,
 )
-from mdpo_rddl.presets import DEFAULT_PRESET, PLAIN_PRESET, PRESETS
-from mdpo_rddl.presets.shipped import METHODS, config_for_domain
-from mdpo_rddl.problem import load_problem
-from mdpo_rddl.report.run_folder import free_name
-from mdpo_rddl.session import LoadRequest, PlanRequest, evaluate_saved, plan, replan
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PLAIN_PRESET, PRESETS
+from mdpo_rddl.planner.config.presets.by_domain import METHODS, config_for_domain
+from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.session.load import evaluate_saved
+from mdpo_rddl.session.plan import plan
+from mdpo_rddl.session.replan import replan
+from mdpo_rddl.session.report.run_folder import free_name
+from mdpo_rddl.session.requests import LoadRequest, PlanRequest
 
 RUNS = Path("runs")
 

@@ -7,10 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.experiments.versions import versions
 from mdpo_rddl.ipc.rules import Rules
+from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.versions import versions
 
 CONDITIONS = "run.json"
 

@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.evaluation import episode_seeds
-from mdpo_rddl.experiments.trial import one_line_cause, peak_mb
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.ipc.planner import Planner, Restorable
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.results import Preparation, Trial
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.trial import OK, play
-from mdpo_rddl.problem import load_problem, make_environment
-from mdpo_rddl.session.summary import finite_or_none
+from mdpo_rddl.machine.memory import peak_mb
+from mdpo_rddl.problem.evaluation import episode_seeds
+from mdpo_rddl.problem.load import load_problem, make_environment
+from mdpo_rddl.session.report.summary import finite_or_none
 
 PREPARE, RESTORE = -2, -1
 """The phases that are no trials; those are named by their numbers, from 0."""

@@ -7,15 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.planning import playable
-from mdpo_rddl.problem import Problem, make_environment
-from mdpo_rddl.report.policy_file import (
-    SavedPolicy,
-    load_policy,
-    problem_identity,
-    save_policy,
-)
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
+from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.load import Problem, make_environment
 
 _FILE = "policy.safetensors"
 # for what comes after training: an iteration that is on its way, and the policy's compilation

@@ -6,12 +6,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.experiments.jaxplan_baseline import build_baseline
 from mdpo_rddl.ipc.gradient import Found, GradientPlanner
-from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.jaxplan.own_configs import own_config
-from mdpo_rddl.presets.shipped import REPOSITORY_NAMES
-from mdpo_rddl.problem import Problem
+from mdpo_rddl.planner.baseline import build_baseline
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.presets.by_domain import REPOSITORY_NAMES
+from mdpo_rddl.problem.load import Problem
 
 _MANY = 10_000_000
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.ipc.gradient import Found, GradientPlanner
-from mdpo_rddl.ipc.legal_moves import LegalMoves
-from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.planning import build_planner
-from mdpo_rddl.presets import DEFAULT_PRESET, PRESETS
-from mdpo_rddl.problem import Problem
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
+from mdpo_rddl.problem.legal_moves import LegalMoves
+from mdpo_rddl.problem.load import Problem
 
 
 class MDPO(GradientPlanner):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.problem import Problem
+from mdpo_rddl.problem.load import Problem
 
 
 class NoopPlayer:

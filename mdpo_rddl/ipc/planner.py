@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from mdpo_rddl.problem import Problem
+from mdpo_rddl.problem.load import Problem
 
 
 class Planner(Protocol):

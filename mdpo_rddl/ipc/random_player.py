@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.ipc.legal_moves import LegalMoves
-from mdpo_rddl.legality import action_box
-from mdpo_rddl.limits import GroupLimit, group_limits
-from mdpo_rddl.problem import Problem
+from mdpo_rddl.problem.legal_moves import LegalMoves
+from mdpo_rddl.problem.legality import action_box
+from mdpo_rddl.problem.limits import GroupLimit, group_limits
+from mdpo_rddl.problem.load import Problem
 
 # how far a draw goes from the bound of a box that has but one
 _WIDTH = 10.0

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pyRDDLGym import RDDLEnv
 
-from mdpo_rddl.legality import action_box
+from mdpo_rddl.problem.legality import action_box
 
 
 class IllegalActionError(Exception):

@@ -6,7 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.conditions import load_conditions
 from mdpo_rddl.ipc.figures import draw_domains, draw_profiles
@@ -22,6 +21,7 @@ from mdpo_rddl.ipc.tables import (
     overall_table,
     return_table,
 )
+from mdpo_rddl.machine.files import write_atomically
 
 MARKDOWN, JSON = "scores.md", "scores.json"
 REMARKS = "remarks.md"

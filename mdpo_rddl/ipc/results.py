@@ -6,14 +6,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.atomic import write_atomically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Entry, Instance
 from mdpo_rddl.ipc.trial import OK
+from mdpo_rddl.machine.files import write_atomically
 
 RESULTS = "entries"
 FINAL = ("timeout", "memory", "crash")
-"""How a process ends for good, see `mdpo_rddl.experiments.worker.Death`."""
+"""How a process ends for good, see `mdpo_rddl.machine.guarded.Death`."""
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.executors import Executor
-from mdpo_rddl.experiments.worker import Death, Limits, run_guarded
 from mdpo_rddl.ipc.contestant import PREPARE, RESTORE, Contestant
 from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_result
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.trial import OK
+from mdpo_rddl.machine.executors import Executor
+from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
 
 logger = logging.getLogger(__name__)
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.evaluation import Evaluation
 from mdpo_rddl.ipc.registry import FLOOR
 from mdpo_rddl.ipc.results import EntryResult
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.ipc.trial import OK
+from mdpo_rddl.problem.evaluation import Evaluation
 
 MODES = ("strict", "lenient")
 """Whether a broken precondition fails the trial, as an action that cannot be taken always does."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.atomic import write_atomically
+from mdpo_rddl.machine.files import write_atomically
 
 
 class Trace:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from pyRDDLGym import RDDLEnv
 
-from mdpo_rddl.experiments.trial import one_line_cause
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.ipc.planner import Planner
 from mdpo_rddl.ipc.referee import ContestReferee, IllegalActionError
 from mdpo_rddl.ipc.traces import Trace

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.actions import ActionKind, ActionSpec
+from mdpo_rddl.noise.actions import ActionKind, ActionSpec
 from mdpo_rddl.noise.normal import standard_normal
 
 

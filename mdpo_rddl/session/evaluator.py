@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mdpo_rddl.evaluation import Evaluation, evaluate
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.planning import playable
-from mdpo_rddl.problem import make_environment
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 
 

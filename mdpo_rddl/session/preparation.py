@@ -7,9 +7,9 @@ from threading import Thread
 import jax
 import numpy as np
 
-from mdpo_rddl.jaxplan.planner import MDPOPlanner
-from mdpo_rddl.planning import playable
-from mdpo_rddl.problem import make_environment
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.requests import PlanRequest
 
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from mdpo_rddl.jaxplan.config import PlannerConfig
-from mdpo_rddl.problem import Problem
-from mdpo_rddl.training import Progress
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.problem.load import Problem
 
 
 class Reporter(Protocol):

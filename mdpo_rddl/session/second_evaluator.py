@@ -17,10 +17,13 @@ from typing import Any
 
 import jax
 
-from mdpo_rddl.evaluation import Evaluation, evaluate
-from mdpo_rddl.machine import leave_out_of_collections, start_python, usable_cores
-from mdpo_rddl.planning import build_planner, playable
-from mdpo_rddl.problem import make_environment
+from mdpo_rddl.machine.child import start_python
+from mdpo_rddl.machine.cores import usable_cores
+from mdpo_rddl.machine.jax_setup import leave_out_of_collections
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.preparation import prepare
 from mdpo_rddl.session.requests import PlanRequest
 

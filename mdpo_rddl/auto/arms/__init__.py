@@ -1,0 +1,1 @@
+"""The parts of the recipe, each a way to find a policy."""

@@ -1,0 +1,102 @@
+"""Going where no plan has been: for problems in which a reward must first be found.
+
+An archive keeps, for each cell of the state space that was ever visited, a plan that leads there
+in few steps; new plans follow one of them and then try something. That is Go-Explore, Ecoffet
+et al. (2021), https://arxiv.org/abs/2004.12919, without its robustification.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mdpo_rddl.auto.arms.mutations import Layout, random_values
+
+# of a state's scale
+_CELL = 0.5
+_FARTHEST = 120
+_MOST_BYTES, _MOST_CELLS = 2 * 10**8, 200_000
+_PLACES = 0.3
+_LONGEST_HOLD = 40.0
+_HOLD, _BOOL = 0.7, 0.3
+
+
+class Archive:
+    """Cells of the state space and plans that lead there."""
+
+    def __init__(self, layout: Layout, scales: Mapping[str, Sequence[float]], seed: int) -> None:
+        """Knows no cell yet.
+
+        Args:
+          layout: of the plans.
+          scales: per observed fluent its centre and scale; a cell is half a scale wide.
+          seed: of the plans that it makes.
+        """
+        self._layout, self._scales = layout, scales
+        self._random = np.random.default_rng([seed, 1])
+        self._cells: dict[bytes, int] = {}
+        self._prefixes: list[tuple[np.ndarray, int]] = []
+        self._taken: list[int] = []
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._prefixes)
+
+    def add(self, plans: np.ndarray, states: Mapping[str, np.ndarray]) -> None:
+        """Takes note of where plans have led.
+
+        Args:
+          plans: raw plans [P, H, D].
+          states: per observed fluent what each plan saw after each step [P, H, *shape].
+        """
+        count, horizon = plans.shape[:2]
+        # in the order of the steps, so that a cell's first place is the earliest step
+        cells = [
+            np.swapaxes(self._cell(name, values), 0, 1).reshape(horizon * count, -1)
+            for name, values in states.items()
+        ]
+        joined = np.ascontiguousarray(np.concatenate(cells, axis=1))
+        whole = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
+        unique, first = np.unique(whole, return_index=True)
+        kept: dict[int, np.ndarray] = {}
+        for cell, place in zip(unique.tolist(), first.tolist(), strict=True):
+            step, row = divmod(place, count)
+            known = self._cells.get(cell)
+            if known is not None and self._prefixes[known][1] <= step + 1:
+                continue
+            if known is None and (len(self) >= _MOST_CELLS or self._bytes > _MOST_BYTES):
+                continue
+            if row not in kept:
+                kept[row] = plans[row].copy()
+                self._bytes += kept[row].nbytes
+            if known is None:
+                self._cells[cell] = len(self)
+                self._prefixes.append((kept[row], step + 1))
+                self._taken.append(0)
+            else:
+                self._prefixes[known] = kept[row], step + 1
+
+    def plans(self, count: int) -> np.ndarray:
+        """Plans that go to a cell, preferably one from which few began, and on [count, H, D]."""
+        weights = 1.0 / np.sqrt(1.0 + np.array(self._taken))
+        chosen = self._random.choice(len(self), size=count, p=weights / np.sum(weights))
+        return np.stack([self._go_on(cell) for cell in chosen])
+
+    def _cell(self, name: str, values: np.ndarray) -> np.ndarray:
+        center, scale = self._scales[name]
+        cells = np.floor((np.asarray(values, float) - center) / (_CELL * scale))
+        return np.clip(np.nan_to_num(cells), -_FARTHEST, _FARTHEST).astype(np.int8)
+
+    def _go_on(self, cell: int) -> np.ndarray:
+        random, is_bool = self._random, self._layout.is_bool
+        prefix, step = self._prefixes[cell]
+        self._taken[cell] += 1
+        plan = prefix.copy()
+        plan[step:] = 0.0
+        left, places = len(plan) - step, plan.shape[1]
+        count = min(places, random.geometric(_PLACES))
+        for place in random.choice(places, size=count, replace=False):
+            values = random_values(is_bool[place], left, random)
+            values *= random.random(left) < (_BOOL if is_bool[place] else _HOLD)
+            lengths = np.ceil(_LONGEST_HOLD ** random.random(left)).astype(int)
+            plan[step:, place] = np.repeat(values, lengths)[:left]
+        return plan

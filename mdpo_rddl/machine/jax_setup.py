@@ -1,0 +1,59 @@
+"""What a command sets up in JAX before it computes anything."""
+
+import atexit
+import contextlib
+import gc
+import os
+from pathlib import Path
+
+import jax
+
+from mdpo_rddl.machine.cores import usable_cores
+
+_CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
+
+
+def cache_folder() -> Path:
+    """Where programs are kept: in the user's cache folder, or where JAX was told to."""
+    if _CACHE_VARIABLE in os.environ:
+        return Path(os.environ[_CACHE_VARIABLE])
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "mdpo-rddl" / "jax"
+
+
+def keep_compiled_programs() -> Path:
+    """Has JAX keep what it compiles for the next run.
+
+    Returns:
+      A folder for traced programs.
+    """
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    # the many small programs too, which together take as long as a large one
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    return cache_folder() / "traced"
+
+
+def grammar_tables() -> Path:
+    """Where the tables of RDDL's grammar are kept, which take longer to build than to read."""
+    return cache_folder() / "grammar-tables"
+
+
+def leave_out_of_collections() -> None:
+    """Has Python look through nothing that is there now, and nothing at the end, for garbage.
+
+    What was imported and compiled holds none worth the time that looking takes.
+    """
+    gc.freeze()
+    atexit.register(gc.freeze)
+
+
+def use_all_cores() -> None:
+    """Has JAX show a device for each core, over which a planner spreads its restarts.
+
+    What the user said in JAX_NUM_CPU_DEVICES or XLA_FLAGS stands, and so do the devices with
+    which JAX has begun to compute.
+    """
+    given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
+    if not given:
+        with contextlib.suppress(RuntimeError):
+            jax.config.update("jax_num_cpu_devices", usable_cores())

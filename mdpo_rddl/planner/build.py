@@ -1,0 +1,55 @@
+"""From a problem and a configuration to a planner and a policy that can be played."""
+
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.config.config import PlannerConfig, optimize_parameters
+from mdpo_rddl.planner.missing import missing_package
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.programs.stored import stored_jit
+from mdpo_rddl.problem.load import Problem
+
+# arguments of the compiled calls, or of the loop around them
+_BUDGET = {"key": 0, "epochs": 1, "train_seconds": 1.0}
+
+
+def build_planner(
+    problem: Problem,
+    config: PlannerConfig,
+    programs: Path | None = None,
+    planner_class: type[MDPOPlanner] = MDPOPlanner,
+) -> tuple[MDPOPlanner, dict[str, Any]]:
+    """Compiles a planner.
+
+    Args:
+      problem: the parsed problem; its horizon is the rollouts' unless the configuration
+        names a `rollout_horizon`.
+      config: the planner's configuration.
+      programs: where traced programs are kept from one process to the next, if anywhere.
+      planner_class: what to make of it.
+
+    Returns:
+      The planner, and the keyword arguments that the configuration has for `optimize`.
+
+    Raises:
+      InputError: if JaxPlan refuses the problem or the configuration.
+    """
+    quiet = config.with_values("Compiler", print_warnings=False)
+    planner_args, _, train_args = quiet.jaxplan_arguments()
+    # the rest of the section is for JaxPlan's controllers
+    known = optimize_parameters()
+    optimize_args = {name: value for name, value in train_args.items() if name in known}
+    try:
+        planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
+    except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
+        cause = missing_package(error) or " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
+            f"(configured by {config.source})"
+        ) from error
+    if programs is not None:
+        text = config.with_values("Optimize", **_BUDGET).to_text()
+        identity = f"{problem.digest} {problem.horizon} {text}"
+        planner.compile_calls_with(stored_jit(programs, identity))
+    return planner, optimize_args

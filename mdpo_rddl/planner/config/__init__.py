@@ -1,0 +1,1 @@
+"""Configurations: files, presets, checks."""

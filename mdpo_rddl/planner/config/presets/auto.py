@@ -1,0 +1,57 @@
+"""The preset `auto`: one recipe for all problems, see docs/auto.md."""
+
+from typing import Any
+
+from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
+from mdpo_rddl.planner.upstream import logic
+
+AUTO_SECONDS = 90.0
+RESTARTS = 4
+_WEIGHT = 100.0
+
+
+def auto_preset(domain_name: str) -> PlannerConfig:
+    """The configuration, the same for every domain.
+
+    `[Search]` makes it one of `mdpo_rddl.auto`, which fills in units and scales.
+    """
+    del domain_name
+    compiler = logic.DefaultJaxRDDLCompilerWithGrad
+    sections: dict[str, dict[str, Any]] = {
+        "Compiler": {
+            "method": compiler.__name__,
+            **dict.fromkeys(sorted(relaxation_weights(compiler)), _WEIGHT),
+        },
+        "Planner": {
+            "method": "FeedbackPlan",
+            "method_kwargs": {"topology": [32, 32], "plan": True},
+            "optimizer": "normalized_adam",
+            "optimizer_kwargs": {"learning_rate": 0.001},
+            "batch_size_train": 8,
+            "batch_size_test": 32,
+            "parallel_updates": RESTARTS,
+            "pgpe": None,
+        },
+        "Optimize": {
+            "key": 0,
+            "epochs": 1_000_000,
+            "train_seconds": AUTO_SECONDS,
+            "test_rolling_window": 1,
+        },
+        "Noise": {
+            "method": "AdaptiveNoise",
+            "sigma_min": 0.0,
+            "sigma_max": 0.1,
+            "alpha": 1.0,
+            "quantile": 0.95,
+            "analysis_samples": 0,
+        },
+        "Search": {
+            "shared_until": 0.25,
+            "own_until": 0.45,
+            "gradient_until": 0.85,
+            "alternatives": True,
+        },
+        "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 20},
+    }
+    return PlannerConfig(sections, "preset 'auto'")

@@ -1,0 +1,49 @@
+"""Configurations by domain: ours where the project ships one, else JaxPlan's own.
+
+Ours are in `mdpo_rddl/planner/config/shipped`, chosen by `mdpo-bench configs` (results/configs).
+"""
+
+from importlib import resources
+
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.jaxplan_configs import METHODS, own_config
+from mdpo_rddl.problem.load import looks_like_file
+
+_FOLDER = resources.files("mdpo_rddl.planner.config") / "shipped"
+
+# the name that the RDDL file gives its domain, and the name in rddlrepository
+REPOSITORY_NAMES = {
+    "hvac": "HVAC_ippc2023",
+    "mars_rover_science_mission": "MarsRover_ippc2023",
+    "mountain_car": "MountainCar_ippc2023",
+    "power_gen": "PowerGen_ippc2023",
+    "racecar": "RaceCar_ippc2023",
+    "recsim_ecosystem_welfare": "RecSim_ippc2023",
+    "reservoir_control_cont": "Reservoir_ippc2023",
+    "kinematic_UAVs_con": "UAV_ippc2023",
+}
+
+
+def config_for_domain(given_name: str, domain_name: str, method: str) -> PlannerConfig:
+    """The configuration for a domain, found by its name.
+
+    Args:
+      given_name: how the user named the domain: a problem of rddlrepository, or a file.
+      domain_name: how the RDDL file names it.
+      method: "drp", "slp" or "replan".
+
+    Returns:
+      Ours, else JaxPlan's for the domain, else JaxPlan's default for the method.
+    """
+    # a file has no name in rddlrepository; JaxPlan's for any problem is called "default"
+    name = "default" if looks_like_file(given_name) else given_name
+    known_name = REPOSITORY_NAMES.get(domain_name, name)
+    for candidate in (name, known_name):
+        file = _FOLDER / f"{candidate}_{method}.cfg"
+        if file.is_file():
+            text = file.read_text(encoding="utf-8")
+            return PlannerConfig.from_text(text, f"shipped configuration {file.name}")
+    return own_config(known_name, method)
+
+
+__all__ = ["METHODS", "REPOSITORY_NAMES", "config_for_domain"]

@@ -1,0 +1,347 @@
+"""MDPO as a subclass of JaxPlan's planner."""
+
+import functools
+import inspect
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
+from mdpo_rddl.noise.actions import ActionSpec
+from mdpo_rddl.noise.projection import perturb_and_project
+from mdpo_rddl.planner.acting import ActingPlanner
+from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, compile_rollouts
+from mdpo_rddl.planner.rollouts.termination import stop_at_termination
+from mdpo_rddl.planner.update.analysis import compile_analysis, mean_loss
+from mdpo_rddl.planner.update.calls import Calls
+from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
+from mdpo_rddl.planner.update.perturbed_policy import (
+    action_specs,
+    compile_raw_policy,
+    copy_uncompiled,
+    limited_policies,
+    perturbed_policy,
+)
+from mdpo_rddl.planner.update.restarts import PerRestart, Restarts
+from mdpo_rddl.planner.update.sharding import restart_sharding, shard
+from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
+from mdpo_rddl.problem.limits import group_limits
+
+
+class MDPOPlanner(ActingPlanner):
+    """JaxPlan's planner with noise on the actions during optimisation.
+
+    Each iteration makes up to two passes over the relaxed model, for every parallel update:
+
+    1. an analysis rollout without action noise, whose return is differentiated with respect
+       to the raw action at every step (later actions answer through the policy);
+    2. an update rollout, whose raw actions carry noise of the profile that `noise` makes of
+       that gradient, and from which JaxPlan's own update takes the parameters' gradient.
+
+    The loop, the optimiser, the callbacks and the stopping rules are JaxPlan's. With
+    `NoNoise` the parameters equal JaxPlan's bit for bit for the same key.
+    """
+
+    perturb = staticmethod(perturb_and_project)  # a subclass may perturb elsewhere
+
+    def __init__(
+        self,
+        *args: Any,
+        noise: ActionNoise | None = None,
+        stop_at_termination: bool = False,
+        keep_group_limits: bool = True,
+        iterations_per_call: int = 1,
+        test_every: int | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Takes every argument of `JaxBackpropPlanner`, and:
+
+        Args:
+          noise: the rule for the action noise; `AdaptiveNoise()` if None.
+          stop_at_termination: whether rewards after a termination condition count for
+            nothing, as in the exact environment; JaxPlan counts them.
+          keep_group_limits: whether preconditions of the form "at most k of these bools" hold
+            in training and in play (`mdpo_rddl.problem.limits`); JaxPlan ignores them.
+
+        Raises:
+          TypeError: if `noise` is not an `ActionNoise`.
+        """
+        if noise is None:
+            noise = AdaptiveNoise()
+        if not isinstance(noise, ActionNoise):
+            raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
+        self._restarts = Restarts(noise)
+        self._noise_state: Any = None
+        self._guess: Any = None
+        self._noise_state_at_guess: Any = None
+        self.stop_at_termination = stop_at_termination
+        self.keep_group_limits = keep_group_limits
+        self.iterations_per_call = iterations_per_call
+        self.test_every = iterations_per_call if test_every is None else test_every
+        if min(self.test_every, iterations_per_call) < 1 or iterations_per_call % self.test_every:
+            raise ValueError("test_every must divide iterations_per_call, both at least 1")
+        self.in_calls = iterations_per_call > 1
+        self._calls = Calls()
+        self.action_specs: dict[str, ActionSpec] = {}
+        given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
+        if "pgpe" not in given.arguments:
+            # JaxPlan's default is one object shared by all planners, which the second breaks
+            kwargs["pgpe"] = GaussianPGPE()
+        super().__init__(*args, **kwargs)
+
+    @property
+    def noise(self) -> ActionNoise:
+        """The rule for the action noise.
+
+        A rule of the same kind with other numbers can be assigned, and takes effect at the
+        next `optimize` without a recompilation.
+
+        Raises:
+          ValueError: on assignment of a rule that the planner was not compiled for.
+        """
+        return self._restarts.noise
+
+    @noise.setter
+    def noise(self, noise: ActionNoise) -> None:
+        self._restarts.noise = noise
+
+    def vary_restarts(
+        self, noise: Sequence[ActionNoise] | None = None, **hyperparams: Sequence[float]
+    ) -> None:
+        """Gives each parallel update its own noise rule and optimiser's hyperparameters.
+
+        They hold from the next `optimize` on, without a recompilation: a sweep over them is one
+        run. Called without arguments, all are the same again.
+
+        Args:
+          noise: one rule for each, of the kind that the planner was compiled for.
+          **hyperparams: one value for each, by the name that optax injects it under, such as
+            `learning_rate`.
+
+        Raises:
+          ValueError: if there are not as many as parallel updates, or a rule is of another kind.
+        """
+        lay_out = functools.partial(shard, sharding=self._sharding)
+        self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
+
+    # JaxPlan's compilation hooks, in the order in which it calls them
+
+    def _jax_compile_graph(self) -> None:
+        if self.in_calls and (self.use_pgpe or self.preprocessor is not None):
+            raise ValueError("several iterations a call need pgpe=None and no preprocessor")
+        self._sharding = restart_sharding(self.parallel_updates)
+        super()._jax_compile_graph()
+
+    def _jax_compile_policy(self) -> None:
+        raw = copy_uncompiled(self.plan)
+        super()._jax_compile_policy()
+        limits = group_limits(self.rddl)[0] if self.keep_group_limits else []
+        if limits:
+            self.plan.train_policy, self.plan.test_policy = limited_policies(self.plan, limits)
+            self.train_policy = jax.jit(self.plan.train_policy)
+            self.test_policy = jax.jit(self.plan.test_policy)
+        self.action_specs = action_specs(self.plan, self.compiled)
+        self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
+        self._perturbed_policy = perturbed_policy(
+            self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
+        )
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether anything is perturbed at all; if not, the planner is JaxPlan's."""
+        return bool(self.action_specs) and not self.noise.silent
+
+    def _jax_compile_rollouts(self) -> None:
+        super()._jax_compile_rollouts()
+        stopping = self.stop_at_termination and bool(self.rddl.terminations)
+        watched = self.dashboard is not None
+        training = (self.compiled, self.batch_size_train, self.preprocessor is not None or watched)
+        testing = (self.test_compiled, self.batch_size_test, watched)
+
+        def compiled_rollouts(policy, model, batch_size, cache_path_info, differentiated=True):
+            rollouts = compile_rollouts(
+                model,
+                policy,
+                self.horizon,
+                batch_size,
+                copies=self.parallel_updates,
+                history_dependent=self.plan.history_dependent,
+                check_constraints=stopping,
+                cache_path_info=cache_path_info,
+                differentiated=differentiated,
+            )
+            return stop_at_termination(rollouts) if stopping else rollouts
+
+        if stopping or self.in_calls:  # JaxPlan's rollouts, bit for bit, are not needed
+            self.train_rollouts = compiled_rollouts(self.plan.train_policy, *training)
+            tested = compiled_rollouts(self.plan.test_policy, *testing, differentiated=False)
+            self.test_rollouts = jax.jit(tested)
+        if not self.is_noisy:
+            return
+        perturbed_rollouts = compiled_rollouts(self._perturbed_policy, *training)
+        plain_rollouts = self.train_rollouts
+
+        def rollouts(key, params, hyperparams, fluents, nonfluents, model):
+            chosen = perturbed_rollouts if isinstance(model, PerturbedModel) else plain_rollouts
+            return chosen(key, params, hyperparams, fluents, nonfluents, model)
+
+        self.train_rollouts = rollouts
+
+    def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
+        initialize, init_optimizer = super()._jax_init_optimizer()
+
+        def initialize_all(key, policy_hyperparams, fluents):
+            initialized = initialize(key, policy_hyperparams, fluents)
+            params, opt_state, opt_aux = shard(initialized, self._sharding)
+            if self.is_noisy:
+                state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
+                opt_aux = self._with_noise(opt_aux, params, state)
+            opt_state = self._restarts.with_hyperparams(opt_state)
+            return params, opt_state, self._with_call(opt_aux, params, is_warm=False)
+
+        def init_optimizer_warm(policy_params):
+            # JaxPlan calls this for a warm start: the noise's state moves with the plan
+            opt_state, opt_aux = init_optimizer(policy_params)
+            if self.is_noisy:
+                state = self._noise_state_at_guess
+                if state is None:
+                    state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
+                else:
+                    noise = self._restarts.rules(self._broadcast_pytree)
+                    state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
+                opt_aux = self._with_noise(opt_aux, policy_params, state)
+            opt_state = self._restarts.with_hyperparams(opt_state)
+            return opt_state, self._with_call(opt_aux, policy_params, is_warm=True)
+
+        return initialize_all, init_optimizer_warm
+
+    def _with_noise(self, opt_aux: dict[str, Any], params: Any, state: Any) -> dict[str, Any]:
+        """What the noisy update carries on, beside what JaxPlan's does."""
+        opt_aux = {**opt_aux, "noise": (self._restarts.rules(self._broadcast_pytree), state)}
+        sensed = sensed_gradients(self.plan, self.noise)
+        if sensed is None:
+            return opt_aux
+        return {**opt_aux, "sensed": jax.tree.map(jnp.zeros_like, sensed(params))}
+
+    def _with_call(self, opt_aux: dict[str, Any], params: Any, is_warm: bool) -> dict[str, Any]:
+        if not self.in_calls:
+            return opt_aux
+        test_model = self._broadcast_pytree(self.test_compiled.model_aux["params"])
+        return {**opt_aux, "call": self._calls.first_state(params, test_model, is_warm)}
+
+    def _batched_init_subs(self, init_values: Mapping[str, Any]) -> Any:
+        subs = super()._batched_init_subs(init_values)
+        self._calls.test_fluents = subs[1]
+        return subs
+
+    def _broadcast_pytree(self, pytree: Any) -> Any:
+        if isinstance(pytree, PerRestart):
+            return shard(pytree.params, self._sharding)
+        return shard(super()._broadcast_pytree(pytree), self._sharding)
+
+    def _jax_compile_train_update(self) -> None:
+        super()._jax_compile_train_update()
+        if self.is_noisy and not self.in_calls:
+            self.update = self._remembering(self.update)
+
+    def _jax_compile_test_loss(self) -> None:
+        super()._jax_compile_test_loss()
+        if self.in_calls:
+            self._calls.compile(self.update, self.test_loss, self._sharding)
+            self.update = self._remembering(functools.partial(self._calls.update, self._sizes))
+            self.test_loss = self._calls.test_loss
+
+    def compile_calls_with(self, jit: Callable[[Callable], Callable]) -> None:
+        """Has calls of several iterations compiled by something that stands in for `jax.jit`."""
+        if self.in_calls:
+            self._calls.compile_with(jit)
+
+    def _sizes(self) -> tuple[int, int]:
+        return self.iterations_per_call, self.test_every
+
+    def _remembering(self, update: Callable) -> Callable:
+        def update_and_remember(*arguments):
+            result = update(*arguments)
+            if self.is_noisy:
+                self._noise_state = result[3]["noise"][1]
+            return result
+
+        return update_and_remember
+
+    def _jax_update(self, loss: Callable) -> Callable:
+        plain_update = super()._jax_update(loss)
+        if not self.is_noisy:
+            return plain_update
+        update = noisy_update(
+            plain_update,
+            self._jax_analysis() if self.noise.analysis_samples else None,
+            sensed_gradients(self.plan, self.noise),
+            self.action_specs,
+            horizon=self.horizon,
+            batch_size=self.batch_size_train,
+            parallel_updates=self.parallel_updates,
+            dtype=self.compiled.REAL,
+        )
+        return jax.jit(update)
+
+    def _jax_analysis(self) -> Callable:
+        return compile_analysis(
+            mean_loss(self),
+            self.action_specs,
+            self.horizon,
+            self.noise.analysis_samples,
+            self.compiled.REAL,
+        )
+
+    def summarize_hyperparameters(self) -> str:
+        """JaxPlan's summary, and the noise's."""
+        return super().summarize_hyperparameters() + (
+            "[INFO] action noise hyper-parameters:\n"
+            f"    noise              ={self.noise}\n"
+            f"    perturbed actions  ={', '.join(self.action_specs) or 'none'}\n"
+            f"    stop_at_termination={self.stop_at_termination}\n"
+            f"    keep_group_limits  ={self.keep_group_limits}\n"
+        )
+
+    @functools.wraps(JaxBackpropPlanner.optimize_generator, assigned=())
+    def optimize_generator(
+        self, *args: Any, **kwargs: Any
+    ) -> Generator[dict[str, Any], None, None]:
+        """JaxPlan's generator; each callback also holds the noise's own figures.
+
+        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`
+        [parallel updates, H] the return's sensitivity behind it (zeros where no analysis
+        was made). The `policy_hyperparams` that the caller passes are left as they are.
+        """
+        signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
+        given = signature.bind(self, *args, **kwargs)
+        hyperparams = given.arguments.get("policy_hyperparams")
+        if isinstance(hyperparams, dict):
+            given.arguments["policy_hyperparams"] = dict(hyperparams)
+        guess = given.arguments.get("guess")
+        if guess is not self._guess:
+            # JaxPlan's online controller tries the same guess again if compiling took all its time
+            self._guess, self._noise_state_at_guess = guess, self._noise_state
+        given.apply_defaults()
+        epochs = given.arguments["epochs"]
+        if self.in_calls:
+            self._calls.begin(given.arguments)
+            epochs = given.arguments["epochs"] = -(-epochs // self.iterations_per_call)
+        once = epochs == 1
+        if once:  # JaxPlan divides by epochs - 1
+            given.arguments["epochs"] = 2
+        silence = jnp.zeros((self.parallel_updates, self.horizon))
+        for callback in super().optimize_generator(*given.args[1:], **given.kwargs):
+            log = callback["train_log"]
+            callback["sigma"] = log.get("sigma", silence)
+            callback["sensitivity"] = log.get("sensitivity", silence)
+            if self.in_calls:
+                callback.update(self._calls.callback_entries())
+            if once and not callback["status"].is_terminal():
+                budget = JaxPlannerStatus.ITER_BUDGET_REACHED
+                callback.update(status=budget, progress=100.0)
+            yield callback
+            if once:
+                return

@@ -1,0 +1,1 @@
+"""Plans and policies of ours, and what they are made of."""

@@ -1,0 +1,177 @@
+"""A policy of lifted linear feedback, one loop per object, a net and a plan, as a pure function."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax, random
+
+from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, observed_fluents
+
+_LARGEST_INPUT = 10.0
+_LARGEST_NET_INPUT = 5.0
+_GAIN = "gain on "
+
+Params = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class FeedbackShape:
+    """What a feedback policy is made of.
+
+    Attributes:
+      topology: units of the net's hidden layers; none for no net.
+      cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
+      plan: whether there is a whole one, a value for every step, object and action.
+      horizon: number of steps H.
+      squares: whether the squares of the state features are features.
+      state_scales: per fluent its centre and scale; (0, 1) where it is not named.
+      cut: whether a gradient takes the states that the policy reads as given: it is then that
+        of the open-loop plan that the policy has played. That is biased, since later reactions
+        are left out, but it does not explode along them.
+    """
+
+    topology: tuple[int, ...]
+    cosines: int
+    plan: bool
+    horizon: int
+    squares: bool
+    state_scales: Mapping[str, Sequence[float]]
+    cut: bool
+
+
+class Feedback:
+    """The raw, unit-free action of each object as a function of the state.
+
+    In units in which states are of order 1, that of object x is
+
+        u_a(x) = w_a . phi_a(s, t, x) + b_a(x) + sum_f k_af(x) f(x) + p_a(t, x) + net_a(s)(x),
+
+    phi being the features of `features`, their squares and cosines of the time; w is shared by all
+    objects, b and k are each object's own, p is an open-loop plan, the net sees
+    the whole state.
+
+    The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
+    "gain on " + fluent: [*shape]}}, "plan": {action: [H, *shape]}, "net": {...}}, the last two
+    only if there is a plan or a net.
+    """
+
+    def __init__(
+        self, rddl: Any, values: Mapping[str, Any], shape: FeedbackShape, dtype: Any
+    ) -> None:
+        """Finds the features.
+
+        Args:
+          rddl: pyRDDLGym's lifted model.
+          values: per fluent and non-fluent, an array of its shape.
+          shape: what the policy is made of.
+          dtype: floating type of the model.
+        """
+        self.shape, self.dtype = shape, dtype
+        self.fluents = observed_fluents(rddl)
+        self.action_shapes = {name: tuple(np.shape(values[name])) for name in rddl.action_fluents}
+        self.features: dict[str, ActionFeatures] = {}
+        self._own: dict[str, list[str]] = {}
+        params = rddl.variable_params
+        for name in self.action_shapes:
+            self.features[name] = action_features(rddl, values, name)
+            self._own[name] = [f for f in self.fluents if params[f] == params[name]]
+        self._shapes = {name: tuple(np.shape(values[name])) for name in self.fluents}
+        self._inputs = sum(math.prod(shape) for shape in self._shapes.values())
+
+    def names(self, action: str) -> list[str]:
+        """Names of an action fluent's shared features, in the order of its weights."""
+        found = self.features[action]
+        names = [feature.name for feature in found.state]
+        squares = [f"{name}^2" for name in names] if self.shape.squares else []
+        cosines = [f"cos({k} pi t / H)" for k in range(1, self.shape.cosines + 1)]
+        return ["1", *names, *squares, *found.constant, *cosines]
+
+    def initial(self, key: Array) -> Params:
+        """Parameters with which every raw action is zero."""
+        own = {
+            name: {
+                "bias": jnp.zeros(shape, self.dtype),
+                **{f"{_GAIN}{f}": jnp.zeros(shape, self.dtype) for f in self._own[name]},
+            }
+            for name, shape in self.action_shapes.items()
+        }
+        shared = {name: jnp.zeros(len(self.names(name)), self.dtype) for name in own}
+        plan = {
+            name: jnp.zeros((self.shape.horizon, *shape), self.dtype)
+            for name, shape in (self.action_shapes.items() if self.shape.plan else ())
+        }
+        net: dict[str, Any] = {}
+        width = self._inputs
+        for number, size in enumerate(self.shape.topology if self._inputs else ()):
+            key, subkey = random.split(key)
+            kernel = random.normal(subkey, (width, size), self.dtype) / math.sqrt(width)
+            net[f"hidden_{number}"] = {"kernel": kernel, "bias": jnp.zeros(size, self.dtype)}
+            width = size
+        if net:
+            for name, shape in self.action_shapes.items():
+                net[f"output_{name}"] = jnp.zeros((width, math.prod(shape)), self.dtype)
+        parts = {"plan": plan, "net": net}
+        return {
+            "shared": shared,
+            "own": own,
+            **{name: part for name, part in parts.items() if part},
+        }
+
+    def raw(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
+        """The raw actions, per fluent [*shape].
+
+        Args:
+          params: as `initial` makes them.
+          state: per observed fluent its value [*shape].
+          step: of the rollout, from 0.
+        """
+        scaled = {name: self._scaled(name, state[name]) for name in self.fluents}
+        hidden = self._hidden(params.get("net", {}), scaled)
+        time = step / self.shape.horizon
+        actions = {}
+        for name, shape in self.action_shapes.items():
+            own = params["own"][name]
+            value = jnp.tensordot(params["shared"][name], self._stacked(name, scaled, time), 1)
+            value = value + own["bias"]
+            for fluent in self._own[name]:
+                value = value + own[f"{_GAIN}{fluent}"] * scaled[fluent]
+            if self.shape.plan:
+                value = value + params["plan"][name][step]
+            if hidden is not None:
+                value = value + jnp.reshape(hidden @ params["net"][f"output_{name}"], shape)
+            actions[name] = value
+        return actions
+
+    def _scaled(self, name: str, value: Any) -> Array:
+        center, scale = self.shape.state_scales.get(name, (0.0, 1.0))
+        # the environment gives a fluent without parameters as an array of one
+        value = jnp.reshape(jnp.asarray(value, self.dtype), self._shapes[name])
+        scaled = (value - center) / scale
+        scaled = lax.stop_gradient(scaled) if self.shape.cut else scaled
+        return jnp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)
+
+    def _stacked(self, name: str, scaled: Mapping[str, Array], time: Any) -> Array:
+        """phi_a [features, *shape]."""
+        shape, found = self.action_shapes[name], self.features[name]
+        seen = [feature.spread(scaled[feature.fluent]) for feature in found.state]
+        columns = [jnp.ones(shape, self.dtype), *seen]
+        if self.shape.squares:
+            columns += [value**2 - 1.0 for value in seen]
+        columns += [jnp.asarray(value, self.dtype) for value in found.constant.values()]
+        angle = jnp.pi * jnp.asarray(time, self.dtype)
+        waves = [jnp.cos(k * angle) for k in range(1, self.shape.cosines + 1)]
+        return jnp.stack([*columns, *(jnp.full(shape, wave) for wave in waves)])
+
+    def _hidden(self, net: Mapping[str, Any], scaled: Mapping[str, Array]) -> Array | None:
+        if not net:
+            return None
+        hidden = jnp.concatenate([jnp.ravel(scaled[name]) for name in self.fluents])
+        hidden = jnp.clip(hidden, -_LARGEST_NET_INPUT, _LARGEST_NET_INPUT)
+        for number in range(len(self.shape.topology)):
+            layer = net[f"hidden_{number}"]
+            hidden = jnp.tanh(hidden @ layer["kernel"] + layer["bias"])
+        return hidden

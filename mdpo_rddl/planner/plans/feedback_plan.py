@@ -1,0 +1,186 @@
+"""The feedback policy as a plan that JaxPlan can train."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape, Params
+from mdpo_rddl.planner.plans.limited_bools import limited_bools
+from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
+from mdpo_rddl.planner.upstream import JaxPlan
+from mdpo_rddl.problem.limits import GroupLimit
+
+# a bool's log-odds for a raw value of 1
+_BOOL_SCALE = 4.0
+
+
+class FeedbackPlan(JaxPlan):
+    """Plays do-nothing + unit * u, clipped to the box, u being the raw action of `Feedback`.
+
+    For bools u is, up to a factor, the log-odds of doing something. The initial policy does
+    nothing.
+    """
+
+    history_dependent = False
+
+    def __init__(
+        self,
+        topology: Sequence[int] | None = (64, 64),
+        cosines: int = 4,
+        squares: bool = True,
+        plan: bool = False,
+        state_scales: Mapping[str, Sequence[float]] | None = None,
+        units: Mapping[str, float] | None = None,
+        cut_feedback: bool = True,
+    ) -> None:
+        """Describes the policy.
+
+        Args:
+          topology, cosines, squares, plan, state_scales: see `FeedbackShape`.
+          units: per real or integer action fluent what a raw value of 1 means; the width of
+            its box where it is not named, 1 if it has none.
+          cut_feedback: `FeedbackShape.cut`.
+        """
+        super().__init__()
+        self._shape = FeedbackShape(
+            topology=tuple(topology or ()),
+            cosines=cosines,
+            plan=plan,
+            horizon=0,  # not known before compilation
+            squares=squares,
+            state_scales=dict(state_scales or {}),
+            cut=cut_feedback,
+        )
+        self._given_units = dict(units or {})
+        self.units: dict[str, np.ndarray] = {}
+        self.feedback: Feedback | None = None
+        # at most so many bools that are not at their default, all fluents together
+        self.concurrency: list[GroupLimit] = []
+        self.probabilities: Callable[..., dict[str, Array]] | None = None
+        # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
+        self.action_gradients: Callable[[Params], dict[str, Array]] | None = None
+
+    def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
+        """Compiles the policy, as JaxPlan asks its plans to.
+
+        Raises:
+          ValueError: if there is a preprocessor: the policy scales the states itself.
+        """
+        if preprocessor is not None:
+            raise ValueError("FeedbackPlan scales the states itself: preprocessor must be None")
+        ranges = compiled.rddl.variable_ranges
+        _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
+        shape = dataclasses.replace(self._shape, horizon=horizon)
+        feedback = Feedback(compiled.rddl, compiled.init_values, shape, compiled.REAL)
+        self.feedback = feedback
+        bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
+        numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
+        self.units = {name: self._unit(compiled, name) for name in numbers}
+        # a relaxed model's bools are numbers
+        nothing = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
+        nothing |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
+        limits = _concurrency(compiled.rddl, feedback.action_shapes)
+        if not any(np.any(nothing[name]) for limit in limits for name in limit.groups):
+            self.concurrency = limits
+
+        def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:
+            """Numbers in their box, and of bools the probability of not doing nothing."""
+            raw = feedback.raw(params, state, step)
+            actions = {name: jax.nn.sigmoid(_BOOL_SCALE * raw[name]) for name in bools}
+            for name in numbers:
+                action = nothing[name] + self.units[name] * raw[name]
+                actions[name] = _clip(action.astype(compiled.REAL), *self.bounds[name])
+            return actions
+
+        def probabilities(key, params, hyperparams, step, state, history):
+            del key, hyperparams, history
+            return _flipped(relaxed(params, step, state), nothing, bools)
+
+        def train_policy(key, params, hyperparams, step, state, history):
+            del key, hyperparams, history
+            actions = scale_to_limits(relaxed(params, step, state), limits)
+            return _flipped(actions, nothing, bools)
+
+        def test_policy(key, params, hyperparams, step, state, history):
+            del key, hyperparams, history
+            actions = relaxed(params, step, state)
+            chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
+            true = {name: chosen[name] ^ nothing[name] for name in bools}
+            whole = [name for name in numbers if ranges[name] != "real"]
+            rounded = {n: jnp.asarray(jnp.round(actions[n]), compiled.INT) for n in whole}
+            return {**actions, **true, **rounded}
+
+        self.train_policy, self.test_policy = train_policy, test_policy
+        self.probabilities = probabilities
+        self.projection = lambda params, hyperparams: (params, jnp.array(True))
+        if self._shape.plan:
+            self.action_gradients = lambda gradient: {
+                name: value / _BOOL_SCALE if name in bools else value
+                for name, value in gradient["plan"].items()
+            }
+        self.initializer = lambda key, hyperparams, state: feedback.initial(key)
+
+    def guess_next_epoch(self, params: Params) -> Params:
+        """A policy of the state is a warm start as it is; a plan has one step less to go."""
+        if "plan" not in params:
+            return params
+        rest = jax.tree.map(lambda p: jnp.concatenate([p[1:], p[-1:]]), params["plan"])
+        return {**params, "plan": rest}
+
+    def shift_log_odds(
+        self, params: Params, shifts: Mapping[str, Array], names: Sequence[str]
+    ) -> Params:
+        """Parameters whose policy has the bools' log-odds shifted, per fluent [*shape]."""
+        own = dict(params["own"])
+        for name in names:
+            bias = own[name]["bias"] + shifts[name] / _BOOL_SCALE
+            own[name] = {**own[name], "bias": bias}
+        return {**params, "own": own}
+
+    def _unit(self, compiled: Any, name: str) -> np.ndarray:
+        """What a raw value of 1 means, for one action fluent [*shape]."""
+        shape = np.shape(compiled.init_values[name])
+        if name in self._given_units:
+            return np.full(shape, self._given_units[name])
+        prange = compiled.rddl.variable_ranges[name]
+        if prange in compiled.rddl.enum_types:
+            return np.full(shape, max(1.0, len(compiled.rddl.type_to_objects[prange]) - 1.0))
+        return np.full(shape, box_width(*compiled.constraints.bounds[name]) or 1.0)
+
+
+def box_width(lower: Any, upper: Any) -> float | None:
+    """The median width of an action fluent's boxes; None if none of them is finite.
+
+    One width for all objects, so that shared weights mean the same for each.
+    """
+    width = np.subtract(upper, lower, dtype=float)
+    finite = width[np.isfinite(width) & (width > 0)]
+    return float(np.median(finite)) if finite.size else None
+
+
+def _clip(action: Array, lower: Any, upper: Any) -> Array:
+    """Clips to the box; a value on a bound keeps its gradient."""
+    lower, upper = jnp.asarray(lower, action.dtype), jnp.asarray(upper, action.dtype)
+    return jnp.where(action < lower, lower, jnp.where(action > upper, upper, action))
+
+
+def _flipped(
+    actions: Mapping[str, Array], nothing: Mapping[str, np.ndarray], bools: Sequence[str]
+) -> dict[str, Array]:
+    """Of bools the probability of true, from that of not doing nothing."""
+    true = {n: jnp.where(nothing[n], 1.0 - actions[n], actions[n]) for n in bools}
+    return {**actions, **true}
+
+
+def _concurrency(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:
+    """`max-nondef-actions` as a limit on one group of bools, if it limits anything."""
+    names = limited_bools(rddl)
+    if not names:
+        return []
+    groups = {name: np.zeros(shapes[name], dtype=int) for name in names}
+    return [GroupLimit(groups, np.array([rddl.max_allowed_actions]))]

@@ -1,0 +1,93 @@
+"""Bool actions that keep the limits on their groups, relaxed and exact."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from mdpo_rddl.problem.limits import GroupLimit
+
+
+def scale_to_limits(
+    probabilities: Mapping[str, Array], limits: Sequence[GroupLimit]
+) -> dict[str, Array]:
+    """Scales relaxed bools [*shape] down so that each group's sum keeps its limit.
+
+    The gradient passes through the scale. Groups within their limit stay as they are.
+    """
+    scaled = dict(probabilities)
+    for limit in limits:
+        totals = jnp.zeros(len(limit.limits))
+        for name, group in limit.groups.items():
+            totals = totals + _group_sums(scaled[name], group, len(limit.limits))
+        maximum = jnp.asarray(limit.limits, totals.dtype)
+        over = totals > maximum
+        factor = jnp.where(over, maximum / jnp.where(over, totals, 1.0), 1.0)
+        factor = jnp.append(factor, 1.0)  # index -1: the components of no group
+        for name, group in limit.groups.items():
+            scaled[name] = scaled[name] * factor[group].astype(scaled[name].dtype)
+    return scaled
+
+
+def choose_within_limits(
+    probabilities: Mapping[str, Array], limits: Sequence[GroupLimit]
+) -> dict[str, Array]:
+    """Bool actions [*shape] that keep every limit: the likeliest of each group.
+
+    A component is true if its probability is above 0.5 and it is among the group's
+    `limit` likeliest; under an exact limit, if it is among them at all.
+    """
+    chosen = {name: value > 0.5 for name, value in probabilities.items()}
+    allowed = {name: jnp.ones_like(value, bool) for name, value in probabilities.items()}
+    for limit in limits:
+        names = list(limit.groups)
+        group = np.concatenate([np.ravel(limit.groups[name]) for name in names])
+        values, picked, free = (
+            jnp.concatenate([jnp.ravel(tree[name]) for name in names])
+            for tree in (probabilities, chosen, allowed)
+        )
+        candidates = free & (picked | (limit.exact & (group >= 0)))
+        # what is no candidate ranks last, so that it takes no place
+        within = _are_largest(jnp.where(candidates, values, -1.0), group, limit.limits)
+        picked, free = candidates & within, free & within
+        start = 0
+        for name in names:
+            shape = jnp.shape(probabilities[name])
+            part = slice(start, start + math.prod(shape))
+            chosen[name] = jnp.reshape(picked[part], shape)
+            allowed[name] = jnp.reshape(free[part], shape)
+            start = part.stop
+    return chosen
+
+
+def _group_sums(values: Array, group: np.ndarray, count: int) -> Array:
+    ids = np.where(group < 0, count, group)
+    return jax.ops.segment_sum(jnp.ravel(values), np.ravel(ids), count + 1)[:count]
+
+
+def _are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
+    """Whether each value is among the `limit` largest of its group [n]; ties by position.
+
+    Values in no group are.
+    """
+    members = _members(group, len(limits))
+    places = int(np.clip(np.max(limits), 1, members.shape[1]))
+    padded = jnp.append(values, -jnp.inf)
+    _, top = jax.lax.top_k(padded[members], places)
+    largest = jnp.take_along_axis(jnp.asarray(members), top, axis=1)
+    is_within = np.arange(places) < limits[:, np.newaxis]
+    chosen = jnp.zeros(len(values) + 1, bool).at[largest].max(is_within)
+    return chosen[:-1] | (group < 0)
+
+
+def _members(group: np.ndarray, count: int) -> np.ndarray:
+    """The positions in each group [count, size of the largest], filled up with n."""
+    order = np.argsort(group, kind="stable")[np.count_nonzero(group < 0) :]
+    sizes = np.bincount(group[group >= 0], minlength=count)
+    starts = np.cumsum(sizes) - sizes
+    members = np.full((count, max(1, sizes.max(initial=0))), len(group))
+    members[group[order], np.arange(len(order)) - starts[group[order]]] = order
+    return members

@@ -1,0 +1,1 @@
+"""Compiled programs: rewritten to be faster, and kept on disk."""

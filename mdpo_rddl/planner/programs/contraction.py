@@ -1,0 +1,272 @@
+"""Sums of products over pairs of objects, as matrix products.
+
+RDDL writes what happens between objects as a sum over all pairs, `sum_{?j} [A(?i, ?j) * x(?j)]`,
+which is compiled into two matrices that are broadcast, multiplied and summed. Here whatever is
+constant along an axis is computed without that axis, and what is summed of it by `einsum`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.extend.core import ClosedJaxpr
+
+from mdpo_rddl.planner.programs.traced import CALLS, bind, called, replay
+
+_ELEMENTWISE = frozenset(
+    [
+        "abs",
+        "add",
+        "and",
+        "ceil",
+        "clamp",
+        "convert_element_type",
+        "copy",
+        "cos",
+        "div",
+        "eq",
+        "exp",
+        "expm1",
+        "floor",
+        "ge",
+        "gt",
+        "integer_pow",
+        "is_finite",
+        "le",
+        "log",
+        "log1p",
+        "logistic",
+        "lt",
+        "max",
+        "min",
+        "mul",
+        "ne",
+        "neg",
+        "not",
+        "or",
+        "pow",
+        "rem",
+        "round",
+        "select_n",
+        "sign",
+        "sin",
+        "sqrt",
+        "square",
+        "stop_gradient",
+        "sub",
+        "tan",
+        "tanh",
+        "xor",
+    ]
+)
+# smaller arrays are computed as they are written
+_WORTH_ELEMENTS = 4096
+_MAX_TERMS = 4
+_LETTERS = "abcdefghijklmnopqrstuvwxyz"
+
+
+@dataclass(frozen=True)
+class _View:
+    """An array that is constant along all axes but some.
+
+    Attributes:
+      base: the values.
+      axes: for each axis of `base`, the axis of the whole that it is.
+    """
+
+    base: Any
+    axes: tuple[int, ...]
+
+    def aligned(self, axes: Sequence[int], shape: Sequence[int]) -> Array:
+        """The values over some axes in order, which include all of its own."""
+        order = np.argsort(self.axes).tolist()
+        base = jnp.transpose(self.base, order)
+        own = set(self.axes)
+        sizes = [shape[axis] if axis in own else 1 for axis in axes]
+        return jnp.broadcast_to(jnp.reshape(base, sizes), [shape[axis] for axis in axes])
+
+
+@dataclass(frozen=True)
+class _Factored:
+    """A large array, known as a sum of products of views; written out only if it must be.
+
+    Attributes:
+      shape: of the whole.
+      terms: the sum; each term is a sign and its factors.
+      recipe: how the program computes the whole.
+    """
+
+    shape: tuple[int, ...]
+    terms: tuple[tuple[float, tuple[_View, ...]], ...]
+    recipe: Callable[[], Array]
+
+    @property
+    def view(self) -> _View | None:
+        """The only factor, if it is one."""
+        (sign, factors), *others = self.terms
+        return factors[0] if sign > 0 and len(factors) == 1 and not others else None
+
+    @cached_property
+    def whole(self) -> Array:
+        """The array, written out."""
+        return self.recipe()
+
+
+def contract(closed: ClosedJaxpr) -> ClosedJaxpr:
+    """A program with the same results, in which large sums of products are contracted.
+
+    Results agree up to the order of floating-point operations. A program without large
+    broadcasts is returned as it is.
+    """
+    if not _has_large_broadcasts(closed.jaxpr):
+        return closed
+    inputs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in closed.jaxpr.invars]
+    return jax.make_jaxpr(lambda *values: [_whole(v) for v in replay(closed, values, _apply)])(
+        *inputs
+    )
+
+
+def _has_large_broadcasts(jaxpr: Any) -> bool:
+    for equation in jaxpr.eqns:
+        if equation.primitive.name in CALLS:
+            if _has_large_broadcasts(called(equation).jaxpr):
+                return True
+        elif equation.primitive.name == "broadcast_in_dim":
+            (operand, *_), (result,) = equation.invars, equation.outvars
+            if operand.aval.size not in (1, result.aval.size) and _is_large(result.aval.shape):
+                return True
+    return False
+
+
+def _apply(equation: Any, operands: list[Any]) -> list[Any]:
+    name, params = equation.primitive.name, equation.params
+
+    def plain() -> list[Any]:
+        return bind(equation.primitive, params, [_whole(operand) for operand in operands])
+
+    if name == "broadcast_in_dim" and _is_large(params["shape"]):
+        return [_broadcast(operands[0], params, lambda: plain()[0])]
+    if not any(isinstance(operand, _Factored) for operand in operands):
+        return plain()
+    shape = equation.outvars[0].aval.shape
+    if name == "transpose":
+        return [_transpose(operands[0], params["permutation"], shape, lambda: plain()[0])]
+    if name == "reduce_sum" and jnp.issubdtype(equation.outvars[0].aval.dtype, jnp.floating):
+        return [_sum(operands[0], params["axes"], shape)]
+    if name in _ELEMENTWISE:
+        return [_elementwise(equation, operands, shape, lambda: plain()[0])]
+    return plain()
+
+
+def _is_large(shape: Sequence[int]) -> bool:
+    return len(shape) > 1 and int(np.prod(shape)) >= _WORTH_ELEMENTS
+
+
+def _whole(value: Any) -> Any:
+    return value.whole if isinstance(value, _Factored) else value
+
+
+def _view_of(value: Any) -> _View | None:
+    if isinstance(value, _Factored):
+        return value.view
+    return _View(value, tuple(range(np.ndim(value))))
+
+
+def _terms_of(value: Any, shape: Sequence[int]) -> tuple[tuple[float, tuple[_View, ...]], ...]:
+    if isinstance(value, _Factored):
+        return value.terms
+    axes = tuple(range(len(shape))) if np.ndim(value) else ()
+    return ((1.0, (_View(value, axes),)),)
+
+
+def _product(left: tuple[_View, ...], right: tuple[_View, ...]) -> tuple[_View, ...]:
+    """The factors of both, one for each set of axes; numbers go into the smallest."""
+    # two matrices that no step changes become one, ahead of the steps; einsum could as well
+    # multiply one by the step's vector and then sum over both
+    merged: dict[frozenset[int], _View] = {}
+    for factor in (f for f in left + right if f.axes):
+        same = merged.get(frozenset(factor.axes))
+        if same is not None:
+            order = [factor.axes.index(axis) for axis in same.axes]
+            factor = _View(same.base * jnp.transpose(factor.base, order), same.axes)
+        merged[frozenset(factor.axes)] = factor
+    factors = sorted(merged.values(), key=lambda f: f.base.size)
+    numbers = [f.base for f in left + right if not f.axes]
+    for number in numbers:
+        if isinstance(number, Array) or number != 1:  # JaxPlan multiplies by 1 to make a real
+            smallest, *others = factors or [_View(1.0, ())]
+            factors = [_View(smallest.base * number, smallest.axes), *others]
+    return tuple(factors) or (_View(jnp.ones(()), ()),)
+
+
+def _broadcast(operand: Any, params: dict[str, Any], recipe: Callable[[], Array]) -> Any:
+    view, shape = _view_of(operand), params["shape"]
+    if view is None:
+        return recipe()
+    axes = [params["broadcast_dimensions"][axis] for axis in view.axes]
+    kept = [i for i, axis in enumerate(axes) if view.base.shape[i] == shape[axis]]
+    base = jnp.squeeze(view.base, tuple(i for i in range(len(axes)) if i not in kept))
+    new = _View(base, tuple(axes[i] for i in kept))
+    return _Factored(tuple(shape), ((1.0, (new,)),), recipe)
+
+
+def _transpose(
+    operand: _Factored,
+    permutation: Sequence[int],
+    shape: tuple[int, ...],
+    recipe: Callable[[], Array],
+) -> _Factored:
+    place = {axis: new for new, axis in enumerate(permutation)}
+    terms = tuple(
+        (sign, tuple(_View(f.base, tuple(place[axis] for axis in f.axes)) for f in factors))
+        for sign, factors in operand.terms
+    )
+    return _Factored(shape, terms, recipe)
+
+
+def _elementwise(
+    equation: Any, operands: list[Any], shape: tuple[int, ...], recipe: Callable[[], Array]
+) -> Any:
+    name = equation.primitive.name
+    views = [_view_of(operand) for operand in operands]
+    axes = sorted({axis for view in views if view is not None for axis in view.axes})
+    if None not in views and len(axes) < len(shape):
+        # constant along an axis: computed without it
+        aligned = [v.aligned(axes, shape) if v.axes else v.base for v in views if v is not None]
+        base = bind(equation.primitive, equation.params, aligned)[0]
+        return _Factored(shape, ((1.0, (_View(base, tuple(axes)),)),), recipe)
+    terms = None
+    if name in ("add", "sub", "mul"):
+        left, right = (_terms_of(operand, shape) for operand in operands)
+        if name == "mul":
+            terms = tuple((s * t, _product(f, g)) for s, f in left for t, g in right)
+        else:
+            direction = 1.0 if name == "add" else -1.0
+            terms = left + tuple((direction * sign, factors) for sign, factors in right)
+    elif name == "neg":
+        terms = tuple((-sign, factors) for sign, factors in _terms_of(operands[0], shape))
+    if terms is None or len(terms) > _MAX_TERMS or max(len(f) for _, f in terms) > _MAX_TERMS:
+        return recipe()
+    return _Factored(shape, terms, recipe)
+
+
+def _sum(operand: _Factored, axes: Sequence[int], shape: tuple[int, ...]) -> Array:
+    left = [axis for axis in range(len(operand.shape)) if axis not in axes]
+    total = jnp.zeros((), operand.terms[0][1][0].base.dtype)
+    for sign, factors in operand.terms:
+        covered = {axis for factor in factors for axis in factor.axes}
+        letters = ["".join(_LETTERS[axis] for axis in factor.axes) for factor in factors]
+        result = [axis for axis in left if axis in covered]
+        subscripts = ",".join(letters) + "->" + "".join(_LETTERS[axis] for axis in result)
+        bases = [factor.base for factor in factors]
+        value = jnp.einsum(subscripts, *bases, precision=lax.Precision.HIGHEST)
+        repeats = np.prod([operand.shape[axis] for axis in axes if axis not in covered])
+        sizes = [operand.shape[axis] if axis in covered else 1 for axis in left]
+        value = jnp.reshape(sign * float(repeats) * value, sizes)
+        total = total + value
+    return jnp.broadcast_to(total, shape)

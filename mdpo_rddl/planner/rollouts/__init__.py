@@ -1,0 +1,1 @@
+"""Compiled rollouts of the model."""

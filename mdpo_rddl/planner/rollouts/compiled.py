@@ -1,0 +1,165 @@
+"""Rollouts of a compiled model that draw their random numbers ahead of the steps."""
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax, random
+
+from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
+from mdpo_rddl.planner.rollouts.memory import bounded_scan
+
+logger = logging.getLogger(__name__)
+
+# of all rollouts together: more than that is drawn step by step
+_AHEAD_BYTES = 2 * 10**8
+_SHARED, _EARLY, _LATE = range(3)
+
+
+class PerturbedModel(NamedTuple):
+    """The relaxed model's parameters together with the perturbation of one batch of rollouts.
+
+    JaxPlan hands the loss one argument that differs between its parallel updates, the model
+    parameters; the perturbation travels there.
+
+    Attributes:
+      params: JaxPlan's model parameters (relaxation weights by expression).
+      perturbation: per action fluent, [B, H, *action shape].
+    """
+
+    params: Any
+    perturbation: dict[str, Array]
+
+
+def compile_rollouts(
+    compiled: Any,
+    policy: Callable[..., dict[str, Array]],
+    horizon: int,
+    batch_size: int,
+    *,
+    copies: int = 1,
+    history_dependent: bool = False,
+    check_constraints: bool = False,
+    cache_path_info: bool = False,
+    differentiated: bool = True,
+) -> Callable[..., tuple[dict[str, Any], Any]]:
+    """Compiles rollouts with the arguments and results of JaxPlan's.
+
+    The keys are JaxPlan's, so the rollout is the one that `JaxRDDLCompiler.compile_rollouts`
+    makes, but for the order of floating-point operations. What depends on the keys and not on
+    the state is computed for all steps at once, ahead of them, unless it is too large.
+
+    Where the model parameters are a `PerturbedModel`, the policy's last argument is the step's
+    perturbation. It is scanned over, which keeps its gradient linear in the horizon; as a policy
+    hyperparameter its gradient would be accumulated whole at every step.
+
+    Args:
+      compiled: a model compiled by JaxPlan.
+      policy: JaxPlan's policy, or a perturbed one.
+      horizon: number of steps H.
+      batch_size: rollouts B; for a perturbed policy that of the perturbation.
+      copies: how many of these batches are vectorised together.
+      history_dependent: whether the policy reads the fluents' history.
+      check_constraints: whether the log tells preconditions, invariants and termination.
+      cache_path_info: whether the log keeps every fluent at every step.
+      differentiated: whether a gradient is taken, for which a large model keeps little.
+
+    Returns:
+      rollout(key, policy_params, policy_hyperparams, fluents, nonfluents, model), with a
+      leading batch axis B on the fluents, giving JaxPlan's log [B, H, ...] and the model
+      parameters.
+    """
+    transition = compiled.compile_transition(
+        check_constraints=check_constraints, cache_path_info=cache_path_info
+    )
+
+    def step(shared, early, late):
+        hyperparams, nonfluents, model = shared
+        key, number, extra = early
+        params, fluents, history = late
+        key, model_key = random.split(key)
+        actions = policy(key, params, hyperparams, number, fluents, history, *extra)
+        return transition(model_key, actions, fluents, nonfluents, model)
+
+    def rollout(key, params, hyperparams, fluents, nonfluents, model):
+        extra, size = (), batch_size
+        if isinstance(model, PerturbedModel):
+            size = jax.tree.leaves(model.perturbation)[0].shape[0]
+            extra = (jax.tree.map(lambda p: jnp.swapaxes(p, 0, 1), model.perturbation),)
+            model = model.params
+        history = _empty_history(fluents, horizon) if history_dependent else {}
+
+        shared = (hyperparams, nonfluents, model)
+        early = (_step_keys(key, horizon, size), jnp.arange(horizon), extra)
+        stages = Stages(
+            step,
+            shared,
+            (early[0][0, 0], early[1][0], jax.tree.map(lambda e: e[0, 0], extra)),
+            (params, _one(fluents, axis=0), _one(history, axis=1)),
+        )
+        passes = stages.passes_through()
+        if not all(passes[len(passes) - len(jax.tree.leaves(model)) :]):
+            raise NotImplementedError("the model's parameters change from step to step")
+        common = stages.run(_SHARED, [], shared)
+        ahead = _can_draw_ahead(stages, horizon * size * copies)
+        draw = jax.vmap(lambda *early: stages.run(_EARLY, [common], early), in_axes=(0, None, 0))
+        inputs = (jax.vmap(draw)(*early) if ahead else early, jnp.arange(horizon))
+
+        @partial(jax.vmap, in_axes=(0, 0, 1))
+        def late_step(drawn, fluents, history):
+            fluents, log, _ = stages.run(_LATE, [common, drawn], (params, fluents, history))
+            return fluents, log
+
+        def scanned_step(carry, inputs):
+            fluents, history = carry
+            drawn, number = inputs
+            if history_dependent:
+                history = jax.tree.map(lambda past, now: past.at[number].set(now), history, fluents)
+            fluents, log = late_step(drawn if ahead else draw(*drawn), fluents, history)
+            return (fluents, history), log
+
+        start = (fluents, history)
+        if differentiated:
+            end, log = bounded_scan(scanned_step, start, inputs, copies)
+        else:
+            end, log = lax.scan(scanned_step, start, inputs)
+        log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
+        if not log["fluents"]:
+            # JaxPlan's critic reads the last state even where no path is kept
+            log["fluents"] = {name: value[:, jnp.newaxis] for name, value in end[0].items()}
+        return log, model
+
+    return rollout
+
+
+def _empty_history(fluents: Any, horizon: int) -> Any:
+    return jax.tree.map(lambda f: jnp.zeros((horizon, *f.shape), f.dtype), fluents)
+
+
+def _one(batched: Any, axis: int) -> Any:
+    """The first rollout of a batch."""
+    return jax.tree.map(lambda leaf: jnp.take(leaf, 0, axis), batched)
+
+
+def _step_keys(key: Array, horizon: int, size: int) -> Array:
+    """JaxPlan's keys of each step and rollout [H, B, 2]."""
+
+    split_fast = with_fast_random_numbers(lambda key: random.split(key, 1 + size))
+
+    def split(key, _):
+        keys = split_fast(key)
+        return keys[0], keys[1:]
+
+    return lax.scan(split, key, None, length=horizon)[1]
+
+
+def _can_draw_ahead(stages: Stages, times: int) -> bool:
+    kept = stages.residual_types[_EARLY]
+    size = times * sum(int(np.prod(leaf.shape)) * leaf.dtype.itemsize for leaf in kept)
+    if size > _AHEAD_BYTES:
+        logger.info("large model: %.0f MB of random numbers are drawn step by step", size / 1e6)
+    return size <= _AHEAD_BYTES

@@ -1,0 +1,289 @@
+"""Running a planner to the end of its budget and keeping what it found."""
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.missing import missing_package
+from mdpo_rddl.planner.planner import MDPOPlanner
+
+logger = logging.getLogger(__name__)
+
+# at most so many iterations are recorded, and the last one
+_RECORDS = 600
+# a budget has at least so many calls, for a bound on the time can then be kept and a learning
+# curve needs points
+_CALLS_IN_A_BUDGET = 20
+_CALLS_IN_A_RUN = 60
+# whoever waits wants to see something move
+_CALL_SECONDS = 1.0
+# what is left of a time that compilation has used up: one call
+_LEAST_SECONDS = 1e-3
+
+
+class Record(NamedTuple):
+    """One recorded iteration of the restart that found the best iterate.
+
+    Attributes:
+      iteration: counted from 0.
+      train_return: utility of the relaxed, perturbed rollouts.
+      test_return: exact, noise-free return, averaged over JaxPlan's rolling window.
+      mean_sigma: the noise's scale averaged over the horizon.
+    """
+
+    iteration: int
+    train_return: float
+    test_return: float
+    mean_sigma: float
+
+
+class Progress(NamedTuple):
+    """What is worth showing while training goes on: the budget used and the returns."""
+
+    fraction: float
+    iteration: int
+    test_return: float
+    best_return: float
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What a training run found.
+
+    Attributes:
+      best_params: parameters of the iterate with the best smoothed exact test return.
+      last_params_by_restart: parameters of the last iterate of every restart, with a
+        leading axis [restarts, ...].
+      policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
+      iterations: iterations done.
+      best_iteration: iteration of `best_params`.
+      restart: the restart that `best_params` come from; the records are of it.
+      status: JaxPlan's status at the end, in lower case, or "interrupted".
+      history: the recorded iterations.
+      sigma: the noise's scale per recorded iteration and step [recorded, H].
+      compile_seconds: compilation, with the one iteration that forces it.
+      train_seconds: training without compilation.
+    """
+
+    best_params: Any
+    last_params_by_restart: Any
+    policy_hyperparams: Mapping[str, Any]
+    iterations: int
+    best_iteration: int
+    restart: int
+    status: str
+    history: tuple[Record, ...]
+    sigma: np.ndarray
+    compile_seconds: float
+    train_seconds: float
+
+    @property
+    def last_params(self) -> Any:
+        """Parameters of the last iterate of the restart that found the best one."""
+        return select_restart(self.last_params_by_restart, self.restart)
+
+
+def select_restart(params_by_restart: Any, restart: int) -> Any:
+    """The parameters of one restart out of a tree with a leading axis [restarts, ...]."""
+    return jax.tree.map(lambda leaf: leaf[restart], params_by_restart)
+
+
+def train(
+    planner: MDPOPlanner,
+    *,
+    key: Any,
+    iterations: int,
+    seconds: float,
+    counts_compilation: bool = False,
+    optimize_kwargs: Mapping[str, Any] | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> TrainingResult:
+    """Trains until the iterations, the seconds or the planner's own stopping rule end it.
+
+    A keyboard interrupt after the first iteration ends it likewise, with what was found.
+
+    Args:
+      planner: the compiled planner; all its parallel updates are restarts of one search.
+      key: JAX random key.
+      iterations: largest number of iterations, at least 1.
+      seconds: largest training time.
+      counts_compilation: whether compilation is part of that time.
+      optimize_kwargs: further arguments of `JaxBackpropPlanner.optimize_generator`.
+      on_progress: called after each iteration.
+
+    Raises:
+      InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
+        the problem with the planner's configuration.
+    """
+    arguments = {
+        **(optimize_kwargs or {}),
+        "key": key,
+        "epochs": iterations,
+        "train_seconds": seconds,
+        "print_summary": False,
+        "print_progress": False,
+        "print_hyperparams": False,
+    }
+    started = time.perf_counter()
+    sizes = planner.iterations_per_call, planner.test_every
+    _force_compilation(planner, arguments)
+    compile_seconds = time.perf_counter() - started
+    if counts_compilation:
+        seconds = arguments["train_seconds"] = max(seconds - compile_seconds, _LEAST_SECONDS)
+
+    started = time.perf_counter()
+    found = _Found(planner.in_calls)
+    status = "iter_budget_reached"
+    try:
+        for callback in planner.optimize_generator(**arguments):
+            found.add(callback)
+            iteration = callback["iteration"]
+            done = max((iteration + 1) / iterations, (time.perf_counter() - started) / seconds)
+            on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
+            if callback["status"].is_terminal():
+                status = callback["status"].name.lower()
+    except KeyboardInterrupt:
+        # the iterates so far are worth keeping
+        if not found.callback:
+            raise
+        status = "interrupted"
+    finally:
+        planner.iterations_per_call, planner.test_every = sizes
+    train_seconds = time.perf_counter() - started
+    return _result(found, status, compile_seconds, train_seconds)
+
+
+def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> None:
+    """Compiles the update and the test, and sees to it that a call does not take too long."""
+    sizes = planner.iterations_per_call, planner.test_every
+    planner.iterations_per_call = planner.test_every = 1  # no recompilation for another size
+    generator = planner.optimize_generator(**{**arguments, "dashboard_id": None})
+    try:
+        next(generator)
+        started = time.perf_counter()
+        if planner.in_calls:
+            next(generator, None)
+    except Exception as error:  # whatever the problem and the values make JAX raise
+        kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
+        cause = missing_package(error) or kind_and_message
+        raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
+    finally:
+        planner.iterations_per_call, planner.test_every = sizes
+    generator.close()
+    if planner.in_calls:
+        seconds = time.perf_counter() - started
+        longest = arguments["train_seconds"] / _CALLS_IN_A_BUDGET
+        bound_calls(planner, min(longest / seconds, arguments["epochs"] / _CALLS_IN_A_RUN))
+        # tests as often as on a faster machine, or the best iterate would be another one
+        bound_calls(planner, max(_CALL_SECONDS / seconds, planner.test_every))
+
+
+def bound_calls(planner: MDPOPlanner, iterations: float) -> None:
+    """Makes a planner's calls shorter, so that a bound on the time can be kept.
+
+    Args:
+      planner: a planner with several iterations a call; its sizes are changed.
+      iterations: the most that a call may have, if that is at least 1.
+    """
+    most = max(1, min(planner.iterations_per_call, int(iterations)))
+    planner.test_every = min(planner.test_every, most)
+    planner.iterations_per_call = most // planner.test_every * planner.test_every
+
+
+_KEPT = ("iteration", "train_return", "test_return", "sigma")
+
+
+class _Found:
+    """What the iterations so far have found.
+
+    The best iterate of JaxPlan's own loop is not used: once a restart's return is not a number,
+    JaxPlan takes that restart for the best one and no longer sees the others. Calls of several
+    iterations keep account of it themselves.
+    """
+
+    def __init__(self, in_calls: bool) -> None:
+        self._in_calls = in_calls
+        self.callback: Mapping[str, Any] = {}
+        self.restart = 0
+        self.test_return = -np.inf
+        self.best_return, self.best_iteration = -np.inf, 0
+        self._best_params: Callable[[], Any] = lambda: None
+        self.best_restart = 0
+        self._kept: list[dict[str, Any]] = []
+        self._every = 1
+
+    def add(self, callback: Mapping[str, Any]) -> None:
+        returns = np.asarray(callback["test_return"])
+        returns = np.where(np.isfinite(returns), returns, -np.inf)
+        self.restart = int(np.argmax(returns))
+        self.test_return = float(returns[self.restart])
+        if self._in_calls:
+            self.best_return = float(callback["best_return"])
+            self.best_iteration = callback["last_iteration_improved"]
+            self.best_restart = callback["best_index"]
+            self._best_params = partial(callback.get, "best_params")
+        elif self.test_return > self.best_return:
+            self.best_return, self.best_iteration = self.test_return, callback["iteration"]
+            self.best_restart = self.restart
+            self._best_params = partial(select_restart, callback["params"], self.restart)
+        # how many iterations the seconds allow is not known before
+        if callback["iteration"] % self._every == 0:
+            self._kept.append({name: callback[name] for name in _KEPT})
+        if len(self._kept) > _RECORDS:
+            self._kept, self._every = self._kept[::2], 2 * self._every
+        self.callback = callback
+
+    @property
+    def best_params(self) -> Any:
+        return self._best_params()
+
+    @property
+    def kept(self) -> list[dict[str, Any]]:
+        last = {name: self.callback[name] for name in _KEPT}
+        is_kept = self._kept[-1]["iteration"] == last["iteration"]
+        return self._kept if is_kept else [*self._kept, last]
+
+
+def _result(
+    found: _Found, status: str, compile_seconds: float, train_seconds: float
+) -> TrainingResult:
+    callback, kept, restart = found.callback, found.kept, found.best_restart
+    if not np.isfinite(found.best_return):
+        raise InputError(
+            f"training diverged: no finite return in {callback['iteration'] + 1} iterations "
+            "(try a smaller step size, weight or sigma)"
+        )
+    logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)
+    history = tuple(
+        Record(
+            iteration=entry["iteration"],
+            train_return=float(entry["train_return"][restart]),
+            test_return=float(entry["test_return"][restart]),
+            mean_sigma=float(np.mean(entry["sigma"][restart])),
+        )
+        for entry in kept
+    )
+    return TrainingResult(
+        best_params=_to_numpy(found.best_params),
+        last_params_by_restart=_to_numpy(callback["params"]),
+        policy_hyperparams=_to_numpy(dict(callback["policy_hyperparams"])),
+        iterations=callback["iteration"] + 1,
+        best_iteration=found.best_iteration,
+        restart=restart,
+        status=status,
+        history=history,
+        sigma=np.stack([np.asarray(entry["sigma"][restart]) for entry in kept]),
+        compile_seconds=compile_seconds,
+        train_seconds=train_seconds,
+    )
+
+
+def _to_numpy(tree: Any) -> Any:
+    return jax.tree.map(np.asarray, tree)

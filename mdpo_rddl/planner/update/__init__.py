@@ -1,0 +1,1 @@
+"""One update of the parameters: analysis, noise, restarts, calls of several iterations."""

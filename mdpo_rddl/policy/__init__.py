@@ -1,0 +1,1 @@
+"""What maps a state to an action."""

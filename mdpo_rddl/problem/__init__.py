@@ -1,0 +1,1 @@
+"""The problem: RDDL files, the exact environment, legal actions, evaluation. No JAX."""

@@ -1,0 +1,38 @@
+"""Legal actions for a planner that has nothing but the observed state."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.problem.legality import Referee, Verdict
+from mdpo_rddl.problem.load import Problem, make_environment
+
+
+class LegalMoves:
+    """Checks actions in an environment of its own, put into the observed state.
+
+    Under partial observability, preconditions on what is not observed are checked in the
+    instance's initial state.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        """Makes the environment."""
+        self.env = make_environment(problem)
+        self.env.reset(seed=0)
+        self._referee = Referee(self.env)
+
+    def rule(self, proposal: Mapping[str, Any], state: Mapping[str, Any]) -> Verdict:
+        """The proposal if it is legal in the state, else a legal action near it.
+
+        See `mdpo_rddl.problem.legality.Referee.rule`.
+        """
+        model, subs = self.env.model, self.env.sampler.subs
+        for name, value in state.items():
+            if value is None:  # nothing is observed before the first step
+                continue
+            if np.asarray(value).dtype.kind == "U":  # names of objects
+                kind = model.variable_ranges[name]
+                value = model.object_string_to_index_array(kind, np.asarray(value))
+            subs[name] = np.reshape(value, np.shape(subs[name]))
+        return self._referee.rule(proposal)

@@ -1,0 +1,310 @@
+"""Loads an RDDL problem, and turns every mistake in it into a one-line `InputError`.
+
+pyRDDLGym joins the two files and strips their comments before it parses them, so that its
+line numbers fit neither file. Here each file is parsed on its own, with pyRDDLGym's grammar.
+"""
+
+import contextlib
+import difflib
+import hashlib
+import io
+import logging
+import os
+import re
+import tempfile
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ply import lex, yacc
+from pyRDDLGym.core.compiler.model import RDDLLiftedModel
+from pyRDDLGym.core.env import RDDLEnv
+from pyRDDLGym.core.parser.parser import RDDLlex, RDDLParser
+from pyRDDLGym.core.parser.rddl import RDDL
+from rddlrepository import RDDLRepoManager
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
+
+logger = logging.getLogger(__name__)
+
+_UNDECODABLE = "\ufffd"
+_COMMENT = re.compile(r"//[^\n]*")
+_LINE_BREAK = re.compile(r"\s*[\r\n]+\s*")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A parsed RDDL problem.
+
+    `label` is a short name for folders and tables: the stem of the instance file, or
+    '<Domain>-<instance>' for a problem of rddlrepository. `digest` is the sha256 (hex) of the
+    domain's text followed by the instance's, with Unix line ends.
+    """
+
+    model: RDDLLiftedModel
+    domain_name: str
+    instance_name: str
+    label: str
+    domain_path: Path
+    instance_path: Path
+    digest: str
+
+    @property
+    def horizon(self) -> int:
+        """Number of decisions in an episode."""
+        return self.model.horizon
+
+
+def load_problem(
+    domain: str, instance: str, horizon: int | None = None, tables: Path | None = None
+) -> Problem:
+    """Parse and check a problem given as two files, or as two names of rddlrepository.
+
+    The arguments are two files if either looks like one: it has a path separator or the
+    suffix .rddl, or it exists. A `horizon` replaces the instance's own. `tables` is a file
+    that keeps the grammar's tables for the next run, a pickle that is trusted.
+
+    Raises `InputError` for whatever is wrong with the arguments or in the files.
+    """
+    if horizon is not None and not _is_positive_int(horizon):
+        raise _input_error(f"--horizon must be a positive integer, got {horizon!r}")
+    are_files = looks_like_file(domain) or looks_like_file(instance)
+    if are_files:
+        domain_path, instance_path = Path(domain), Path(instance)
+        label = instance_path.stem
+    else:
+        domain_path, instance_path = _repository_paths(domain, instance)
+        label = f"{domain}-{instance}"
+    domain_text = _read_text(domain_path, "domain")
+    instance_text = _read_text(instance_path, "instance")
+    parser = _Parser(tables)
+    ast = _parse(parser, domain_path, domain_text, instance_path, instance_text)
+    if horizon is not None:
+        ast.instance.horizon = horizon
+    if are_files:  # Some pairs of rddlrepository disagree in their names, and still work.
+        _check_names(ast, domain_path, instance_path)
+    _check_instance_block(ast, instance_path)
+    with _guarded(domain_path, instance_path):
+        model = RDDLLiftedModel(ast)
+    problem = Problem(
+        model=model,
+        domain_name=ast.domain.name,
+        instance_name=ast.instance.name,
+        label=label,
+        domain_path=domain_path,
+        instance_path=instance_path,
+        digest=hashlib.sha256((domain_text + instance_text).encode()).hexdigest(),
+    )
+    _try_one_step(problem)
+    return problem
+
+
+def make_environment(problem: Problem, enforce_action_constraints: bool = False) -> RDDLEnv:
+    """Make an environment of its own (numpy simulator, vectorized) for a loaded problem.
+
+    Environments of one problem share only its model. Raises `InputError` where the
+    simulator rejects the problem.
+    """
+    with _guarded(problem.domain_path, problem.instance_path):
+        return RDDLEnv(
+            domain=problem.model,
+            instance=None,
+            enforce_action_constraints=enforce_action_constraints,
+            vectorized=True,
+            # The simulator's default generator is one object that all simulators share.
+            backend_kwargs={"rng": np.random.default_rng()},
+        )
+
+
+def looks_like_file(argument: str) -> bool:
+    """Whether an argument is meant as a file, not as a name of rddlrepository."""
+    has_separator = "/" in argument or os.sep in argument
+    return has_separator or argument.lower().endswith(".rddl") or os.path.isfile(argument)
+
+
+def _repository_paths(name: str, instance: str) -> tuple[Path, Path]:
+    """Find a problem of rddlrepository. Raises `InputError` for an unknown name."""
+    manager = RDDLRepoManager()
+    known = manager.list_problems()
+    if name not in known:
+        by_lowercase = {problem.lower(): problem for problem in known}
+        close = difflib.get_close_matches(name.lower(), by_lowercase, n=4, cutoff=0.5)
+        hint = "; did you mean " + " or ".join(by_lowercase[match] for match in close) + "?"
+        raise _input_error(
+            f"'{name}' is neither a file nor a problem of rddlrepository" + (hint if close else "")
+        )
+    info = manager.get_problem(name)
+    available = info.list_instances()
+    if instance not in available:
+        raise _input_error(
+            f"'{instance}' is neither a file nor an instance of the rddlrepository problem "
+            f"'{name}', which has: {' '.join(available)}"
+        )
+    return Path(info.get_domain()), Path(info.get_instance(instance))
+
+
+def _read_text(path: Path, role: str) -> str:
+    """Read a file with Unix line ends. Raises `InputError` if it cannot be read.
+
+    A byte that is not UTF-8 becomes U+FFFD: legal in a comment, else refused by the lexer.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        cause = error.strerror or type(error).__name__
+        raise _input_error(f"{path}: cannot read the {role} file: {cause}") from error
+
+
+class _Lexer(RDDLlex):
+    """pyRDDLGym's lexer, which refuses an illegal character instead of skipping it."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+        self.build()
+
+    def t_error(self, t: lex.LexToken) -> None:
+        character = t.value[0]
+        is_decoded = character != _UNDECODABLE
+        cause = f"illegal character {character!r}" if is_decoded else "not UTF-8 text"
+        raise _input_error(f"{self._path}:{t.lineno}: {cause}")
+
+
+class _Parser(RDDLParser):
+    """pyRDDLGym's grammar, applied to one file at a time."""
+
+    def __init__(self, tables: Path | None) -> None:
+        super().__init__()
+        # Without these options ply writes files next to the module of this class.
+        options = {"start": "rddl_block", "debug": False, "write_tables": False}
+        options["errorlog"] = yacc.NullLogger()
+        if tables is None:
+            self.build(**options)
+            return
+        with contextlib.suppress(Exception):  # whatever a damaged file makes pickle raise
+            if tables.is_file():
+                self.build(picklefile=str(tables), **options)
+                return
+        with tempfile.TemporaryDirectory() as folder:
+            fresh = Path(folder) / tables.name
+            self.build(picklefile=str(fresh), **options)
+            with contextlib.suppress(InputError):  # a full or read-only disk
+                write_atomically(tables, fresh.read_bytes())
+
+    def parse_file(self, path: Path, text: str) -> dict[str, Any]:
+        """Return the file's blocks by kind. Raises `InputError` for a syntax error."""
+        self._path = path
+        self._text = _COMMENT.sub("", text)
+        self.lexer = _Lexer(path)
+        with _guarded(path):
+            try:
+                return self.parse(self._text)
+            except KeyError as error:
+                raise _input_error(f"{path}: the section {error.args[0]} is missing") from error
+
+    def p_error(self, p: lex.LexToken | None) -> None:
+        before = (self._text if p is None else self._text[: p.lexpos]).rstrip()
+        line_before = before.count("\n") + 1
+        if p is None:
+            raise _input_error(
+                f"{self._path}:{line_before}: syntax error: the file ends inside a block"
+            )
+        # The first word of a line is often right, and what is before it lacks an end.
+        is_doubtful = before and line_before < p.lineno
+        hint = f" (or at the end of line {line_before})" if is_doubtful else ""
+        word = f"the keyword '{p.value}'" if p.type in self.reverse_tokens else f"'{p.value}'"
+        raise _input_error(f"{self._path}:{p.lineno}: syntax error at {word}{hint}")
+
+
+def _parse(
+    parser: _Parser, domain_path: Path, domain_text: str, instance_path: Path, instance_text: str
+) -> RDDL:
+    """Parse both files. Raises `InputError` for a syntax error or a missing block."""
+    blocks = parser.parse_file(domain_path, domain_text)
+    instance_blocks = parser.parse_file(instance_path, instance_text)
+    _require_block(blocks, "domain", "instance", domain_path)
+    _require_block(instance_blocks, "instance", "domain", instance_path)
+    blocks = {**blocks, **instance_blocks, "domain": blocks["domain"]}
+    if "non_fluents" not in blocks:
+        raise _input_error(f"{instance_path}: the file has no non-fluents block")
+    return RDDL(blocks)
+
+
+def _require_block(blocks: dict[str, Any], kind: str, other: str, path: Path) -> None:
+    if kind not in blocks:
+        hint = f" but an {other} block: are the two files swapped?" if other in blocks else ""
+        raise _input_error(f"{path}: the {kind} file has no {kind} block{hint}")
+
+
+def _check_names(ast: RDDL, domain_path: Path, instance_path: Path) -> None:
+    """Raise `InputError` if the instance belongs to another domain or non-fluents."""
+    for block, subject in (
+        (ast.instance, f"instance '{ast.instance.name}' is"),
+        (ast.non_fluents, f"non-fluents '{ast.non_fluents.name}' are"),
+    ):
+        if getattr(block, "domain", ast.domain.name) != ast.domain.name:
+            raise _input_error(
+                f"{instance_path}: {subject} for domain '{block.domain}', "
+                f"but {domain_path} defines '{ast.domain.name}'"
+            )
+    wanted = getattr(ast.instance, "non_fluents", ast.non_fluents.name)
+    if wanted != ast.non_fluents.name:
+        raise _input_error(
+            f"{instance_path}: instance '{ast.instance.name}' is for non-fluents '{wanted}', "
+            f"but the file defines '{ast.non_fluents.name}'"
+        )
+
+
+def _check_instance_block(ast: RDDL, instance_path: Path) -> None:
+    """Raise `InputError` if the instance lacks a usable horizon or a discount."""
+    for section in ("horizon", "discount"):
+        if not hasattr(ast.instance, section):
+            raise _input_error(f"{instance_path}: instance '{ast.instance.name}' has no {section}")
+    if not _is_positive_int(ast.instance.horizon):
+        raise _input_error(
+            f"{instance_path}: the horizon must be a positive integer, got {ast.instance.horizon}"
+        )
+
+
+def _is_positive_int(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0
+
+
+def _try_one_step(problem: Problem) -> None:
+    """Evaluate every expression once. Raises `InputError` where the simulator rejects one.
+
+    The simulator finds an undefined fluent when it is built, but an unknown function or an
+    operand of the wrong type only when it evaluates the expression.
+    """
+    env = make_environment(problem)
+    with _guarded(problem.domain_path, problem.instance_path):
+        env.reset(seed=0)
+        env.sampler.check_action_preconditions(env.sampler.noop_actions, silent=True)
+        if not env.done:
+            env.step({})
+
+
+@contextlib.contextmanager
+def _guarded(*paths: Path) -> Iterator[None]:
+    """Log what pyRDDLGym prints or warns; turn what it raises into an `InputError`."""
+    printed = io.StringIO()
+    try:
+        with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(printed):
+            warnings.simplefilter("always")
+            yield
+    except InputError:
+        raise
+    except Exception as error:  # Its errors have no common base, and some are accidents.
+        is_own = type(error).__module__.startswith("pyRDDLGym")
+        cause = str(error) if is_own else f"{type(error).__name__}: {error}"
+        raise _input_error(f"{', '.join(map(str, paths))}: {cause}") from error
+    for message in [*printed.getvalue().splitlines(), *(str(each.message) for each in caught)]:
+        logger.debug("pyRDDLGym: %s", message)
+
+
+def _input_error(message: str) -> InputError:
+    return InputError(_LINE_BREAK.sub(" ", message.strip()))

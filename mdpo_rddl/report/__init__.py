@@ -1,1 +1,0 @@
-"""What a run leaves behind: its policy, its figures and its folder."""

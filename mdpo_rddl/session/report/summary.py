@@ -1,0 +1,84 @@
+"""The figures of a session, as `summary.json` holds them."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+
+from mdpo_rddl.machine.versions import package_versions
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.training import TrainingResult
+from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.session.requests import PlanRequest
+
+_NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
+_POLICY_NAMES = {
+    "JaxDeepReactivePolicy": "drp",
+    "JaxStraightLinePlan": "slp",
+    "FeedbackPlan": "feedback",
+}
+
+
+def identity(request: PlanRequest, planner: MDPOPlanner) -> dict[str, Any]:
+    """Which problem, noise, policy and seed."""
+    noise, policy = type(planner.noise).__name__, type(planner.plan).__name__
+    return {
+        "domain": request.problem.domain_name,
+        "instance": request.problem.instance_name,
+        "label": request.problem.label,
+        "horizon": request.problem.horizon,
+        "config": request.config_name,
+        "noise": _NOISE_NAMES.get(noise, noise),
+        "noise_parameters": {
+            name: value
+            for name, value in request.config.section("Noise").items()
+            if name != "method"
+        },
+        "policy": _POLICY_NAMES.get(policy, policy),
+        "seed": request.seed,
+        "episodes": request.episodes,
+    }
+
+
+def return_figures(evaluation: Evaluation) -> dict[str, Any]:
+    """What the exact environment paid."""
+    interval = evaluation.ci95
+    return {
+        "mean_return": finite_or_none(evaluation.mean),
+        "std_return": finite_or_none(evaluation.std),
+        "ci95": None if interval is None else [finite_or_none(bound) for bound in interval],
+        "returns": [finite_or_none(value) for value in evaluation.returns.tolist()],
+        "episode_lengths": evaluation.lengths.tolist(),
+        "illegal_actions": evaluation.illegal_actions,
+        "fallback_actions": evaluation.fallback_actions,
+    }
+
+
+def finite_or_none(value: float) -> float | None:
+    """None for what JSON has no number for."""
+    return value if math.isfinite(value) else None
+
+
+def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, Any]:
+    """How training went, on what."""
+    return {
+        "iterations": result.iterations,
+        "best_iteration": result.best_iteration,
+        "restarts": planner.parallel_updates,
+        "restart": result.restart,
+        "batch": planner.batch_size_train,
+        "status": result.status,
+        "train_seconds": result.train_seconds,
+        "compile_seconds": result.compile_seconds,
+        "device": str(jax.devices()[0]),
+        "versions": package_versions(),
+    }
+
+
+def title(summary: Mapping[str, Any]) -> str:
+    """One line for the head of a picture."""
+    return (
+        f"{summary['label']} (H = {summary['horizon']}), {summary['policy']}, "
+        f"{summary['noise']} noise, seed {summary['seed']}"
+    )

@@ -1,0 +1,25 @@
+"""The paper's settings: the shipped files, found by their names."""
+
+from helpers.mistakes import one_line
+from helpers.problems import ROOT
+
+from mdpo_rddl.bench.common.settings import DOMAIN_FILES, load_setting
+from mdpo_rddl.bench.presets.paper_preset import PAPER
+
+
+def test_every_setting_loads_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert sorted(DOMAIN_FILES) == sorted(PAPER)
+    for name in DOMAIN_FILES:
+        problem = load_setting(name, ROOT)
+        assert (problem.label, problem.horizon) == (name, 120)
+
+
+def test_an_unknown_setting_names_the_known_ones():
+    message = one_line(lambda: load_setting("powergen8", ROOT))
+    assert message == f"unknown setting 'powergen8', known are {', '.join(DOMAIN_FILES)}"
+
+
+def test_a_setting_without_its_files_names_the_missing_one(tmp_path):
+    message = one_line(lambda: load_setting("hvac10", tmp_path))
+    assert message.startswith(f"{tmp_path / 'domains' / 'hvac.rddl'}: cannot read")

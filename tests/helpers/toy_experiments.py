@@ -1,0 +1,64 @@
+"""The experiments at a size for tests: interrupted, resumed and compiled once."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from helpers.problems import ROOT
+from mdpo_rddl.bench.common import full_training
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.presets import noise_sweep, paper_preset
+from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS
+from mdpo_rddl.planner import training
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.session import plan as offline
+
+OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]
+SIZE: dict[str, Any] = {"settings": ["powergen7"], "seeds": 2, "iterations": 3, "episodes": 2}
+
+
+@contextlib.contextmanager
+def compiled_once() -> Iterator[None]:
+    """The shipped files, and planners that are compiled once for all tests of a file."""
+    planners: dict[str, Any] = {}
+
+    def build(problem, config, programs=None):
+        key = problem.label + config.with_section("Optimize", {}).to_text()
+        if key not in planners:
+            planners[key], _ = build_planner(problem, config)
+        return planners[key], config.jaxplan_arguments()[2]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        for module in (noise_sweep, paper_preset, offline):
+            patch.setattr(module, "build_planner", build)
+        yield
+
+
+def nothing_to_do(*args: Any, **kwargs: Any) -> None:
+    """Stands for work that must not be done again."""
+    raise AssertionError("there is nothing left to do")
+
+
+def interrupt_training(monkeypatch, number: int) -> None:
+    """Presses Ctrl-C in the first iteration of the given training, counted from 0."""
+    begun: list[int] = []
+
+    def train(planner, **kwargs: Any):
+        begun.append(len(begun))
+        if begun[-1] == number:
+            kwargs["on_progress"] = interrupt
+        return training.train(planner, **kwargs)
+
+    def interrupt(progress) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(full_training, "train", train)
+
+
+def add_row(records: Records, *key: str, **values: object) -> None:
+    """Adds a trial's row that is ok but for what is given."""
+    row = {"status": "ok", "cause": "", "horizon": 20, "seconds": 1.6, "peak_mb": 600.4, **values}
+    records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))

@@ -1,0 +1,48 @@
+"""Work for a process of its own that ends badly; imported by the child too."""
+
+import os
+import signal
+import subprocess
+import time
+from typing import Any
+
+from mdpo_rddl.bench.problems.trial import Trial
+
+ROW = {"status": "ok", "cause": "", "horizon": 5, "seconds": 0.1, "peak_mb": 100}
+
+
+def fate(trial: Trial) -> dict[str, Any]:
+    """Ends as the planner's name says."""
+    if trial.planner == "crash":
+        os.write(2, b"check failed:\n  no such kernel\n")
+        os.kill(os.getpid(), signal.SIGABRT)
+    if trial.planner == "exit":
+        os._exit(3)
+    if trial.planner == "hang":
+        time.sleep(600)
+    if trial.planner == "hungry":
+        hoard = [bytearray(b"x" * 2**25) for _ in range(60)]  # 2 GB
+        time.sleep(600)
+        del hoard
+    os.write(1, b"noise on standard output\n")
+    return {**ROW, "return": float(os.getpid())}
+
+
+class Counting:
+    """Counts its calls; some of them do more."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, item: str) -> dict[str, Any]:
+        self.count += 1
+        child = None
+        if item == "hang":
+            time.sleep(600)
+        if item == "signals":
+            for number in (signal.SIGTERM, signal.SIGUSR2):
+                os.kill(os.getpid(), number)
+            process = subprocess.Popen(["sleep", "600"])
+            process.terminate()
+            child = process.wait(10)
+        return {"count": self.count, "child": child}

@@ -1,0 +1,160 @@
+"""Whole runs in processes of their own: what fails is recorded, what was stopped goes on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import toy_contest
+from helpers.toy_contest import RULES, entry, tiny_instance
+
+from mdpo_rddl.ipc import run as running
+from mdpo_rddl.ipc.results import load_result
+from mdpo_rddl.ipc.run import EntryTask, run, run_entry
+from mdpo_rddl.machine.executors import LocalExecutor
+
+QUICK = replace(RULES, plan_seconds=15.0, trial_seconds=1.0)
+
+
+def results(root, entries):
+    return [load_result(root, each, RULES.trials) for each in entries]
+
+
+def in_this_process(work, items, limits):
+    """Stands for `run_guarded` where nothing fails."""
+    assert limits(items[0]).seconds == RULES.plan_seconds
+    for item in items:
+        yield item, work(item)
+
+
+def statuses(result):
+    return [trial.status for trial in result.trials]
+
+
+@pytest.fixture(scope="module")
+def mishaps(tmp_path_factory):
+    """A run in which one planner after the other fails in its own way."""
+    folder = tmp_path_factory.mktemp("mishaps")
+    problem = tiny_instance(folder / "tiny")
+    kinds = ("Dying", "Hanging", "Raising")
+    entries = [entry(problem, getattr(toy_contest, kind)) for kind in kinds]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CHILD_FILE", str(folder / "child"))
+        run(folder / "out", entries, QUICK, LocalExecutor())
+    return folder, entries, results(folder / "out", entries)
+
+
+def test_every_failure_is_recorded_and_the_run_goes_on(mishaps):
+    _, _, (dying, hanging, raising) = mishaps
+    assert statuses(raising) == ["ok", "error", "ok"]
+    assert raising.trials[1].cause == "step 0: RuntimeError: no plan for this"
+    # there is no planner left to play with
+    assert statuses(dying) == ["ok", "crash"]
+    assert dying.trials[1].cause.startswith("exit status 3")
+    assert statuses(hanging) == ["ok", "timeout"]
+    assert hanging.trials[1].cause == "over 1 s"
+    assert hanging.trials[1].seconds == pytest.approx(1.0, abs=0.9)
+    assert all(result.is_complete for result in mishaps[2])
+
+
+def test_a_planner_that_cannot_prepare_plays_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "run_guarded", in_this_process)
+    task = EntryTask(entry(tiny_instance(tmp_path), toy_contest.Unready), RULES, tmp_path / "out")
+    run_entry(task)
+    result = task.result
+    assert result.is_complete
+    assert result.trials == ()
+    assert result.preparation is not None
+    assert result.preparation.status == "error"
+    assert result.preparation.cause == "ValueError: out of ideas"
+
+
+def test_a_planner_leaves_no_process_behind(mishaps):
+    folder, *_ = mishaps
+    child = int((folder / "child").read_text())
+    try:
+        with open(f"/proc/{child}/stat", encoding="utf-8") as file:
+            state = file.read().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return
+    assert state == "Z"  # ended, and nobody has asked how
+
+
+def test_each_trial_leaves_a_trace(mishaps):
+    folder, entries, found = mishaps
+    for each, result in zip(entries, found, strict=True):
+        traces = sorted(each.folder(folder / "out" / "traces").glob("*"))
+        played = [trial for trial in result.trials if trial.status in ("ok", "error")]
+        assert [path.name for path in traces] == [f"trial-{t.trial:02}.npz" for t in played]
+        for path, trial in zip(traces, played, strict=True):
+            with np.load(path) as file:
+                assert file["reward"].sum() == pytest.approx(trial.total)
+                assert len(file["reward"]) == trial.steps
+                if trial.steps:
+                    assert file["state/x"].shape == file["action/push"].shape == (trial.steps, 2)
+
+
+def test_a_finished_run_is_not_played_again(mishaps, monkeypatch):
+    folder, entries, found = mishaps
+    monkeypatch.setattr(running, "run_guarded", None)
+    run(folder / "out", entries, QUICK, LocalExecutor())
+    run_entry(EntryTask(entries[-1], QUICK, folder / "out"))
+    assert results(folder / "out", entries) == found
+
+
+@pytest.mark.parametrize("kind", ["Remembering", "Erratic"])
+def test_a_stopped_run_has_all_trials_from_one_preparation(tmp_path, monkeypatch, kind):
+    task = EntryTask(
+        entry(tiny_instance(tmp_path), getattr(toy_contest, kind)), RULES, tmp_path / "out"
+    )
+    monkeypatch.setattr(running, "run_guarded", in_this_process)
+    saved = running.EntryResult.save
+
+    def stopped(result, root):
+        saved(result, root)
+        if len(result.trials) == 2:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(running.EntryResult, "save", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            run_entry(task)
+    before = task.result
+    assert len(before.trials) == 2
+    run_entry(task)
+    after = task.result
+    assert statuses(after) == ["ok"] * 3
+    # what it had prepared is taken up, or all is done again
+    is_kept = kind == "Remembering"
+    assert (after.trials[:2] == before.trials) is is_kept
+    assert (after.preparation == before.preparation) is is_kept
+
+
+def test_what_cannot_be_taken_up_is_prepared_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "run_guarded", in_this_process)
+    each = entry(tiny_instance(tmp_path), toy_contest.Remembering)
+    task = EntryTask(each, replace(RULES, trials=1), tmp_path / "out")
+    contestant = running.Contestant(each, task.rules, task.root)
+    contestant(running.PREPARE)
+    (contestant.prepared_folder / "share").write_text("no number")
+    running.EntryResult(each, 1, running.Preparation("ok", "", 0.1, 1.0)).save(task.root)
+    run_entry(task)
+    result = task.result
+    assert statuses(result) == ["ok"]
+    assert result.preparation is not None
+    assert result.preparation.peak_mb > 1.0
+    assert not contestant.prepared_folder.exists()
+
+
+def test_the_trials_of_all_planners_meet_the_same_chance(tmp_path):
+    problem = tiny_instance(tmp_path)
+    task = EntryTask(entry(problem, toy_contest.Steady), RULES, tmp_path / "out")
+    other = EntryTask(entry(problem, toy_contest.Exact), RULES, tmp_path / "out")
+    states = []
+    for each in (task, other):
+        contestant = running.Contestant(each.entry, each.rules, each.root)
+        contestant(running.PREPARE)
+        contestant(1)
+        path = each.entry.folder(each.root / "traces") / "trial-01.npz"
+        with np.load(path) as file:
+            states.append(file["state/x"][1] - file["action/push"][0])
+    np.testing.assert_allclose(*states)

@@ -1,0 +1,173 @@
+"""Configuration files: JaxPlan's own read as JaxPlan reads them, and back to text."""
+
+import types
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from helpers.config_texts import NOISE, TEXT
+from helpers.files import changed
+from helpers.problems import JAXPLAN_EXAMPLES
+
+from mdpo_rddl import AdaptiveNoise, ConstantNoise, InputError, NoNoise, load_config
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig, load_config_from_string
+from mdpo_rddl.planner.upstream import planner
+from mdpo_rddl.problem.load import load_problem
+
+EXAMPLES = JAXPLAN_EXAMPLES / "configs"
+TEMPLATES = sorted(EXAMPLES.glob("tuning_*.cfg"))
+CONFIGS = sorted(set(EXAMPLES.glob("*.cfg")) - set(TEMPLATES))
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    """Equal where Python can tell, of the same type and contents where it cannot."""
+    assert type(ours) is type(theirs)
+    if isinstance(ours, dict):
+        assert list(ours) == list(theirs)
+        for key in ours:
+            assert_same(ours[key], theirs[key])
+    elif isinstance(ours, list | tuple):
+        assert len(ours) == len(theirs)
+        for pair in zip(ours, theirs, strict=True):
+            assert_same(*pair)
+    elif isinstance(ours, jax.Array | np.ndarray):
+        np.testing.assert_array_equal(ours, theirs, strict=True)
+    elif isinstance(ours, types.FunctionType):
+        # each call of a factory makes another function around the arguments
+        assert ours.__code__ is theirs.__code__
+        ours_cells, theirs_cells = ours.__closure__ or (), theirs.__closure__ or ()
+        for our_cell, their_cell in zip(ours_cells, theirs_cells, strict=True):
+            assert_same(our_cell.cell_contents, their_cell.cell_contents)
+    elif type(ours).__module__ == planner.__name__:
+        assert_same(vars(ours), vars(theirs))
+    else:
+        assert ours == theirs
+
+
+def test_there_are_example_configurations() -> None:
+    assert len(CONFIGS) >= 24
+    assert len(TEMPLATES) >= 3
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_jaxplans_own_configurations_give_what_jaxplan_reads(path: Path) -> None:
+    planner_args, plan_args, train_args = load_config(path)
+    assert planner_args.pop("noise") == AdaptiveNoise()
+    assert_same((planner_args, plan_args, train_args), planner.load_config(str(path)))
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_a_noise_section_changes_nothing_for_jaxplan(path: Path, tmp_path: Path) -> None:
+    with_noise = tmp_path / path.name
+    with_noise.write_text(path.read_text() + "\n" + NOISE)
+    assert_same(planner.load_config(str(with_noise)), planner.load_config(str(path)))
+
+    planner_args, plan_args, train_args = load_config(str(with_noise))
+    assert planner_args.pop("noise") == AdaptiveNoise(sigma_max=3, alpha=0.5)
+    assert_same((planner_args, plan_args, train_args), planner.load_config(str(path)))
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)
+def test_the_first_placeholder_of_a_template_is_named_with_its_line(path: Path) -> None:
+    lines = path.read_text().splitlines()
+    line = next(number for number, text in enumerate(lines, 1) if "_TUNE" in text)
+    key, _, value = lines[line - 1].partition("=")
+    with pytest.raises(InputError) as caught:
+        load_config(path)
+    assert str(caught.value) == (
+        f"{path}:{line}: [Compiler] {key}: {value!r} is not a Python literal (is a quote missing?)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("section", "noise"),
+    [
+        ("", AdaptiveNoise()),
+        ("[Noise]\n", AdaptiveNoise()),
+        ("[Noise]\nmethod='NoNoise'\n", NoNoise()),
+        ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", ConstantNoise(sigma=2)),
+        ("[Noise]\nsigma_min=1.5\nquantile=1\n", AdaptiveNoise(sigma_min=1.5, quantile=1)),
+        (
+            "[Noise]\nmethod='AdaptiveNoise'\nanalysis_samples=4\nregularization=1e-6\n",
+            AdaptiveNoise(analysis_samples=4, regularization=1e-6),
+        ),
+    ],
+)
+def test_the_noise_that_a_section_describes(section: str, noise: object) -> None:
+    assert load_config_from_string(TEXT + section)[0]["noise"] == noise
+
+
+def test_a_string_gives_what_jaxplan_reads_from_it() -> None:
+    planner_args, plan_args, train_args = load_config_from_string(TEXT + NOISE)
+    del planner_args["noise"]
+    expected = planner.load_config_from_string(TEXT)
+    assert_same((planner_args, plan_args, train_args), expected)
+    assert plan_args["topology"] == [8]
+    assert plan_args["activation"] is jax.nn.relu
+
+
+def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "x.cfg").write_text(TEXT, encoding="utf-8-sig")
+    assert PlannerConfig.from_file(tmp_path / "x.cfg").section("Optimize")["key"] == 42
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_a_configuration_survives_the_way_through_text(path: Path) -> None:
+    config = PlannerConfig.from_file(path).with_section("Noise", {"alpha": 0.1 + 0.2})
+    text = config.to_text()
+    again = PlannerConfig.from_text(text)
+    assert again.sections == config.sections
+    assert again.to_text() == text
+    assert again.section("Noise") == {"alpha": 0.1 + 0.2}
+
+
+def test_awkward_values_survive_the_way_through_text() -> None:
+    awkward = {
+        "policy_hyperparams": {"a = [b] # c": 1e-300, "d\ne": 2},
+        "subs": {"s": ("\u03c3", "'\"", None, True)},
+    }
+    config = PlannerConfig.from_text(TEXT).with_values("Optimize", **awkward)
+    assert PlannerConfig.from_text(config.to_text()).sections == config.sections
+
+
+def test_text_without_noise_is_the_text_of_the_other_sections() -> None:
+    config = PlannerConfig.from_text(TEXT + NOISE)
+    assert config.to_text(for_jaxplan=True) == PlannerConfig.from_text(TEXT).to_text()
+
+
+def test_none_where_jaxplan_takes_it() -> None:
+    values = "batch_size_test=None\nrollout_horizon=None\nclip_grad=None\npgpe=None"
+    text = changed(TEXT + NOISE, "pgpe=None", values).replace("key=42", "key=None")
+    planner_args, _, train_args = load_config_from_string(text)
+    del planner_args["noise"]
+    expected = planner.load_config_from_string(text)
+    assert_same((planner_args, train_args), (expected[0], expected[2]))
+
+
+def test_changed_copies_leave_the_original_alone() -> None:
+    config = PlannerConfig.from_text(TEXT, "a.cfg")
+    longer = config.with_values("Optimize", epochs=7)
+    assert longer.section("Optimize") == {**config.section("Optimize"), "epochs": 7}
+    assert config.section("Optimize")["epochs"] == 300
+    config.section("Optimize")["epochs"] = 8
+    assert config.section("Optimize")["epochs"] == 300
+    with pytest.raises(InputError, match=r"^a\.cfg: \[Optimize\] epochs: "):
+        config.with_values("Optimize", epochs=0)
+
+
+def test_the_keys_of_jaxplans_controllers_are_accepted_and_not_handed_to_optimize() -> None:
+    text = TEXT.replace("[Optimize]", "[Optimize]\ntrain_on_reset=True\nwarm_start=False")
+    _, _, train_args = load_config_from_string(text)
+    assert (train_args["train_on_reset"], train_args["warm_start"]) == (True, False)
+    problem = load_problem("Reservoir_ippc2023", "1", 3)
+    _, optimize_args = build_planner(problem, PlannerConfig.from_text(text))
+    assert optimize_args.keys() == train_args.keys() - {"train_on_reset", "warm_start"}
+
+
+def test_sizes_of_a_call() -> None:
+    text = TEXT + "\n[MDPO]\niterations_per_call=20\ntest_every=5\n"
+    arguments = PlannerConfig.from_text(text).mdpo_arguments()
+    assert (arguments["iterations_per_call"], arguments["test_every"]) == (20, 5)

@@ -1,0 +1,131 @@
+"""The feedback policy as a function: its parts add up, and its gradient is cut where it says."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.problems import shipped
+
+from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape
+
+KEY = jax.random.PRNGKey(0)
+HORIZON = 40
+SHAPE = FeedbackShape(
+    topology=(5,),
+    cosines=2,
+    plan=True,
+    horizon=HORIZON,
+    squares=True,
+    state_scales={"rlevel": (100.0, 50.0)},
+    cut=True,
+)
+
+
+def make(shape: FeedbackShape = SHAPE) -> Feedback:
+    model = shipped("reservoir15", 3).model
+    count = len(model.type_to_objects["reservoir"])
+    values = {
+        name: np.reshape(value, [count] * len(model.variable_params[name]))
+        for name, value in {
+            **model.non_fluents,
+            **model.state_fluents,
+            **model.action_fluents,
+        }.items()
+    }
+    return Feedback(model, values, shape, jnp.float32)
+
+
+@pytest.fixture(scope="module")
+def feedback() -> Feedback:
+    return make()
+
+
+def level(value: float = 175.0) -> dict[str, np.ndarray]:
+    return {"rlevel": np.full(15, value, np.float32)}
+
+
+def test_the_initial_policy_does_nothing(feedback):
+    raw = feedback.raw(feedback.initial(KEY), level(), 20)
+    np.testing.assert_array_equal(raw["release"], np.zeros(15))
+
+
+def test_names_and_weights_go_together(feedback):
+    names = feedback.names("release")
+    assert names[:2] == ["1", "rlevel"]
+    assert names[-2:] == ["cos(1 pi t / H)", "cos(2 pi t / H)"]
+    assert "rlevel^2" in names
+    assert "MIN_LEVEL" in names
+    assert feedback.initial(KEY)["shared"]["release"].shape == (len(names),)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("1", 1.0),
+        ("rlevel", 1.5),
+        ("rlevel^2", 1.5**2 - 1.0),
+        ("cos(1 pi t / H)", np.cos(np.pi * 0.25)),
+    ],
+)
+def test_a_shared_weight_is_felt_by_every_object(feedback, name, expected):
+    params = feedback.initial(KEY)
+    index = feedback.names("release").index(name)
+    params["shared"]["release"] = params["shared"]["release"].at[index].set(2.0)
+    raw = feedback.raw(params, level(), 10)
+    np.testing.assert_allclose(raw["release"], np.full(15, 2.0 * expected), rtol=1e-5)
+
+
+def test_own_weights_are_one_objects(feedback):
+    params = feedback.initial(KEY)
+    own = params["own"]["release"]
+    own["bias"] = own["bias"].at[3].set(0.5)
+    own["gain on rlevel"] = own["gain on rlevel"].at[4].set(2.0)
+    raw = np.asarray(feedback.raw(params, level(), 0)["release"])
+    assert raw[3] == 0.5
+    assert raw[4] == 3.0
+    assert np.count_nonzero(raw) == 2
+
+
+def test_the_net_sees_the_whole_state(feedback):
+    params = feedback.initial(KEY)
+    params["net"]["output_release"] = jnp.ones((5, 15))
+    low = level(175.0)
+    high = {"rlevel": low["rlevel"].copy()}
+    high["rlevel"][7] = 150.0
+    one, other = (np.asarray(feedback.raw(params, s, 0)["release"]) for s in (low, high))
+    assert np.all(one != other)
+
+
+def test_states_far_away_are_cut_off(feedback):
+    params = feedback.initial(KEY)
+    params["shared"]["release"] = params["shared"]["release"].at[1].set(1.0)
+    np.testing.assert_array_equal(feedback.raw(params, level(1e9), 0)["release"], 10.0)
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_the_gradient_through_the_state_is_cut_if_asked(cut):
+    linear = dataclasses.replace(
+        SHAPE, topology=(), cosines=0, plan=False, squares=False, state_scales={}, cut=cut
+    )
+    feedback = make(linear)
+    params = feedback.initial(KEY)
+    assert "net" not in params
+    params["shared"]["release"] = params["shared"]["release"].at[1].set(1.0)
+
+    def total(value):
+        return jnp.sum(feedback.raw(params, {"rlevel": value}, 0)["release"])
+
+    gradient = jax.grad(total)(jnp.ones(15))
+    np.testing.assert_array_equal(gradient, np.zeros(15) if cut else np.ones(15))
+
+
+def test_a_plan_is_played_at_its_steps(feedback):
+    params = feedback.initial(KEY)
+    assert params["plan"]["release"].shape == (HORIZON, 15)
+    params["plan"]["release"] = params["plan"]["release"].at[7, 3].set(0.5)
+    for step, expected in ((6, 0.0), (7, 0.5), (8, 0.0)):
+        raw = np.asarray(feedback.raw(params, level(), step)["release"])
+        assert raw[3] == expected
+        assert np.count_nonzero(raw) == (expected != 0.0)

@@ -1,0 +1,101 @@
+"""Sums of products over pairs, as matrix products."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mdpo_rddl.planner.programs.contraction import contract
+from mdpo_rddl.planner.programs.staging import Stages
+
+N, M = 90, 80
+RANDOM = np.random.default_rng(0)
+A = jnp.asarray(RANDOM.normal(size=(N, M)), jnp.float32)
+B = jnp.asarray(RANDOM.normal(size=(M, N)), jnp.float32)
+X = jnp.asarray(RANDOM.normal(size=N), jnp.float32)
+Y = jnp.asarray(RANDOM.normal(size=M), jnp.float32)
+
+
+def spread(vector, shape, axis):
+    return jax.lax.broadcast_in_dim(vector, shape, (axis,))
+
+
+def products(a, b, x, y):
+    """Each result is computed over pairs, as a compiler of RDDL writes it."""
+    pairs, rows, columns = (N, M), spread(x, (N, M), 0), spread(y, (N, M), 1)
+    difference = 1.0 * columns - rows
+    return {
+        "matrix times vector": jnp.sum(a * columns, axis=1),
+        "over the other axis": jnp.sum(rows * a * columns, axis=0),
+        "difference": jnp.sum(a * difference, axis=1),
+        "everything": jnp.sum(-(a * difference) + rows),
+        "transposed": jnp.sum(jnp.transpose(b) * rows, axis=1),
+        "constant along an axis": jnp.sum(jnp.tanh(columns) / (1.0 + columns**2), axis=1),
+        "not a product": jnp.sum(jnp.maximum(rows, columns), axis=1),
+        "used twice": (jnp.sum(rows * columns, axis=1), jnp.max(rows * columns, axis=0)),
+        "many terms": jnp.sum((rows + columns) ** 2 * (rows - columns) * (rows + a), axis=1),
+        "nested": jax.jit(lambda r, c: jnp.sum(r * c * a, axis=1))(rows, columns),
+        "two matrices": jnp.sum(
+            a * columns * jnp.transpose(spread(b.sum(1), (M, N), 0)) * a, axis=1
+        ),
+        "three axes": jnp.sum(
+            jax.lax.broadcast_in_dim(a, (N, M, 5), (0, 1))
+            * jax.lax.broadcast_in_dim(b[:, :5], (N, M, 5), (1, 2)),
+            axis=(0, 1),
+        ),
+        "whole": rows * columns,
+        "integers": jnp.sum(jnp.broadcast_to(jnp.arange(M), pairs) * 2, axis=1),
+    }
+
+
+def evaluate(program, *arguments):
+    return jax.tree.leaves(jax.jit(jax.extend.core.jaxpr_as_fun(program))(*arguments))
+
+
+def test_the_results_are_the_same():
+    program = jax.make_jaxpr(products)(A, B, X, Y)
+    expected = evaluate(program, A, B, X, Y)
+    for one, other in zip(evaluate(contract(program), A, B, X, Y), expected, strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_allclose(one, other, rtol=2e-4, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "name", ["matrix times vector", "over the other axis", "difference", "constant along an axis"]
+)
+def test_no_matrix_of_pairs_is_computed(name):
+    program = contract(jax.make_jaxpr(lambda *v: products(*v)[name])(A, B, X, Y))
+    used = jax.jit(jax.extend.core.jaxpr_as_fun(program)).lower(A, B, X, Y).compile()
+    assert used.memory_analysis().temp_size_in_bytes < 4 * N * M
+
+
+def test_matrices_that_no_step_changes_are_one_ahead_of_the_steps():
+    def step(a, b, y):
+        every, other = (jax.lax.broadcast_in_dim(m, m.shape, (0, 1)) for m in (a, b))
+        return jnp.sum(every * spread(y, (N, M), 1) * jnp.transpose(other), axis=1)
+
+    stages = Stages(lambda fixed, y: step(*fixed, y), (A, B), Y)
+    fixed = stages.run(0, [], (A, B))
+    program = jax.make_jaxpr(lambda y: stages.run(1, [fixed], y))(Y)
+    results = [out.aval.size for each in program.jaxpr.eqns for out in each.outvars]
+    assert max(results) < N * M
+    np.testing.assert_allclose(stages.run(1, [fixed], Y), step(A, B, Y), rtol=2e-4, atol=2e-3)
+
+
+def test_gradients_are_the_same():
+    program = jax.make_jaxpr(lambda *v: products(*v)["difference"])(A, B, X, Y)
+
+    def total(run):
+        return lambda x, y: jnp.sum(jnp.sin(jax.extend.core.jaxpr_as_fun(run)(A, B, x, y)[0]))
+
+    found = jax.grad(total(contract(program)), (0, 1))(X, Y)
+    expected = jax.grad(total(program), (0, 1))(X, Y)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-3)
+
+
+def test_small_programs_stay_as_they_are():
+    program = jax.make_jaxpr(lambda a, y: jnp.sum(a * spread(y, (4, 3), 1), axis=1))(
+        A[:4, :3], Y[:3]
+    )
+    assert contract(program) is program

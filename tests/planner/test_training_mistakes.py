@@ -1,0 +1,71 @@
+"""Training that diverges, and what cannot be trained."""
+
+import jax
+import numpy as np
+from helpers.mistakes import one_line
+from helpers.problems import assert_same_bits
+from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper_config, trained
+
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.problem.load import load_problem
+
+
+def test_a_run_without_a_finite_return_is_an_input_error(tmp_path):
+    planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": 1e30})
+    said = one_line(lambda: trained(planner, 50))
+    assert said.startswith("training diverged: no finite return in 2 iterations")
+
+
+def test_what_was_found_before_it_diverged_is_kept(tmp_path):
+    # each step overshoots a million-fold, until the square of x overflows
+    planner = cart_planner(tmp_path, optimizer="sgd", optimizer_kwargs={"learning_rate": 1e6})
+    result, progress = trained(planner, 50)
+    assert result.status == "invalid_gradient"
+    assert 1 < result.iterations < 10
+    assert result.best_iteration == 0
+    assert progress[0].best_return == progress[-1].best_return > -np.inf
+    till_then, _ = trained(planner, 1)
+    assert_same_bits(result.best_params, till_then.last_params)
+    assert np.isfinite(jax.tree.leaves(result.best_params)).all()
+
+
+def test_a_restart_that_diverges_does_not_hide_the_others():
+    nan = np.nan
+    planner = Scripted([[nan, 5.0, 6.0], [nan, 9.0, 7.0], [nan, -np.inf, 8.0]])
+    result, progress = trained(planner, 3)
+    assert [p.test_return for p in progress] == [6.0, 9.0, 8.0]
+    assert [p.best_return for p in progress] == [6.0, 9.0, 9.0]
+    assert (result.best_iteration, float(result.best_params["w"])) == (1, 101.0)
+    assert (result.restart, float(result.last_params["w"])) == (1, 201.0)
+    assert [record.test_return for record in result.history] == [5.0, 9.0, -np.inf]
+
+
+def test_of_equal_returns_the_first_is_the_best():
+    result, _ = trained(Scripted([[1.0, 4.0], [5.0, 5.0], [5.0, 5.0]]), 3)
+    assert (result.best_iteration, float(result.best_params["w"])) == (1, 100.0)
+    assert (result.restart, float(result.last_params["w"])) == (0, 200.0)
+
+
+def test_restarts_that_all_diverge_are_an_input_error():
+    said = one_line(lambda: trained(Scripted([[np.nan, -np.inf], [np.inf, np.nan]]), 2))
+    assert said.startswith("training diverged: no finite return in 2 iterations")
+
+
+# --- what cannot be compiled ------------------------------------------------------------
+
+
+def test_what_jaxplan_cannot_compile_is_an_input_error_that_names_the_file(tmp_path):
+    text = CART.replace("x + push;", "x + push + gamma[x];")  # takes two arguments
+    assert text != CART
+    (tmp_path / "cart.rddl").write_text(text)
+    (tmp_path / "one.rddl").write_text(CART_INSTANCE)
+    problem = load_problem(str(tmp_path / "cart.rddl"), str(tmp_path / "one.rddl"))
+    said = one_line(lambda: build_planner(problem, paper_config()))
+    assert said.startswith(f"{tmp_path / 'one.rddl'}: JaxPlan cannot compile it: ")
+    assert "gamma" in said
+
+
+def test_what_only_shows_in_the_first_iteration_is_an_input_error(tmp_path):
+    planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": "fast"})
+    said = one_line(lambda: trained(planner, 2))
+    assert said.startswith("JaxPlan cannot compile the planner: TypeError: ")

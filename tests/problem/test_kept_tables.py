@@ -1,0 +1,62 @@
+"""The grammar's tables on disk: read where they are good, replaced where not, never needed."""
+
+from pathlib import Path
+
+import pytest
+from helpers.problems import ROOT
+from ply import yacc
+
+from mdpo_rddl.cli import plan
+from mdpo_rddl.machine.jax_setup import grammar_tables
+from mdpo_rddl.problem.load import load_problem
+
+FILES = str(ROOT / "domains/reservoir.rddl"), str(ROOT / "instances/reservoir15.rddl")
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """How often the tables were built."""
+    times = []
+
+    class Counting(yacc.LRGeneratedTable):
+        def __init__(self, *arguments):
+            times.append(1)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(yacc, "LRGeneratedTable", Counting)
+    return times
+
+
+def test_the_second_run_reads_what_the_first_has_built(tmp_path: Path, built) -> None:
+    tables = tmp_path / "new" / "tables"
+    first, second = (load_problem(*FILES, tables=tables) for _ in range(2))
+    assert len(built) == 1
+    assert first.digest == second.digest
+    assert first.model.cpfs.keys() == second.model.cpfs.keys()
+    assert [path.name for path in tables.parent.iterdir()] == ["tables"]
+
+
+@pytest.mark.parametrize("content", [b"", b"no pickle", b"\x80\x05"])
+def test_a_damaged_file_is_replaced(tmp_path: Path, built, content: bytes) -> None:
+    tables = tmp_path / "tables"
+    tables.write_bytes(content)
+    for _ in range(2):
+        load_problem(*FILES, tables=tables)
+    assert len(built) == 1
+
+
+def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path: Path, built) -> None:
+    (tmp_path / "file").write_text("in the way")
+    for _ in range(2):
+        load_problem(*FILES, tables=tmp_path / "file" / "tables")
+    assert len(built) == 2
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_the_command_keeps_them_unless_told_not_to(tmp_path: Path, monkeypatch, keeps) -> None:
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(plan, "keep_compiled_programs", lambda: None)
+    arguments = [*FILES, "--iterations", "1", "--horizon", "2", "--episodes", "1", "--quiet"]
+    arguments += [] if keeps else ["--no-cache"]
+    assert plan.main([*arguments, "--out", str(tmp_path / "run")]) == 0
+    assert grammar_tables().is_file() is keeps

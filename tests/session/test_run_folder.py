@@ -1,0 +1,256 @@
+"""The run folder: complete, or not there at all."""
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import pytest
+from helpers.files import contents
+from helpers.mistakes import one_line
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, free_name, write_json
+
+
+def write_run(folder: RunFolder, text: str = "{}") -> None:
+    (folder.staging / SUMMARY).write_text(text)
+    (folder.staging / "history.csv").write_text("iteration\n")
+
+
+def fail(target: Path, error: type[BaseException]) -> None:
+    """A run that ends with an error."""
+    with RunFolder(target) as folder:
+        write_run(folder)
+        assert folder.staging.parent == target.parent
+        raise error
+
+
+def refused(target: Path) -> str:
+    message = one_line(lambda: RunFolder(target))
+    assert message.startswith(f"{target}: ")
+    return message.removeprefix(f"{target}: ")
+
+
+def test_a_committed_run_is_all_that_is_left(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "deep" / "er" / "run") as folder:
+        write_run(folder)
+        assert not (tmp_path / "deep" / "er" / "run").exists()
+        folder.commit()
+    assert contents(tmp_path) == {
+        "deep": None,
+        "deep/er": None,
+        "deep/er/run": None,
+        "deep/er/run/history.csv": b"iteration\n",
+        "deep/er/run/summary.json": b"{}",
+    }
+
+
+def test_a_run_in_an_empty_folder(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    with RunFolder(tmp_path / "run") as folder:
+        write_run(folder)
+        folder.commit()
+    assert set(contents(tmp_path)) == {"run", "run/history.csv", "run/summary.json"}
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, InputError])
+def test_nothing_is_left_of_a_run_that_failed(tmp_path: Path, error: type[BaseException]) -> None:
+    with pytest.raises(error):
+        fail(tmp_path / "deep" / "er" / "run", error)
+    assert contents(tmp_path) == {}
+
+
+def test_nothing_is_left_without_a_commit(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "run") as folder:
+        write_run(folder)
+    assert contents(tmp_path) == {}
+
+
+def test_a_failed_run_leaves_what_others_have_put_beside_it(tmp_path: Path) -> None:
+    first = RunFolder(tmp_path / "runs" / "a")
+    with RunFolder(tmp_path / "runs" / "b") as other:
+        write_run(other)
+        other.commit()
+    with first:
+        write_run(first)
+    assert set(contents(tmp_path)) == {
+        "runs",
+        "runs/b",
+        "runs/b/history.csv",
+        "runs/b/summary.json",
+    }
+
+
+def test_an_empty_folder_that_was_there_before_stays(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    with RunFolder(tmp_path / "runs" / "run") as folder:
+        write_run(folder)
+    assert contents(tmp_path) == {"runs": None}
+
+
+def earlier_run(target: Path) -> dict[str, bytes | None]:
+    target.mkdir()
+    (target / SUMMARY).write_text('{"old": 1}')
+    (target / "config.json").write_text("mine")
+    return contents(target)
+
+
+def test_an_earlier_run_is_replaced_by_the_commit_and_not_before(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    before = earlier_run(target)
+    with RunFolder(target) as folder:
+        write_run(folder, '{"new": 1}')
+        assert contents(target) == before
+        folder.commit()
+        assert contents(target) == {SUMMARY: b'{"new": 1}', "history.csv": b"iteration\n"}
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+def test_an_earlier_run_outlives_a_run_that_failed(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    before = earlier_run(target)
+    with pytest.raises(RuntimeError):
+        fail(target, RuntimeError)
+    assert contents(target) == before
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+@pytest.mark.parametrize(
+    ("error", "reported", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), InputError, "No space left on device"),
+        (KeyboardInterrupt(), KeyboardInterrupt, "^$"),
+    ],
+)
+def test_an_earlier_run_outlives_a_commit_that_failed(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    reported: type[BaseException],
+    said: str,
+) -> None:
+    target = tmp_path / "run"
+    before = earlier_run(target)
+    replace = os.replace
+
+    def replace_all_but_the_staging_folder(source: Path, destination: Path) -> None:
+        if source == folder.staging:
+            raise error
+        replace(source, destination)
+
+    monkeypatch.setattr(os, "replace", replace_all_but_the_staging_folder)
+    with RunFolder(target) as folder:
+        write_run(folder)
+        with pytest.raises(reported, match=said):
+            folder.commit()
+    assert contents(target) == before
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+def test_a_full_disk_is_bad_input_that_names_the_folder(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with RunFolder(target) as folder, pytest.raises(InputError) as caught, folder.writing():
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert str(caught.value) == f"{target}: cannot write the run there: No space left on device"
+    assert contents(tmp_path) == {}
+
+
+def test_a_folder_of_something_else_is_refused_untouched(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("x")
+    before = contents(tmp_path)
+    assert refused(tmp_path / "thesis") == "not overwritten: it is not empty and holds no run"
+    assert contents(tmp_path) == before
+
+
+def test_a_file_is_refused_untouched(tmp_path: Path) -> None:
+    (tmp_path / "run").write_text("x")
+    assert refused(tmp_path / "run") == "cannot write the run there: it is a file"
+    assert contents(tmp_path) == {"run": b"x"}
+
+
+def test_a_link_to_nowhere_is_refused_untouched(tmp_path: Path) -> None:
+    (tmp_path / "run").symlink_to(tmp_path / "nowhere")
+    assert refused(tmp_path / "run") == "cannot write the run there: it is a file"
+    assert os.readlink(tmp_path / "run") == str(tmp_path / "nowhere")
+    assert not (tmp_path / "nowhere").exists()
+
+
+@pytest.mark.parametrize(
+    ("below", "cause"),
+    [("run", "File exists"), ("a/run", "Not a directory"), ("a/b/run", "Not a directory")],
+)
+def test_a_file_in_the_way_is_refused_untouched(tmp_path: Path, below: str, cause: str) -> None:
+    (tmp_path / "file").write_text("x")
+    assert refused(tmp_path / "file" / below) == f"cannot write the run there: {cause}"
+    assert contents(tmp_path) == {"file": b"x"}
+
+
+@pytest.mark.parametrize("parent", ["", "new/er"])
+def test_a_name_that_the_file_system_refuses(tmp_path: Path, parent: str) -> None:
+    reason = refused(tmp_path / parent / ("a" * 300))
+    assert reason == "cannot write the run there: File name too long"
+    assert contents(tmp_path) == {}
+
+
+def test_the_folder_one_is_in_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "a" / "b")
+    for target in (Path("."), Path(".."), tmp_path / "a" / "b", tmp_path / "a", Path("/")):
+        assert refused(target) == "cannot write the run there: name a folder inside it"
+    assert contents(tmp_path) == {"a": None, "a/b": None}
+
+
+def test_free_name_counts_up_from_the_stem(tmp_path: Path) -> None:
+    assert free_name(tmp_path / "runs", "hvac10-seed0") == tmp_path / "runs" / "hvac10-seed0"
+    (tmp_path / "hvac10-seed0").mkdir()
+    assert free_name(tmp_path, "hvac10-seed0") == tmp_path / "hvac10-seed0-2"
+    (tmp_path / "hvac10-seed0-2").write_text("a file takes a name as well")
+    (tmp_path / "hvac10-seed0-4").mkdir()
+    assert free_name(tmp_path, "hvac10-seed0") == tmp_path / "hvac10-seed0-3"
+    (tmp_path / "hvac10-seed0-3").symlink_to(tmp_path / "nowhere")
+    assert free_name(tmp_path, "hvac10-seed0") == tmp_path / "hvac10-seed0-5"
+    assert free_name(tmp_path, "hvac10-seed1") == tmp_path / "hvac10-seed1"
+
+
+def test_json_is_readable_and_ends_with_a_line(tmp_path: Path) -> None:
+    value = {"a": [1, 2.5, None, "\u03c3"], "b": {"c": True}}
+    write_json(tmp_path / "x.json", value)
+    text = (tmp_path / "x.json").read_text(encoding="utf-8")
+    assert json.loads(text) == value
+    assert text.endswith("}\n")
+    assert '\n  "b"' in text
+
+
+def test_literals_that_json_lacks_are_written_as_lists_and_text(tmp_path: Path) -> None:
+    write_json(tmp_path / "x.json", {"set": {"b", "a"}, "tuple": (1, 2), "bytes": b"x"})
+    written = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    assert written == {"set": ["a", "b"], "tuple": [1, 2], "bytes": "b'x'"}
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_numbers_that_json_lacks_are_refused(tmp_path: Path, value: float) -> None:
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(tmp_path / "x.json", {"a": value})
+    assert not (tmp_path / "x.json").exists()
+
+
+def test_a_folder_with_anything_else_beside_a_summary_is_refused(tmp_path: Path) -> None:
+    target = tmp_path / "thesis"
+    before = earlier_run(target)
+    (target / "chapter1.tex").write_text("years of work")
+    assert refused(target) == "not overwritten: it also holds chapter1.tex"
+    assert contents(target) == before | {"chapter1.tex": b"years of work"}
+
+
+def test_of_two_runs_at_once_neither_replaces_the_other(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with RunFolder(target) as one, RunFolder(target) as other:
+        write_run(one, '{"run": 1}')
+        write_run(other, '{"run": 2}')
+        other.commit()
+        one.commit()
+    assert contents(tmp_path / "run")[SUMMARY] == b'{"run": 2}'
+    assert contents(tmp_path / "run-2")[SUMMARY] == b'{"run": 1}'
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "run-2"}

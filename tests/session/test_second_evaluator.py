@@ -1,0 +1,107 @@
+"""A second process that plays one policy: the same returns, or none."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+from helpers.problems import ROOT, shipped
+
+from mdpo_rddl.cli import plan
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.session import second_evaluator
+from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.requests import PlanRequest
+from mdpo_rddl.session.second_evaluator import SecondEvaluator
+
+
+class Silent:
+    def stage(self, name):
+        """Nobody listens."""
+
+    def episode(self, done, of):
+        """Nobody listens."""
+
+
+@pytest.fixture
+def request_and_policy(tmp_path, monkeypatch):
+    monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 2)
+    monkeypatch.setattr(second_evaluator, "_WORTH_STEPS", 6)
+    problem = shipped("reservoir15", horizon=3)
+    config = PRESETS["paper"]("Reservoir")
+    request = PlanRequest(problem, config, "paper", 7, 2, tmp_path / "out")
+    planner, _ = build_planner(problem, config)
+    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    structure = planner.params_structure(hyperparams)
+    rng = np.random.default_rng(0)
+    params = jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype(leaf.dtype), structure)
+    return request, planner, params, hyperparams
+
+
+def test_both_processes_find_the_same_returns(request_and_policy):
+    request, planner, params, hyperparams = request_and_policy
+    here = Evaluator(request, planner, hyperparams, Silent()).run(params)
+    with SecondEvaluator(request) as second:
+        second.begin(params, hyperparams)
+        there = second.result()
+    np.testing.assert_array_equal(there.returns, here.returns)
+    np.testing.assert_array_equal(there.lengths, here.lengths)
+    assert len(set(here.returns)) == 2
+
+
+def test_no_result_from_a_process_that_died(request_and_policy):
+    request, _, params, hyperparams = request_and_policy
+    with SecondEvaluator(request) as second:
+        second._process.kill()
+        second.begin(params, hyperparams)
+        assert second.result() is None
+
+
+def test_no_result_from_a_policy_that_cannot_be_played(request_and_policy):
+    request, _, _, hyperparams = request_and_policy
+    with SecondEvaluator(request) as second:
+        second.begin({"not": "the policy's"}, hyperparams)
+        assert second.result() is None
+
+
+@pytest.mark.parametrize("reason", ["few steps", "one core"])
+def test_no_process_where_it_is_not_worth_its_while(request_and_policy, monkeypatch, reason):
+    request, _, params, hyperparams = request_and_policy
+    if reason == "few steps":
+        monkeypatch.setattr(second_evaluator, "_WORTH_STEPS", 7)
+    else:
+        monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 1)
+    with SecondEvaluator(request) as second:
+        assert second._process is None
+        second.begin(params, hyperparams)
+        assert second.result() is None
+
+
+def test_the_process_ends_with_the_block(request_and_policy):
+    request, *_ = request_and_policy
+    with SecondEvaluator(request) as second:
+        process = second._process
+        assert process.poll() is None
+    assert process.poll() is not None
+
+
+def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 2)
+    arguments = ["domains/powergen.rddl", "instances/powergen7.rddl", "--quiet", "--json"]
+    arguments += ["--iterations", "20", "--episodes", "2", "--horizon", "3", "--no-cache"]
+    asked = []
+    found = SecondEvaluator.result
+    monkeypatch.setattr(
+        SecondEvaluator, "result", lambda self: asked.append(found(self)) or asked[-1]
+    )
+    summaries = []
+    for worth in (1, 1000):
+        monkeypatch.setattr(second_evaluator, "_WORTH_STEPS", worth)
+        assert plan.main([*arguments, "--out", str(tmp_path / str(worth))]) == 0
+        summaries.append(json.loads(capsys.readouterr().out))
+    assert [evaluation is None for evaluation in asked] == [False, True]
+    beside, alone = summaries
+    assert beside["returns"] == alone["returns"]
+    assert beside["last_iterate"] == alone["last_iterate"]
