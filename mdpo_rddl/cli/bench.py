@@ -20,6 +20,7 @@ from mdpo_rddl.bench.speed.growth import AXES, growth_table, run_growth
 from mdpo_rddl.bench.speed.profile import profile_table, run_profile
 from mdpo_rddl.bench.speed.speed import SETTINGS, run_speed, speed_table
 from mdpo_rddl.cli.bench_paper import add_paper_commands
+from mdpo_rddl.cli.bench_tasks import add_task_commands
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.guarded import Limits
@@ -119,7 +120,8 @@ def _parser() -> OneLineParser:
     auto.add_argument("--episodes", type=positive_int, default=50)
     auto.set_defaults(run=_auto, out=Path("results/auto"))
 
-    others = [auto, *_add_trial_commands(commands), *add_paper_commands(commands)]
+    others = [auto, *_add_trial_commands(commands), *add_task_commands(commands)]
+    others += add_paper_commands(commands)
     for command in (noise, paper, speed, profile, *others):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser

@@ -2,6 +2,8 @@
 
 import importlib.metadata
 import platform
+import subprocess
+from pathlib import Path
 
 _PACKAGES = ("pyRDDLGym", "pyRDDLGym-jax", "rddlrepository", "jax", "tensorflow-probability")
 _DECISIVE = (
@@ -38,3 +40,23 @@ def package_versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the results."""
     versions = {name: importlib.metadata.version(name) for name in _DECISIVE}
     return {"python": platform.python_version(), **versions}
+
+
+def commit() -> str:
+    """The commit of the checkout that the package runs from; "none" outside of one.
+
+    A "+" follows where files of the package differ from it.
+    """
+    here = Path(__file__).resolve().parents[1]
+    try:
+        name = _git(here, "rev-parse", "--short=7", "HEAD")
+        changes = _git(here, "status", "--porcelain", "--untracked-files=no", "--", ".")
+    except (OSError, subprocess.SubprocessError):
+        return "none"
+    return name + ("+" if changes else "")
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(folder), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10.0)
+    return done.stdout.strip()

@@ -1,0 +1,1 @@
+"""Planners on many tasks: every public domain, and those with published returns."""

@@ -1,0 +1,110 @@
+"""Every domain of rddlrepository: ours against JaxPlan, the no-op policy and random actions."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from rddlrepository import RDDLRepoManager
+from scipy import special
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
+from mdpo_rddl.errors import InputError
+
+OURS = "mdpo"
+PLANNERS = (OURS, "jaxplan-slp", "jaxplan-drp", "noop", "random")
+_LEVEL = 0.975
+
+
+def domains() -> list[str]:
+    """The names of all problems of rddlrepository."""
+    return sorted(RDDLRepoManager().list_problems())
+
+
+def first_instance(problem: str) -> str:
+    """The first instance that rddlrepository lists of a problem."""
+    return str(RDDLRepoManager().get_problem(problem).list_instances()[0])
+
+
+def run_everywhere(
+    out: Path,
+    problems: Sequence[str] | None,
+    planners: Iterable[str],
+    seeds: int,
+    conditions: Conditions,
+) -> Records:
+    """Tries the first instance of each problem; rows that are there already are skipped.
+
+    Args:
+      out: results folder.
+      problems: names of rddlrepository; all of it if None.
+      planners: out of `PLANNERS`.
+      seeds: of the preparation.
+      conditions: of all trials.
+
+    Raises:
+      InputError: for an unknown problem.
+    """
+    known = domains()
+    names = known if problems is None else list(problems)
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        raise InputError(f"rddlrepository has no problem {unknown[0]!r}")
+    tasks = [Task(name, first_instance(name)) for name in names]
+    return run_tasks(out, tasks, planners, seeds, conditions)
+
+
+def everywhere_table(records: Records) -> str:
+    """Markdown: the mean returns, and whether ours is below any of the others."""
+    others = [name for name in PLANNERS if name != OURS]
+    lines = [
+        "| problem | instance | " + " | ".join(PLANNERS) + " | ours is below |",
+        "|" + "---|" * (len(PLANNERS) + 3),
+    ]
+    below, compared = 0, 0
+    for (problem, instance), rows in _by_task(records).items():
+        cells = [_cell(rows.get(name)) for name in PLANNERS]
+        ours = rows.get(OURS)
+        losses = [] if ours is None else [n for n in others if _is_below(ours, rows.get(n))]
+        compared += ours is not None
+        below += bool(losses)
+        lines.append(
+            f"| {problem} | {instance} | " + " | ".join(cells) + f" | {', '.join(losses)} |"
+        )
+    lines += ["", f"Below another planner: {below} of {compared} problems."]
+    return "\n".join(lines) + "\n"
+
+
+def _by_task(records: Records) -> dict[tuple[str, str], dict[str, Mapping[str, str]]]:
+    """Per task and planner the row of the first seed."""
+    tasks: dict[tuple[str, str], dict[str, Mapping[str, str]]] = {}
+    for row in records.rows:
+        if row["seed"] == "0":
+            tasks.setdefault((row["problem"], row["instance"]), {})[row["planner"]] = row
+    return dict(sorted(tasks.items()))
+
+
+def _cell(row: Mapping[str, str] | None) -> str:
+    if row is None:
+        return ""
+    return f"{float(row['mean']):,.6g}" if row["status"] == OK else row["status"]
+
+
+def _is_below(ours: Mapping[str, str], theirs: Mapping[str, str] | None) -> bool:
+    """Whether the 95% interval of the paired difference of the episodes' returns is below 0.
+
+    A planner without returns is below one that has some.
+    """
+    if theirs is None or theirs["status"] != OK:
+        return False
+    if ours["status"] != OK:
+        return True
+    difference = np.subtract(json.loads(ours["returns"]), json.loads(theirs["returns"]))
+    count = len(difference)
+    half = 0.0
+    if count > 1:
+        half = float(special.stdtrit(count - 1, _LEVEL) * difference.std(ddof=1) / np.sqrt(count))
+    # returns of the two are rounded alike
+    slack = 1e-6 * max(1.0, float(np.max(np.abs(json.loads(theirs["returns"])))))
+    return bool(difference.mean() + half < -slack)

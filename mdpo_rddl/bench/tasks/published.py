@@ -1,0 +1,123 @@
+"""Tasks with published returns: ours with a minute of preparation, and what others got.
+
+`published.csv` holds 81 tasks with the mean returns of PROST, JaxPlan, GurobiPlan and DiSProD at
+1, 3 and 5 s a decision (the experiments of JaxPlan's authors for ICAPS 2024), and of PROST in the
+competition of 2014.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
+from mdpo_rddl.errors import InputError
+
+OURS = "mdpo"
+AT_THE_BEST = 0.99
+RIVALS = {
+    "PROST 1 s": "prost_1",
+    "JaxPlan 1 s": "jaxplan_1",
+    "GurobiPlan 1 s": "gurobiplan_1",
+    "DiSProD 1 s": "disprod_1",
+}
+
+
+def published() -> dict[Task, Mapping[str, str]]:
+    """The rows of `published.csv` by their tasks."""
+    text = (resources.files(__package__) / "published.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    return {Task(row["problem"], row["instance"]): row for row in rows}
+
+
+def run_published(
+    out: Path,
+    problems: Sequence[str] | None,
+    seeds: int,
+    conditions: Conditions,
+    shard: tuple[int, int] = (0, 1),
+) -> Records:
+    """Prepares and plays on the published tasks; rows that are there already are skipped.
+
+    Args:
+      out: results folder.
+      problems: names of problems, or "Problem:instance"; all if None.
+      seeds: of the preparation.
+      conditions: of all trials.
+      shard: (i, n): only every n-th task, from the i-th on.
+
+    Raises:
+      InputError: for a problem without published returns.
+    """
+    tasks = list(published())
+    if problems is not None:
+        wanted = set(problems)
+        chosen = [t for t in tasks if {t.problem, f"{t.problem}:{t.instance}"} & wanted]
+        known = {name for t in chosen for name in (t.problem, f"{t.problem}:{t.instance}")}
+        if unknown := sorted(wanted - known):
+            raise InputError(f"there are no published returns of {unknown[0]!r}")
+        tasks = chosen
+    number, count = shard
+    return run_tasks(out, tasks[number::count], [OURS], seeds, conditions)
+
+
+def score(mean: float, row: Mapping[str, str]) -> float:
+    """0 at the better one of no-op and random, 1 at the best published return.
+
+    Where these are the same, 1 for whoever reaches it.
+    """
+    floor = max(float(row["noop"]), float(row["random"]))
+    best = float(row["best"])
+    if best - floor <= 1e-9 * max(1.0, abs(best)):
+        return float(mean >= best - 1e-6 * max(1.0, abs(best)))
+    return (mean - floor) / (best - floor)
+
+
+def published_table(records: Records) -> str:
+    """Markdown: each task's mean return and score beside the others', and the totals."""
+    rows = published()
+    means: dict[Task, list[float]] = {}
+    failed: dict[Task, str] = {}
+    for record in records.rows:
+        task = Task(record["problem"], record["instance"])
+        if record["status"] == OK:
+            means.setdefault(task, []).append(float(record["mean"]))
+        else:
+            failed[task] = record["status"]
+    lines = [
+        "| problem | instance | ours | score | best published | by | "
+        + " | ".join(RIVALS)
+        + " | no-op | random |",
+        "|" + "---|" * (len(RIVALS) + 8),
+    ]
+    scores = []
+    for task, row in rows.items():
+        if task not in means and task not in failed:
+            continue
+        ours = float(np.mean(means[task])) if task in means else float("nan")
+        scores.append(score(ours, row) if task in means else 0.0)
+        shown = f"{ours:,.6g}" if task in means else failed[task]
+        cells = [task.problem, task.instance, shown, f"{scores[-1]:.3f}", _number(row["best"])]
+        cells += [row["best_by"], *(_number(row[name]) for name in RIVALS.values())]
+        cells += [_number(row["noop"]), _number(row["random"])]
+        lines.append("| " + " | ".join(cells) + " |")
+    lines += ["", _totals(np.array(scores))]
+    return "\n".join(lines) + "\n"
+
+
+def _number(text: str) -> str:
+    return f"{float(text):,.6g}" if text else ""
+
+
+def _totals(scores: np.ndarray) -> str:
+    if not scores.size:
+        return "No task has been played."
+    reached = int(np.sum(scores >= AT_THE_BEST))
+    mean = float(np.mean(np.minimum(scores, 1.0)))
+    return (
+        f"At {AT_THE_BEST:g} of the best published return or above: {reached} of {len(scores)}. "
+        f"Mean score, each at most 1: {mean:.3f}. Below 0: {int(np.sum(scores < 0.0))}."
+    )

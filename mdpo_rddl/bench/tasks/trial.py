@@ -1,0 +1,165 @@
+"""One planner on one task: it prepares for a while, then it plays on the exact environment."""
+
+import json
+import logging
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.ipc.registry import check_planner, make_planner
+from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.memory import peak_mb
+from mdpo_rddl.machine.versions import commit, versions
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.load import load_problem, make_environment
+
+logger = logging.getLogger(__name__)
+
+KEYS = ("problem", "instance", "planner", "seed")
+FIGURES = (
+    "horizon",
+    "mean",
+    "prepare_seconds",
+    "play_seconds",
+    "illegal_actions",
+    "fallback_actions",
+    "peak_mb",
+    "commit",
+    "returns",
+)
+COLUMNS = (*KEYS, "status", "cause", *FIGURES)
+OK = "ok"
+# of the episodes, far from any training seed
+_EVALUATION_SEED = 2024
+# beside the preparation: the process's start, what is late, and the episodes
+_PLAY_SECONDS = 900.0
+_DIGITS = 10
+
+
+@dataclass(frozen=True)
+class Task:
+    """A problem instance of rddlrepository."""
+
+    problem: str
+    instance: str
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What all trials of a measurement have in common.
+
+    Attributes:
+      seconds: of preparation, compilation included.
+      episodes: on the exact environment, the same for all planners.
+      memory_gb: of a trial's processes.
+    """
+
+    seconds: float
+    episodes: int
+    memory_gb: float
+
+
+@dataclass(frozen=True)
+class TaskTrial:
+    """One row's work."""
+
+    task: Task
+    planner: str
+    seed: int
+    conditions: Conditions
+
+
+def run_tasks(
+    out: Path,
+    tasks: Sequence[Task],
+    planners: Iterable[str],
+    seeds: int,
+    conditions: Conditions,
+) -> Records:
+    """Runs the trials that `out/rows.csv` lacks, each in a process of its own.
+
+    Args:
+      out: results folder.
+      tasks: in the order in which they are tried.
+      planners: names that `mdpo-ipc` knows, or "module:Class".
+      seeds: of the preparation, from 0.
+      conditions: of all trials.
+
+    Raises:
+      InputError: for an unknown planner, or a folder with other results.
+    """
+    names = list(planners)
+    for name in names:
+        check_planner(name)
+    kept = {"seconds": conditions.seconds, "episodes": conditions.episodes, **versions()}
+    records = Records(out / "rows.csv", COLUMNS, KEYS, kept)
+    trials = [
+        TaskTrial(task, planner, seed, conditions)
+        for task in tasks
+        for planner in names
+        for seed in range(seeds)
+        if not records.has(task.problem, task.instance, planner, seed)
+    ]
+    limits = Limits(conditions.seconds + _PLAY_SECONDS, conditions.memory_gb)
+    for trial in trials:
+        for _, outcome in run_guarded(run_trial, [trial], limits):
+            row = _of_failure(outcome) if isinstance(outcome, Death) else outcome
+            key = (trial.task.problem, trial.task.instance, trial.planner, trial.seed)
+            records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))
+            logger.info("%s %s, %s, seed %d: %s %s", *key, row["status"], row.get("mean", ""))
+    return records
+
+
+def run_trial(trial: TaskTrial) -> dict[str, Any]:
+    """Prepares and plays; an error becomes the status and its one-line cause."""
+    row: dict[str, Any] = {"status": OK, "cause": "", "commit": commit()}
+    try:
+        evaluation = _play(trial, row)
+    except Exception as error:  # whatever it is, it is the finding
+        cause = f"{type(error).__name__}: {one_line_cause(error)}"
+        return {**row, "status": "error", "cause": cause, "peak_mb": round(peak_mb())}
+    if not np.all(np.isfinite(evaluation.returns)):
+        row["status"] = "non-finite"
+    returns = [float(f"{value:.{_DIGITS}g}") for value in evaluation.returns.tolist()]
+    return row | {
+        "mean": float(f"{evaluation.mean:.{_DIGITS}g}"),
+        "illegal_actions": evaluation.illegal_actions,
+        "fallback_actions": evaluation.fallback_actions,
+        "peak_mb": round(peak_mb()),
+        "returns": json.dumps(returns),
+    }
+
+
+def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
+    started = time.perf_counter()
+    problem = load_problem(trial.task.problem, trial.task.instance)
+    row["horizon"] = problem.horizon
+    planner = make_planner(trial.planner)
+    left = trial.conditions.seconds - (time.perf_counter() - started)
+    planner.prepare(problem, left, trial.seed)
+    prepared = time.perf_counter()
+    row["prepare_seconds"] = round(prepared - started, 2)
+    random = np.random.default_rng(trial.seed)
+    evaluation = evaluate(
+        make_environment(problem),
+        lambda step, state: planner.act(step, state, random),
+        trial.conditions.episodes,
+        _EVALUATION_SEED,
+    )
+    row["play_seconds"] = round(time.perf_counter() - prepared, 2)
+    return evaluation
+
+
+def _of_failure(failure: Death) -> dict[str, Any]:
+    return {
+        "status": failure.status,
+        "cause": failure.cause,
+        "peak_mb": round(failure.peak_mb),
+        "commit": commit(),
+    }
