@@ -1,0 +1,130 @@
+"""Planners on many tasks: the rows of real trials, the scores and tables worked by hand."""
+
+import json
+
+import pytest
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks import everywhere
+from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
+from mdpo_rddl.bench.tasks.published import published, published_table, score
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
+from mdpo_rddl.cli import bench
+from mdpo_rddl.errors import InputError
+
+QUICK = Conditions(seconds=1.0, episodes=3, memory_gb=4.0)
+
+
+def row_of(**values):
+    return tuple({"status": "ok", **values}.get(name, "") for name in COLUMNS[len(KEYS) :])
+
+
+def records_of(path, *rows):
+    records = Records(path / "rows.csv", COLUMNS, KEYS)
+    for problem, planner, returns in rows:
+        mean = sum(returns) / len(returns)
+        figures = row_of(mean=mean, returns=json.dumps(returns))
+        records.add(problem, "1", planner, 0, *figures)
+    return records
+
+
+def test_trials_are_recorded_and_not_repeated(tmp_path, monkeypatch):
+    tasks = [Task("SysAdmin_MDP_ippc2011", "1")]
+    records = run_tasks(tmp_path, tasks, ["noop", "random"], 1, QUICK)
+    noop, random = records.rows
+    assert (noop["status"], random["status"], noop["horizon"]) == ("ok", "ok", "40")
+    returns = json.loads(noop["returns"])
+    assert len(returns) == 3
+    assert float(noop["mean"]) == pytest.approx(sum(returns) / 3)
+    assert json.loads(random["returns"]) != returns
+    monkeypatch.setattr("mdpo_rddl.bench.tasks.trial.run_guarded", None)  # nothing is run again
+    assert run_tasks(tmp_path, tasks, ["noop", "random"], 1, QUICK).rows == records.rows
+
+
+def test_a_planner_that_fails_has_a_row_that_says_so(tmp_path):
+    planners = ["helpers.toy_contest:Raising"]
+    (row,) = run_tasks(tmp_path, [Task("Elevators", "0")], planners, 1, QUICK).rows
+    assert row["status"] == "error"
+    assert row["cause"]
+    assert row["mean"] == ""
+
+
+def test_unknown_names_are_told_before_anything_is_run(tmp_path):
+    with pytest.raises(InputError, match="rddlrepository has no problem 'Nowhere'"):
+        run_everywhere(tmp_path, ["Nowhere"], ["noop"], 1, QUICK)
+    with pytest.raises(InputError, match="unknown planner 'nobody'"):
+        run_tasks(tmp_path, [Task("Elevators", "0")], ["nobody"], 1, QUICK)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ours_is_below_where_the_paired_interval_is(tmp_path):
+    noisy = [0.0, 100.0, -100.0, 50.0]
+    records = records_of(
+        tmp_path,
+        ("Below", "mdpo", noisy),
+        ("Below", "noop", [value + 1.0 for value in noisy]),  # by 1 on every episode
+        ("Level", "mdpo", [1.0, 2.0, 3.0]),
+        ("Level", "random", [2.0, 1.0, 3.1]),
+        ("Above", "mdpo", [1.0, 1.0]),
+        ("Above", "jaxplan-slp", [0.0, 0.0]),
+    )
+    lines = everywhere_table(records).splitlines()
+    assert lines[0].startswith("| problem | instance | mdpo | jaxplan-slp |")
+    assert lines[2] == "| Above | 1 | 1 | 0 |  |  |  |  |"
+    assert lines[3] == "| Below | 1 | 12.5 |  |  | 13.5 |  | noop |"
+    assert lines[4] == "| Level | 1 | 2 |  |  |  | 2.03333 |  |"
+    assert lines[-1] == "Below another planner: 1 of 3 problems."
+
+
+def test_a_failure_of_ours_is_below_whoever_has_returns(tmp_path):
+    records = records_of(tmp_path, ("P", "noop", [0.0, 0.0]))
+    records.add("P", "1", "mdpo", 0, *row_of(status="timeout", cause="over 1 s"))
+    assert "| timeout |" in everywhere_table(records)
+    assert everywhere_table(records).endswith("Below another planner: 1 of 1 problems.\n")
+
+
+def test_the_first_instance_is_rddlrepositorys():
+    assert everywhere.first_instance("UAV_ippc2023") == "1"
+    assert len(everywhere.domains()) == 90
+
+
+def test_scores_worked_by_hand():
+    row = {"noop": "-40", "random": "-30", "best": "-10"}
+    assert score(-30.0, row) == 0.0
+    assert score(-10.0, row) == 1.0
+    assert score(-5.0, row) == 1.25
+    assert score(-40.0, row) == -0.5
+    reached = {"noop": "0", "random": "-101.4", "best": "0"}
+    assert score(0.0, reached) == 1.0
+    assert score(3.0, reached) == 1.0
+    assert score(-1.0, reached) == 0.0
+
+
+def test_the_published_tasks():
+    rows = published()
+    assert len(rows) == 81
+    for task, row in rows.items():
+        rivals = [row[name] for name in row if name.endswith(("_1", "_3", "_5", "_ippc2014"))]
+        assert float(row["best"]) == max(float(value) for value in rivals if value), task
+
+
+def test_the_published_table_counts_what_reaches_the_best(tmp_path):
+    best = float(published()[Task("Navigation_MDP_ippc2011", "1")]["best"])
+    records = records_of(tmp_path, ("Navigation_MDP_ippc2011", "mdpo", [best, best]))
+    records.add("SysAdmin_MDP_ippc2011", "1", "mdpo", 0, *row_of(status="memory", cause="over"))
+    table = published_table(records)
+    assert "| Navigation_MDP_ippc2011 | 1 | -8 | 1.000 | -8 | prost_1 |" in table
+    assert "| SysAdmin_MDP_ippc2011 | 1 | memory | 0.000 |" in table
+    assert table.endswith("or above: 1 of 2. Mean score, each at most 1: 0.500. Below 0: 0.\n")
+
+
+def test_the_commands(tmp_path, capsys):
+    arguments = ["--seconds", "1", "--episodes", "2", "--out", str(tmp_path)]
+    problems = ["--problems", "Navigation_MDP_ippc2011"]
+    assert bench.main(["everywhere", *arguments, *problems, "--planners", "noop"]) == 0
+    assert "| Navigation_MDP_ippc2011 | 1 |" in capsys.readouterr().out
+    assert (tmp_path / "table.md").is_file()
+    assert bench.main(["published", *arguments, "--problems", "Nowhere"]) == 2
+    assert "there are no published returns of 'Nowhere'" in capsys.readouterr().err
+    assert bench.main(["published", *arguments, "--shard", "2/2"]) == 2
+    assert "--shard: must be I/N with 0 <= I < N" in capsys.readouterr().err
