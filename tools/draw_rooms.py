@@ -18,11 +18,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mdpo_rddl"
 TARGET = ROOT / "docs" / "images" / "rooms.svg"
 
-WIDTH, HEIGHT = 250, 92
+WIDTH, HEIGHT = 310, 104
 GAP_X, GAP_Y = 36, 40
 MARGIN = 16
 LINE = 15
-CHARACTERS = 40
+CHARACTERS = 42
 
 
 def rooms() -> dict[str, Path]:
@@ -68,9 +68,10 @@ def description(folder: Path) -> list[str]:
     return wrap(" ".join(text.split("\n\n")[0].split()), CHARACTERS)
 
 
-def inside(folder: Path) -> str:
-    """The rooms inside a room."""
-    return " · ".join(sorted(path.parent.name for path in folder.glob("*/__init__.py")))
+def inside(folder: Path) -> list[str]:
+    """The rooms inside a room, in lines."""
+    names = sorted(path.parent.name for path in folder.glob("*/__init__.py"))
+    return wrap(" · ".join(names), CHARACTERS)
 
 
 def drawing() -> str:
@@ -111,14 +112,11 @@ def drawing() -> str:
         parts.append(
             f'<text x="{x + 10:g}" y="{y + 19:g}" font-weight="bold" font-size="14">{name}</text>'
         )
-        lines = description(folders[name])
-        for number, line in enumerate(lines):
+        lines = [(line, "#222") for line in description(folders[name])]
+        lines += [(line, "#1f5f99") for line in inside(folders[name])]
+        for number, (line, color) in enumerate(lines):
             at = y + 19 + LINE * (number + 1)
-            parts.append(f'<text x="{x + 10:g}" y="{at:g}">{escape(line)}</text>')
-        at = y + HEIGHT - 8
-        parts.append(
-            f'<text x="{x + 10:g}" y="{at:g}" fill="#1f5f99">{inside(folders[name])}</text>'
-        )
+            parts.append(f'<text x="{x + 10:g}" y="{at:g}" fill="{color}">{escape(line)}</text>')
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
