@@ -11,7 +11,7 @@ from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.planner.update.sizes import CallSizes
-from mdpo_rddl.planner.upstream import JaxBackpropPlanner, JaxPlannerStatus
+from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
 
 
 class CallingPlanner(ActingPlanner):
@@ -38,6 +38,10 @@ class CallingPlanner(ActingPlanner):
         self._sizes = CallSizes(iterations_per_call, every)
         self.in_calls = iterations_per_call > 1
         self._calls = Calls()
+        given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
+        if "pgpe" not in given.arguments:
+            # JaxPlan's default is one object shared by all planners, which the second breaks
+            kwargs["pgpe"] = GaussianPGPE()
         super().__init__(*args, **kwargs)
 
     @property

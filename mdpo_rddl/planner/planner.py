@@ -31,7 +31,7 @@ from mdpo_rddl.planner.update.perturbed_policy import (
 )
 from mdpo_rddl.planner.update.restarts import Restarts
 from mdpo_rddl.planner.update.sharding import shard
-from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.limits import group_limits
 
 
@@ -82,10 +82,6 @@ class MDPOPlanner(CallingPlanner):
         self.stop_at_termination = stop_at_termination
         self.keep_group_limits = keep_group_limits
         self.action_specs: dict[str, ActionSpec] = {}
-        given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
-        if "pgpe" not in given.arguments:
-            # JaxPlan's default is one object shared by all planners, which the second breaks
-            kwargs["pgpe"] = GaussianPGPE()
         super().__init__(*args, **kwargs)
 
     @property

@@ -174,7 +174,7 @@ def test_the_keys_of_jaxplans_controllers_are_accepted_and_not_handed_to_optimiz
 def test_what_is_built_knows_its_budget_and_prints_nothing() -> None:
     text = TEXT.replace("[Optimize]", "[Optimize]\nprint_summary=True\ntest_rolling_window=3")
     built = build_planner(load_problem("Reservoir_ippc2023", "1", 3), PlannerConfig.from_text(text))
-    assert built.arguments == {"test_rolling_window": 3}
+    assert built.arguments == {"test_rolling_window": 3, "policy_hyperparams": 2.0}
     assert built.budget.iterations == 300
     arguments = built.training_arguments(Budget(7, 2.0))
     assert (arguments["epochs"], arguments["train_seconds"]) == (7, 2.0)
