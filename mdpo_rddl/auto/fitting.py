@@ -1,7 +1,5 @@
 """The preset's configuration, fitted to a problem."""
 
-from typing import Any
-
 import numpy as np
 
 from mdpo_rddl.auto.probing import Probe
@@ -15,13 +13,13 @@ def without_scales(config: PlannerConfig) -> PlannerConfig:
 
 def simplified(config: PlannerConfig) -> PlannerConfig:
     """The configuration for a problem of many objects: no net, and few features."""
-    return without_plan(_with_plan(config, topology=[], cosines=0, squares=False))
+    return without_plan(config.with_policy_arguments(topology=[], cosines=0, squares=False))
 
 
 def without_plan(config: PlannerConfig) -> PlannerConfig:
     """The configuration without an open-loop plan, for which noise needs an analysis of its own."""
-    config = _with_plan(config, plan=False)
-    if "analysis_samples" not in config.section("Noise"):
+    config = config.with_policy_arguments(plan=False)
+    if "analysis_samples" not in config.noise_numbers:
         return config
     return config.with_values("Noise", analysis_samples=1)
 
@@ -34,12 +32,7 @@ def scaled(config: PlannerConfig, found: Probe) -> PlannerConfig:
         for name, (center, scale) in found.state_scales.items()
     }
     units = {name: _short(value) for name, value in found.units.items()}
-    return _with_plan(config, state_scales=scales, units=units)
-
-
-def _with_plan(config: PlannerConfig, **values: Any) -> PlannerConfig:
-    arguments = {**config.section("Planner").get("method_kwargs", {}), **values}
-    return config.with_values("Planner", method_kwargs=arguments)
+    return config.with_policy_arguments(state_scales=scales, units=units)
 
 
 def _short(value: float) -> float:

@@ -68,9 +68,9 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
     count, rollouts = (_FEW_STARTS, 1) if large else (_STARTS, _ROLLOUTS)
     play = compile_visits(planner, rollouts, side_by_side=1 if large else None)
     key = jax.random.PRNGKey(seed)
-    params = planner.plan.initializer(key, {}, None)
+    params = planner.feedback_plan.initializer(key, {}, None)
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
-    numbers = list(planner.plan.units)
+    numbers = list(planner.feedback_plan.units)
 
     spreads: list[float] = []
 
@@ -87,7 +87,7 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
     nothing = {name: np.zeros(shape) for name, shape in shapes.items()}
     units = {}
     for name in numbers:
-        if box_width(*planner.plan.bounds[name]) is None:
+        if box_width(*planner.feedback_plan.bounds[name]) is None:
             sizes = [0.0, *_SIZES, *-_SIZES]
             scan = [{**nothing, name: np.full(shapes[name], size)} for size in sizes]
             units[name] = _unit(np.array(sizes), returns(scan)[0])
@@ -140,9 +140,9 @@ def _boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.nda
     for name in planner.rddl.action_fluents:
         shape = np.shape(values[name])
         box = np.stack([np.full(shape, -1.0), np.full(shape, 1.0)])
-        if name in planner.plan.units:
-            unit = units.get(name, planner.plan.units[name])
-            bounds = planner.plan.bounds[name]
+        if name in planner.feedback_plan.units:
+            unit = units.get(name, planner.feedback_plan.units[name])
+            bounds = planner.feedback_plan.bounds[name]
             ends = np.stack([np.broadcast_to(bound, shape) for bound in bounds]) - values[name]
             box = np.where(np.isfinite(ends), ends / unit, box * _WIDE_UNITS)
         boxes[name] = box

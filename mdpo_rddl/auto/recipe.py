@@ -36,9 +36,8 @@ from mdpo_rddl.auto.sizes import plans_fit
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.background import Work, run_until
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.budgets import JAXPLAN_SECONDS
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import Search
+from mdpo_rddl.planner.config.search_section import SEARCH, Search, read_search
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -106,15 +105,15 @@ def plan_automatically(
       InputError: if JaxPlan refuses the problem or the configuration.
     """
     started = time.monotonic()
-    seconds = config.section("Optimize").get("train_seconds", JAXPLAN_SECONDS)
-    budget = Search(**config.section("Search"))
-    config = config.without_section("Search")
+    seconds = config.budget().seconds
+    budget = read_search(config.sections) or Search()
+    config = config.without_section(SEARCH)
     deadline = started + seconds
     wanted = budget.alternatives and seconds >= _ALTERNATIVES_SECONDS
     with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
         on_stage("probing")
         # the same for all seeds, whose programs then are the same too
-        bare, _ = build_planner(problem, without_scales(config))
+        bare = build_planner(problem, without_scales(config)).planner
         found = probe(bare, _PROBING_SEED, started + budget.shared_until * seconds)
         config = scaled(config, found)
         large = found.policy_seconds is not None
@@ -123,7 +122,7 @@ def plan_automatically(
             config = simplified(config)
         elif not plans_fit(bare):
             config = without_plan(config)
-        planner, _ = build_planner(problem, config, programs)
+        planner = build_planner(problem, config, programs).planner
         recipe = _Recipe(planner, found, budget, deadline, seed, on_stage, on_progress)
         try:
             recipe.run()
@@ -159,7 +158,7 @@ class _Recipe:
         self._deadline, self._seed = deadline, seed
         self._on_stage, self._on_progress = on_stage, on_progress
         self._large = found.policy_seconds is not None
-        params = planner.plan.initializer(jax.random.PRNGKey(seed), {}, None)
+        params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
         self._nothing, self._constant = params, with_bias(params, found.start)
         self.choice = Choice(planner, _FEW_ROLLOUTS if self._large else _ROLLOUTS, seed)
         self._plans = PlanSearch(planner, found, seed) if "plan" in params else None

@@ -55,6 +55,6 @@ def plans_fit(planner: MDPOPlanner) -> bool:
     Args:
       planner: with a `FeedbackPlan`.
     """
-    shapes = planner.plan.feedback.action_shapes.values()
+    shapes = planner.feedback_plan.feedback.action_shapes.values()
     actions = sum(math.prod(shape) for shape in shapes)
     return PLANS * planner.horizon * actions * np.dtype(np.float32).itemsize <= _PLANS_BYTES

@@ -8,7 +8,8 @@ from typing import Any, NoReturn
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
-from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.values import relaxation_weights
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -239,7 +240,7 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
         policy = policy or "slp"
     if policy is not None:
         method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[policy]
-        if config.section("Planner").get("method") != method:
+        if config.policy_method != method:
             # one plan's arguments mean nothing to another
             config = config.with_values("Planner", method=method, method_kwargs={})
     if options.weight is not None:
@@ -270,8 +271,7 @@ _NOISE_NUMBERS = {
 
 
 def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
-    values = config.section("Noise")
-    values.setdefault("method", "AdaptiveNoise")
+    values: dict[str, Any] = {"method": config.noise_method, **config.noise_numbers}
     if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
         values = {"method": _NOISE_METHODS[options.noise]}
     for name, methods in _NOISE_NUMBERS.items():

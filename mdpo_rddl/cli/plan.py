@@ -106,7 +106,7 @@ def _plan_request(options: argparse.Namespace, programs: Path | None) -> PlanReq
         name = _preset(options)
         config = PRESETS[name](problem.domain_name)
     config = configure(config, options)
-    own_seed = config.section("Optimize").get("key") or 0
+    own_seed = config.key
     seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
     return PlanRequest(problem, config, name, seed, options.episodes, out, programs)

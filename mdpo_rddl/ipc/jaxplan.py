@@ -4,10 +4,11 @@ import time
 from typing import Any
 
 import jax
-import numpy as np
 
 from mdpo_rddl.ipc.gradient import Found, GradientPlanner
-from mdpo_rddl.planner.baseline import build_baseline
+from mdpo_rddl.planner.baseline import train_baseline
+from mdpo_rddl.planner.build import build_baseline
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
 from mdpo_rddl.planner.config.presets.by_domain import REPOSITORY_NAMES
@@ -34,23 +35,11 @@ class JaxPlanPlanner(GradientPlanner):
     def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
         started = time.perf_counter()
         config = self.config(problem)
-        planner, arguments = build_baseline(problem, config)
+        built = build_baseline(problem, config)
         left = seconds - (time.perf_counter() - started)
-        # its clock starts before compilation
-        callback = planner.optimize(
-            **{
-                **arguments,
-                "key": jax.random.PRNGKey(seed),
-                "epochs": _MANY,
-                "train_seconds": max(left, 1.0),
-                "print_summary": False,
-                "print_progress": False,
-                "print_hyperparams": False,
-            }
-        )
-        trees = callback["best_params"], dict(callback["policy_hyperparams"])
-        params, hyperparams = jax.tree.map(np.asarray, trees)
-        return Found(planner, config, params, hyperparams)
+        budget = Budget(_MANY, max(left, 1.0))
+        trained = train_baseline(built, jax.random.PRNGKey(seed), budget, counts_compilation=True)
+        return Found(trained.planner, config, trained.params, trained.policy_hyperparams)
 
     def _build(self, problem: Problem, config: PlannerConfig) -> Any:
-        return build_baseline(problem, config)[0]
+        return build_baseline(problem, config).planner

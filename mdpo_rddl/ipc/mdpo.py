@@ -43,4 +43,4 @@ class MDPO(GradientPlanner):
         return Found(result.planner, result.config, training.best_params, hyperparams)
 
     def _build(self, problem: Problem, config: PlannerConfig) -> Any:
-        return build_planner(problem, config)[0]
+        return build_planner(problem, config).planner

@@ -7,6 +7,8 @@ import jax
 import numpy as np
 from jax import Array, random
 
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
 
@@ -39,13 +41,24 @@ class ActingPlanner(JaxBackpropPlanner):
     def _complete_hyperparams(self, hyperparams: Any) -> Any:
         if hyperparams is not None and not isinstance(hyperparams, Mapping):
             return hyperparams
-        complete = {**dict.fromkeys(self.rddl.action_fluents, 1.0), **(hyperparams or {})}
+        complete = {**unit_hyperparams(self), **(hyperparams or {})}
         if self.preprocessor is not None and self.preprocessor.HYPERPARAMS_KEY not in complete:
             complete[self.preprocessor.HYPERPARAMS_KEY] = self.preprocessor.initialize()
         return complete
 
+    @property
+    def feedback_plan(self) -> FeedbackPlan:
+        """The plan, where it is one of lifted feedback.
+
+        Raises:
+          TypeError: if the planner was made with another kind of plan.
+        """
+        if not isinstance(self.plan, FeedbackPlan):
+            raise TypeError(f"the plan must be a FeedbackPlan, got {type(self.plan).__name__}")
+        return self.plan
+
     def params_structure(self, policy_hyperparams: Mapping[str, Any]) -> Any:
         """Shapes and types of one policy's parameters, as a tree of `jax.ShapeDtypeStruct`."""
-        (fluents, _), _ = self._batched_init_subs(self.test_compiled.init_values)
+        fluents = initial_values(self).training.fluents
         key = random.PRNGKey(0)
         return jax.eval_shape(self.plan.initializer, key, dict(policy_hyperparams), fluents)

@@ -1,66 +1,55 @@
-"""JaxPlan's own planner, unmodified, as the baseline of a measurement."""
+"""Training with JaxPlan's own planner, unmodified, as the baseline of a measurement."""
 
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
-from mdpo_rddl.planner.config.config import PlannerConfig, optimize_parameters
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
-from mdpo_rddl.problem.load import Problem
 
 
 class TrainedBaseline(NamedTuple):
-    """A planner of JaxPlan's with the best parameters by its own judgement."""
+    """A planner of JaxPlan's with the best parameters by its own judgement, as numpy arrays."""
 
     planner: JaxBackpropPlanner
     params: Any
-    policy_hyperparams: Any
+    policy_hyperparams: dict[str, Any]
     iterations: int
 
 
-def build_baseline(
-    problem: Problem, config: PlannerConfig
-) -> tuple[JaxBackpropPlanner, dict[str, Any]]:
-    """JaxPlan's planner, and the keyword arguments that the configuration has for `optimize`.
-
-    Args:
-      problem: the parsed problem.
-      config: a configuration; sections that JaxPlan does not know have no effect.
-    """
-    quiet = config.with_values("Compiler", print_warnings=False)
-    planner_args, _, train_args = quiet.jaxplan_arguments()
-    # the rest of the section is for JaxPlan's controllers
-    known = optimize_parameters()
-    optimize_args = {name: value for name, value in train_args.items() if name in known}
-    return JaxBackpropPlanner(problem.model, **planner_args), optimize_args
-
-
 def train_baseline(
-    problem: Problem, config: PlannerConfig, seed: int, iterations: int, seconds: float
+    built: Built[JaxBackpropPlanner],
+    key: Any,
+    budget: Budget | None = None,
+    *,
+    counts_compilation: bool = False,
+    on_iteration: Callable[[Mapping[str, Any]], None] = lambda callback: None,
 ) -> TrainedBaseline:
-    """Trains `JaxBackpropPlanner`; compilation is not counted.
+    """Trains `JaxBackpropPlanner` with its own loop.
 
     Args:
-      problem: the parsed problem.
-      config: a configuration; sections that JaxPlan does not know have no effect.
-      seed: of `jax.random.PRNGKey`.
-      iterations: largest number, at least 2.
-      seconds: largest training time.
+      built: JaxPlan's planner.
+      key: JAX random key.
+      budget: where it ends; as configured if None.
+      counts_compilation: whether compilation is part of the time.
+      on_iteration: called with JaxPlan's callback of each iteration; what it raises ends the
+        training.
     """
-    planner, optimize_args = build_baseline(problem, config)
-    arguments = {
-        **optimize_args,
-        "key": jax.random.PRNGKey(seed),
-        "epochs": iterations,
-        "train_seconds": seconds,
-        "print_summary": False,
-        "print_progress": False,
-        "print_hyperparams": False,
-    }
-    first = planner.optimize_generator(**arguments)
-    next(first)
-    first.close()
-    callback = planner.optimize(**arguments)
-    return TrainedBaseline(
-        planner, callback["best_params"], callback["policy_hyperparams"], callback["iteration"] + 1
-    )
+    budget = budget or built.budget
+    # JaxPlan divides by epochs - 1
+    for_jaxplan = Budget(max(2, budget.iterations), budget.seconds)
+    if not counts_compilation:
+        first = built.callbacks(key, for_jaxplan)
+        next(first)
+        first.close()
+    callback: Mapping[str, Any] = {}
+    for callback in built.callbacks(key, for_jaxplan):
+        on_iteration(callback)
+        if callback["iteration"] + 1 >= budget.iterations:
+            break
+    trees = callback["best_params"], dict(callback["policy_hyperparams"])
+    params, hyperparams = jax.tree.map(np.asarray, trees)
+    return TrainedBaseline(built.planner, params, hyperparams, callback["iteration"] + 1)

@@ -1,17 +1,20 @@
-"""From a problem and a configuration to a planner and a policy that can be played."""
+"""From a problem and a configuration to a compiled planner, ours or JaxPlan's."""
 
 from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.config.config import PlannerConfig, optimize_parameters
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.values import optimize_parameters
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.programs.stored import stored_jit
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.load import Problem
 
 # arguments of the compiled calls, or of the loop around them
-_BUDGET = {"key": 0, "epochs": 1, "train_seconds": 1.0}
+_NOT_COMPILED = {"key": 0, "epochs": 1, "train_seconds": 1.0}
 
 
 def build_planner(
@@ -19,7 +22,7 @@ def build_planner(
     config: PlannerConfig,
     programs: Path | None = None,
     planner_class: type[MDPOPlanner] = MDPOPlanner,
-) -> tuple[MDPOPlanner, dict[str, Any]]:
+) -> Built[MDPOPlanner]:
     """Compiles a planner.
 
     Args:
@@ -29,17 +32,10 @@ def build_planner(
       programs: where traced programs are kept from one process to the next, if anywhere.
       planner_class: what to make of it.
 
-    Returns:
-      The planner, and the keyword arguments that the configuration has for `optimize`.
-
     Raises:
       InputError: if JaxPlan refuses the problem or the configuration.
     """
-    quiet = config.with_values("Compiler", print_warnings=False)
-    planner_args, _, train_args = quiet.jaxplan_arguments()
-    # the rest of the section is for JaxPlan's controllers
-    known = optimize_parameters()
-    optimize_args = {name: value for name, value in train_args.items() if name in known}
+    planner_args, optimize_args = _arguments(config)
     try:
         planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
@@ -49,7 +45,28 @@ def build_planner(
             f"(configured by {config.source})"
         ) from error
     if programs is not None:
-        text = config.with_values("Optimize", **_BUDGET).to_text()
+        text = config.with_values("Optimize", **_NOT_COMPILED).to_text()
         identity = f"{problem.digest} {problem.horizon} {text}"
         planner.compile_calls_with(stored_jit(programs, identity))
-    return planner, optimize_args
+    return Built(planner, config.budget(), optimize_args)
+
+
+def build_baseline(problem: Problem, config: PlannerConfig) -> Built[JaxBackpropPlanner]:
+    """Compiles JaxPlan's own planner, unmodified.
+
+    Args:
+      problem: the parsed problem.
+      config: a configuration; sections that JaxPlan does not know have no effect.
+    """
+    planner_args, optimize_args = _arguments(config)
+    planner = JaxBackpropPlanner(problem.model, **planner_args)
+    return Built(planner, config.budget(), optimize_args)
+
+
+def _arguments(config: PlannerConfig) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The keyword arguments of JaxPlan's planner, and of its `optimize`."""
+    quiet = config.with_values("Compiler", print_warnings=False)
+    planner_args, _, train_args = quiet.jaxplan_arguments()
+    # the rest of the section is for JaxPlan's controllers
+    known = optimize_parameters()
+    return planner_args, {name: value for name, value in train_args.items() if name in known}

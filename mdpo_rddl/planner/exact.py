@@ -11,9 +11,9 @@ from jax import Array, lax
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
-from mdpo_rddl.planner.returns import unit_hyperparams
-from mdpo_rddl.planner.rollouts.compiled import compile_rollouts
+from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.problem.limits import group_limits
 
 
@@ -22,8 +22,8 @@ def compile_exact_returns(
 ) -> Callable[[Array, Any], Array]:
     """Compiles rollouts of the planner's policy on the exact model.
 
-    A reward after termination counts for nothing, whatever the planner's own switch says; where an
-    action breaks a precondition nothing is done.
+    A reward after termination does not count, whatever the planner's own switch says; where an
+    action breaks a precondition the no-op is played.
 
     Args:
       planner: the compiled planner.
@@ -52,9 +52,9 @@ def compile_visits(
 
 def step_bytes(planner: MDPOPlanner) -> int:
     """What one rollout of a feedback policy holds at one step, about: fluents and features."""
-    fluents, _ = planner._batched_init_subs(planner.test_compiled.init_values)[1]
+    fluents = initial_values(planner).test.fluents
     state = sum(leaf[:1].nbytes for leaf in jax.tree.leaves(fluents))
-    feedback = planner.plan.feedback
+    feedback = planner.feedback_plan.feedback
     real = jnp.dtype(planner.compiled.REAL).itemsize
     features = sum(
         len(feedback.names(name)) * math.prod(shape) * real
@@ -74,19 +74,14 @@ def _compile_play(
 ) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
     compiled = planner.test_compiled
     stopping = bool(planner.rddl.terminations)
-    fluents, nonfluents = planner._batched_init_subs(compiled.init_values)[1]
+    fluents, nonfluents = initial_values(planner).test
     policy = planner.plan.test_policy
     if group_limits(planner.rddl)[1]:
         policy = _legal(policy, compiled, nonfluents)
-    rollout = compile_rollouts(
-        compiled,
-        policy,
-        planner.horizon,
-        rollouts,
-        check_constraints=stopping,
-        cache_path_info=with_states,
-        differentiated=False,
+    options = RolloutOptions(
+        check_constraints=stopping, cache_path_info=with_states, differentiated=False
     )
+    rollout = compile_rollouts(compiled, policy, planner.horizon, rollouts, options)
     if stopping:
         rollout = stop_at_termination(rollout)
     start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
@@ -104,19 +99,19 @@ def _compile_play(
 
 
 def _legal(policy: Callable[..., Any], compiled: Any, nonfluents: Any) -> Callable[..., Any]:
-    """The policy, where its action breaks a precondition doing nothing.
+    """The policy, with the no-op where its action breaks a precondition.
 
     That is the first that the exact environment's referee tries.
     """
     holds, model = compiled._jax_preconditions(), compiled.model_aux["params"]
-    nothing = {name: compiled.init_values[name] for name in compiled.rddl.action_fluents}
+    noop = {name: compiled.init_values[name] for name in compiled.rddl.action_fluents}
 
     def legal_policy(key, params, hyperparams, step, fluents, history):
         actions = policy(key, params, hyperparams, step, fluents, history)
         no_errors = jnp.zeros((), jnp.int32)
         is_legal, *_ = holds(key, no_errors, {**fluents, **actions}, nonfluents, model)
         return {
-            name: jnp.where(is_legal, action, jnp.asarray(nothing[name], jnp.asarray(action).dtype))
+            name: jnp.where(is_legal, action, jnp.asarray(noop[name], jnp.asarray(action).dtype))
             for name, action in actions.items()
         }
 

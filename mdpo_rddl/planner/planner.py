@@ -2,20 +2,25 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
 from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
-from mdpo_rddl.planner.acting import ActingPlanner
-from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, compile_rollouts
+from mdpo_rddl.planner.calling import CallingPlanner
+from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
-from mdpo_rddl.planner.update.analysis import compile_analysis, mean_loss
-from mdpo_rddl.planner.update.calls import Calls
+from mdpo_rddl.planner.update.analysis import (
+    LossArguments,
+    NoiseShape,
+    compile_analysis,
+    mean_loss,
+)
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
 from mdpo_rddl.planner.update.perturbed_policy import (
     action_specs,
@@ -24,13 +29,13 @@ from mdpo_rddl.planner.update.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
-from mdpo_rddl.planner.update.restarts import PerRestart, Restarts
-from mdpo_rddl.planner.update.sharding import restart_sharding, shard
-from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
+from mdpo_rddl.planner.update.restarts import Restarts
+from mdpo_rddl.planner.update.sharding import shard
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.limits import group_limits
 
 
-class MDPOPlanner(ActingPlanner):
+class MDPOPlanner(CallingPlanner):
     """JaxPlan's planner with noise on the actions during optimisation.
 
     Each iteration makes up to two passes over the relaxed model, for every parallel update:
@@ -52,16 +57,14 @@ class MDPOPlanner(ActingPlanner):
         noise: ActionNoise | None = None,
         stop_at_termination: bool = False,
         keep_group_limits: bool = True,
-        iterations_per_call: int = 1,
-        test_every: int | None = None,
         **kwargs: Any,
     ) -> None:
-        """Takes every argument of `JaxBackpropPlanner`, and:
+        """Takes every argument of `JaxBackpropPlanner` and of `CallingPlanner`, and:
 
         Args:
           noise: the rule for the action noise; `AdaptiveNoise()` if None.
-          stop_at_termination: whether rewards after a termination condition count for
-            nothing, as in the exact environment; JaxPlan counts them.
+          stop_at_termination: whether rewards after a termination condition do not count, as
+            in the exact environment; JaxPlan counts them.
           keep_group_limits: whether preconditions of the form "at most k of these bools" hold
             in training and in play (`mdpo_rddl.problem.limits`); JaxPlan ignores them.
 
@@ -78,17 +81,7 @@ class MDPOPlanner(ActingPlanner):
         self._noise_state_at_guess: Any = None
         self.stop_at_termination = stop_at_termination
         self.keep_group_limits = keep_group_limits
-        self.iterations_per_call = iterations_per_call
-        self.test_every = iterations_per_call if test_every is None else test_every
-        if min(self.test_every, iterations_per_call) < 1 or iterations_per_call % self.test_every:
-            raise ValueError("test_every must divide iterations_per_call, both at least 1")
-        self.in_calls = iterations_per_call > 1
-        self._calls = Calls()
         self.action_specs: dict[str, ActionSpec] = {}
-        given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
-        if "pgpe" not in given.arguments:
-            # JaxPlan's default is one object shared by all planners, which the second breaks
-            kwargs["pgpe"] = GaussianPGPE()
         super().__init__(*args, **kwargs)
 
     @property
@@ -128,12 +121,6 @@ class MDPOPlanner(ActingPlanner):
 
     # JaxPlan's compilation hooks, in the order in which it calls them
 
-    def _jax_compile_graph(self) -> None:
-        if self.in_calls and (self.use_pgpe or self.preprocessor is not None):
-            raise ValueError("several iterations a call need pgpe=None and no preprocessor")
-        self._sharding = restart_sharding(self.parallel_updates)
-        super()._jax_compile_graph()
-
     def _jax_compile_policy(self) -> None:
         raw = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
@@ -161,17 +148,14 @@ class MDPOPlanner(ActingPlanner):
         testing = (self.test_compiled, self.batch_size_test, watched)
 
         def compiled_rollouts(policy, model, batch_size, cache_path_info, differentiated=True):
-            rollouts = compile_rollouts(
-                model,
-                policy,
-                self.horizon,
-                batch_size,
+            options = RolloutOptions(
                 copies=self.parallel_updates,
                 history_dependent=self.plan.history_dependent,
                 check_constraints=stopping,
                 cache_path_info=cache_path_info,
                 differentiated=differentiated,
             )
+            rollouts = compile_rollouts(model, policy, self.horizon, batch_size, options)
             return stop_at_termination(rollouts) if stopping else rollouts
 
         if stopping or self.in_calls:  # JaxPlan's rollouts, bit for bit, are not needed
@@ -193,13 +177,11 @@ class MDPOPlanner(ActingPlanner):
         initialize, init_optimizer = super()._jax_init_optimizer()
 
         def initialize_all(key, policy_hyperparams, fluents):
-            initialized = initialize(key, policy_hyperparams, fluents)
-            params, opt_state, opt_aux = shard(initialized, self._sharding)
+            params, opt_state, opt_aux = initialize(key, policy_hyperparams, fluents)
             if self.is_noisy:
                 state = self._broadcast_pytree(self.noise.initial_state(self.horizon))
                 opt_aux = self._with_noise(opt_aux, params, state)
-            opt_state = self._restarts.with_hyperparams(opt_state)
-            return params, opt_state, self._with_call(opt_aux, params, is_warm=False)
+            return params, self._restarts.with_hyperparams(opt_state), opt_aux
 
         def init_optimizer_warm(policy_params):
             # JaxPlan calls this for a warm start: the noise's state moves with the plan
@@ -212,8 +194,7 @@ class MDPOPlanner(ActingPlanner):
                     noise = self._restarts.rules(self._broadcast_pytree)
                     state = jax.vmap(lambda rule, state: rule.advance(state))(noise, state)
                 opt_aux = self._with_noise(opt_aux, policy_params, state)
-            opt_state = self._restarts.with_hyperparams(opt_state)
-            return opt_state, self._with_call(opt_aux, policy_params, is_warm=True)
+            return self._restarts.with_hyperparams(opt_state), opt_aux
 
         return initialize_all, init_optimizer_warm
 
@@ -225,47 +206,15 @@ class MDPOPlanner(ActingPlanner):
             return opt_aux
         return {**opt_aux, "sensed": jax.tree.map(jnp.zeros_like, sensed(params))}
 
-    def _with_call(self, opt_aux: dict[str, Any], params: Any, is_warm: bool) -> dict[str, Any]:
-        if not self.in_calls:
-            return opt_aux
-        test_model = self._broadcast_pytree(self.test_compiled.model_aux["params"])
-        return {**opt_aux, "call": self._calls.first_state(params, test_model, is_warm)}
-
-    def _batched_init_subs(self, init_values: Mapping[str, Any]) -> Any:
-        subs = super()._batched_init_subs(init_values)
-        self._calls.test_fluents = subs[1]
-        return subs
-
-    def _broadcast_pytree(self, pytree: Any) -> Any:
-        if isinstance(pytree, PerRestart):
-            return shard(pytree.params, self._sharding)
-        return shard(super()._broadcast_pytree(pytree), self._sharding)
-
-    def _jax_compile_train_update(self) -> None:
-        super()._jax_compile_train_update()
-        if self.is_noisy and not self.in_calls:
-            self.update = self._remembering(self.update)
-
     def _jax_compile_test_loss(self) -> None:
         super()._jax_compile_test_loss()
-        if self.in_calls:
-            self._calls.compile(self.update, self.test_loss, self._sharding)
-            self.update = self._remembering(functools.partial(self._calls.update, self._sizes))
-            self.test_loss = self._calls.test_loss
-
-    def compile_calls_with(self, jit: Callable[[Callable], Callable]) -> None:
-        """Has calls of several iterations compiled by something that stands in for `jax.jit`."""
-        if self.in_calls:
-            self._calls.compile_with(jit)
-
-    def _sizes(self) -> tuple[int, int]:
-        return self.iterations_per_call, self.test_every
+        if self.is_noisy:
+            self.update = self._remembering(self.update)
 
     def _remembering(self, update: Callable) -> Callable:
         def update_and_remember(*arguments):
             result = update(*arguments)
-            if self.is_noisy:
-                self._noise_state = result[3]["noise"][1]
+            self._noise_state = result[3]["noise"][1]
             return result
 
         return update_and_remember
@@ -276,24 +225,20 @@ class MDPOPlanner(ActingPlanner):
             return plain_update
         update = noisy_update(
             plain_update,
-            self._jax_analysis() if self.noise.analysis_samples else None,
+            self.compile_analysis() if self.noise.analysis_samples else None,
             sensed_gradients(self.plan, self.noise),
-            self.action_specs,
-            horizon=self.horizon,
-            batch_size=self.batch_size_train,
-            parallel_updates=self.parallel_updates,
-            dtype=self.compiled.REAL,
+            self._noise_shape(),
+            self.parallel_updates,
         )
         return jax.jit(update)
 
-    def _jax_analysis(self) -> Callable:
-        return compile_analysis(
-            mean_loss(self),
-            self.action_specs,
-            self.horizon,
-            self.noise.analysis_samples,
-            self.compiled.REAL,
-        )
+    def compile_analysis(self) -> Callable[[Array, LossArguments], dict[str, Array]]:
+        """The pass that differentiates the return by the actions, as an iteration makes it."""
+        return compile_analysis(mean_loss(self), self._noise_shape(), self.noise.analysis_samples)
+
+    def _noise_shape(self) -> NoiseShape:
+        dtype = self.compiled.REAL
+        return NoiseShape(self.action_specs, self.horizon, self.batch_size_train, dtype)
 
     def summarize_hyperparameters(self) -> str:
         """JaxPlan's summary, and the noise's."""
@@ -324,24 +269,9 @@ class MDPOPlanner(ActingPlanner):
         if guess is not self._guess:
             # JaxPlan's online controller tries the same guess again if compiling took all its time
             self._guess, self._noise_state_at_guess = guess, self._noise_state
-        given.apply_defaults()
-        epochs = given.arguments["epochs"]
-        if self.in_calls:
-            self._calls.begin(given.arguments)
-            epochs = given.arguments["epochs"] = -(-epochs // self.iterations_per_call)
-        once = epochs == 1
-        if once:  # JaxPlan divides by epochs - 1
-            given.arguments["epochs"] = 2
         silence = jnp.zeros((self.parallel_updates, self.horizon))
         for callback in super().optimize_generator(*given.args[1:], **given.kwargs):
             log = callback["train_log"]
             callback["sigma"] = log.get("sigma", silence)
             callback["sensitivity"] = log.get("sensitivity", silence)
-            if self.in_calls:
-                callback.update(self._calls.callback_entries())
-            if once and not callback["status"].is_terminal():
-                budget = JaxPlannerStatus.ITER_BUDGET_REACHED
-                callback.update(status=budget, progress=100.0)
             yield callback
-            if once:
-                return

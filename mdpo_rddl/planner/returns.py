@@ -5,9 +5,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array, random
+from jax import Array
 
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 
 
 def compile_returns(planner: MDPOPlanner, relaxed: bool = False) -> Callable[[Array, Any], Array]:
@@ -22,8 +23,8 @@ def compile_returns(planner: MDPOPlanner, relaxed: bool = False) -> Callable[[Ar
       A function of one key per policy [P, 2] and the policies' parameters [P, ...] that gives
       the discounted returns [P, B]. They depend on a policy's own key and parameters alone.
     """
-    starts = planner._batched_init_subs(planner.test_compiled.init_values)
-    start, nonfluents = starts[0] if relaxed else starts[1]
+    starts = initial_values(planner)
+    start, nonfluents = starts.training if relaxed else starts.test
     model = planner.compiled if relaxed else planner.test_compiled
     rollouts = planner.train_rollouts if relaxed else planner.test_rollouts
     hyperparams = unit_hyperparams(planner)
@@ -36,17 +37,3 @@ def compile_returns(planner: MDPOPlanner, relaxed: bool = False) -> Callable[[Ar
         return discounted(rewards, jnp.zeros(rewards.shape[0], rewards.dtype))
 
     return jax.jit(jax.vmap(returns))
-
-
-def initial_parameters(planner: MDPOPlanner, key: Any) -> Any:
-    """The parameters [R, ...] that JaxPlan's `optimize(key)` begins with.
-
-    Those of one restart do not depend on how many there are.
-    """
-    (fluents, _), _ = planner._batched_init_subs(planner.test_compiled.init_values)
-    return planner.initialize(random.split(key)[1], unit_hyperparams(planner), fluents)[0]
-
-
-def unit_hyperparams(planner: MDPOPlanner) -> dict[str, float]:
-    """JaxPlan's policy hyperparameters where none are given."""
-    return dict.fromkeys(planner.rddl.action_fluents, 1.0)

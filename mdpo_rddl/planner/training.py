@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,6 +11,8 @@ import jax
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 
@@ -96,13 +98,11 @@ def select_restart(params_by_restart: Any, restart: int) -> Any:
 
 
 def train(
-    planner: MDPOPlanner,
-    *,
+    built: Built[MDPOPlanner],
     key: Any,
-    iterations: int,
-    seconds: float,
+    budget: Budget | None = None,
+    *,
     counts_compilation: bool = False,
-    optimize_kwargs: Mapping[str, Any] | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> TrainingResult:
     """Trains until the iterations, the seconds or the planner's own stopping rule end it.
@@ -110,42 +110,45 @@ def train(
     A keyboard interrupt after the first iteration ends it likewise, with what was found.
 
     Args:
-      planner: the compiled planner; all its parallel updates are restarts of one search.
+      built: the compiled planner; all its parallel updates are restarts of one search.
       key: JAX random key.
-      iterations: largest number of iterations, at least 1.
-      seconds: largest training time.
+      budget: largest number of iterations, at least 1, and largest time; as configured if None.
       counts_compilation: whether compilation is part of that time.
-      optimize_kwargs: further arguments of `JaxBackpropPlanner.optimize_generator`.
       on_progress: called after each iteration.
 
     Raises:
       InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
         the problem with the planner's configuration.
     """
-    arguments = {
-        **(optimize_kwargs or {}),
-        "key": key,
-        "epochs": iterations,
-        "train_seconds": seconds,
-        "print_summary": False,
-        "print_progress": False,
-        "print_hyperparams": False,
-    }
-    started = time.perf_counter()
-    sizes = planner.iterations_per_call, planner.test_every
-    _force_compilation(planner, arguments)
-    compile_seconds = time.perf_counter() - started
-    if counts_compilation:
-        seconds = arguments["train_seconds"] = max(seconds - compile_seconds, _LEAST_SECONDS)
+    planner, budget = built.planner, budget or built.budget
+    with planner.call_sizes():  # the calls become shorter only for this training
+        started = time.perf_counter()
+        _force_compilation(built, key, budget)
+        compile_seconds = time.perf_counter() - started
+        if counts_compilation:
+            left = max(budget.seconds - compile_seconds, _LEAST_SECONDS)
+            budget = replace(budget, seconds=left)
+        started = time.perf_counter()
+        found, status = _run(built, key, budget, on_progress)
+        train_seconds = time.perf_counter() - started
+    return _result(found, status, compile_seconds, train_seconds)
 
+
+def _run(
+    built: Built[MDPOPlanner],
+    key: Any,
+    budget: Budget,
+    on_progress: Callable[[Progress], None],
+) -> "tuple[_Found, str]":
+    """What the iterations have found, and why they ended."""
     started = time.perf_counter()
-    found = _Found(planner.in_calls)
+    found = _Found(built.planner.in_calls)
     status = "iter_budget_reached"
     try:
-        for callback in planner.optimize_generator(**arguments):
+        for callback in built.callbacks(key, budget):
             found.add(callback)
-            iteration = callback["iteration"]
-            done = max((iteration + 1) / iterations, (time.perf_counter() - started) / seconds)
+            iteration, elapsed = callback["iteration"], time.perf_counter() - started
+            done = max((iteration + 1) / budget.iterations, elapsed / budget.seconds)
             on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
             if callback["status"].is_terminal():
                 status = callback["status"].name.lower()
@@ -154,47 +157,31 @@ def train(
         if not found.callback:
             raise
         status = "interrupted"
-    finally:
-        planner.iterations_per_call, planner.test_every = sizes
-    train_seconds = time.perf_counter() - started
-    return _result(found, status, compile_seconds, train_seconds)
+    return found, status
 
 
-def _force_compilation(planner: MDPOPlanner, arguments: Mapping[str, Any]) -> None:
+def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> None:
     """Compiles the update and the test, and sees to it that a call does not take too long."""
-    sizes = planner.iterations_per_call, planner.test_every
-    planner.iterations_per_call = planner.test_every = 1  # no recompilation for another size
-    generator = planner.optimize_generator(**{**arguments, "dashboard_id": None})
-    try:
-        next(generator)
-        started = time.perf_counter()
-        if planner.in_calls:
-            next(generator, None)
-    except Exception as error:  # whatever the problem and the values make JAX raise
-        kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
-        cause = missing_package(error) or kind_and_message
-        raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
-    finally:
-        planner.iterations_per_call, planner.test_every = sizes
+    planner = built.planner
+    # no recompilation for another size, and no dashboard of its own
+    generator = built.with_arguments(dashboard_id=None).callbacks(key, budget)
+    with planner.call_sizes(1, 1):
+        try:
+            next(generator)
+            started = time.perf_counter()
+            if planner.in_calls:
+                next(generator, None)
+        except Exception as error:  # whatever the problem and the values make JAX raise
+            kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
+            cause = missing_package(error) or kind_and_message
+            raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
     generator.close()
     if planner.in_calls:
         seconds = time.perf_counter() - started
-        longest = arguments["train_seconds"] / _CALLS_IN_A_BUDGET
-        bound_calls(planner, min(longest / seconds, arguments["epochs"] / _CALLS_IN_A_RUN))
+        longest = budget.seconds / _CALLS_IN_A_BUDGET
+        planner.bound_calls(min(longest / seconds, budget.iterations / _CALLS_IN_A_RUN))
         # tests as often as on a faster machine, or the best iterate would be another one
-        bound_calls(planner, max(_CALL_SECONDS / seconds, planner.test_every))
-
-
-def bound_calls(planner: MDPOPlanner, iterations: float) -> None:
-    """Makes a planner's calls shorter, so that a bound on the time can be kept.
-
-    Args:
-      planner: a planner with several iterations a call; its sizes are changed.
-      iterations: the most that a call may have, if that is at least 1.
-    """
-    most = max(1, min(planner.iterations_per_call, int(iterations)))
-    planner.test_every = min(planner.test_every, most)
-    planner.iterations_per_call = most // planner.test_every * planner.test_every
+        planner.bound_calls(max(_CALL_SECONDS / seconds, planner.test_every))
 
 
 _KEPT = ("iteration", "train_return", "test_return", "sigma")

@@ -41,7 +41,7 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         folder = None if request.out is None else stack.enter_context(RunFolder(request.out))
         reporter.stage("compiling")
-        planner, _ = build_planner(problem, config)
+        planner = build_planner(problem, config).planner
         _require_params(path, planner, saved)
         played = PlanRequest(
             problem, config, str(path), seed, request.episodes, request.out or request.folder

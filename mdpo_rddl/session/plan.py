@@ -9,7 +9,7 @@ import jax
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS
+from mdpo_rddl.planner.config.search_section import read_search
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
@@ -37,7 +37,7 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
         is left behind then.
     """
-    auto = "Search" in request.config.sections
+    auto = read_search(request.config.sections) is not None
     with RunFolder(request.out) as folder, contextlib.ExitStack() as stack:
         found: dict[str, Any] = {}
         second = None
@@ -84,17 +84,12 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
 def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, TrainingResult]:
     """One training as the configuration has it."""
     reporter.stage("compiling")
-    planner, optimize_args = build_planner(request.problem, request.config, request.programs)
+    built = build_planner(request.problem, request.config, request.programs)
+    planner = built.planner
     steps, horizon = planner.horizon, request.problem.horizon
     if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
         message = "the plan has %d steps, its last action is repeated up to the horizon %d"
         logger.warning(message, steps, horizon)
-    budget = {
-        "iterations": optimize_args.pop("epochs", JAXPLAN_EPOCHS),
-        "seconds": optimize_args.pop("train_seconds", JAXPLAN_SECONDS),
-    }
-    for name in ("key", "print_summary", "print_progress", "print_hyperparams"):
-        optimize_args.pop(name, None)
     try:
         with preparing(planner, request) as begin_preparing:
 
@@ -102,13 +97,7 @@ def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, Train
                 begin_preparing()
                 reporter.training(progress)
 
-            result = train(
-                planner,
-                key=jax.random.PRNGKey(request.seed),
-                **budget,
-                optimize_kwargs=optimize_args,
-                on_progress=on_progress,
-            )
+            result = train(built, jax.random.PRNGKey(request.seed), on_progress=on_progress)
     except InputError as error:
         raise InputError(
             f"{request.problem.instance_path}: {error} (configured by {request.config.source})"

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.requests import PlanRequest
@@ -22,7 +23,7 @@ def prepare(planner: MDPOPlanner, request: PlanRequest) -> None:
     """
     import scipy.special  # noqa: F401  (the figures of the evaluation need it)
 
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    hyperparams = unit_hyperparams(planner)
     structure = planner.params_structure(hyperparams)
     zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), structure)
     state, _ = make_environment(request.problem).reset(seed=0)

@@ -11,9 +11,9 @@ import numpy as np
 
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import bound_calls
 from mdpo_rddl.planner.upstream import JaxOnlineController
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
@@ -50,13 +50,19 @@ class OnlinePolicy:
       decisions: every decision so far.
     """
 
-    def __init__(self, planner: MDPOPlanner, seed: int, optimize_args: Mapping[str, Any]) -> None:
-        silent = {"print_summary": False, "print_progress": False}
+    def __init__(self, built: Built[MDPOPlanner], seed: int, budget: Budget | None = None) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          built: the planner.
+          seed: of all decisions.
+          budget: of each decision, at least 2 iterations; as configured if None.
+        """
         self._controller = JaxOnlineController(
-            planner,
+            built.planner,
             key=jax.random.PRNGKey(seed),
             max_attempts=0,  # everything is compiled before the first decision
-            **{**optimize_args, **silent},
+            **built.training_arguments(budget),
         )
         self.decisions: list[Decision] = []
         self._episode = -1
@@ -76,16 +82,12 @@ class OnlinePolicy:
         arguments = self._controller.train_kwargs
         self._controller.train_kwargs = {**arguments, "epochs": 2, "train_seconds": 1e9}
         planner = self._controller.planner
-        sizes = planner.iterations_per_call, planner.test_every
-        if planner.in_calls:
-            planner.iterations_per_call = planner.test_every = 1
-        for _ in range(3):
-            began = time.perf_counter()
-            self._controller.sample_action(dict(state))
-        if planner.in_calls:
-            planner.iterations_per_call, planner.test_every = sizes
+        with planner.call_sizes(1, 1):
+            for _ in range(3):
+                began = time.perf_counter()
+                self._controller.sample_action(dict(state))
             seconds = (time.perf_counter() - began) / 2
-            bound_calls(planner, arguments["train_seconds"] / _CALLS_IN_A_DECISION / seconds)
+        planner.bound_calls(arguments["train_seconds"] / _CALLS_IN_A_DECISION / seconds)
         self._controller.train_kwargs = arguments
         self._controller.reset()
         return time.perf_counter() - started
@@ -121,14 +123,11 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
     """
     with RunFolder(request.out) as folder:
         reporter.stage("compiling")
-        planner, optimize_args = build_planner(request.problem, request.config)
-        optimize_args.pop("key", None)
-        budget = {
-            "train_seconds": optimize_args.pop("train_seconds", DECISION_SECONDS),
-            # JaxPlan divides by epochs - 1
-            "epochs": max(2, optimize_args.pop("epochs", JAXPLAN_EPOCHS)),
-        }
-        policy = OnlinePolicy(planner, request.seed, {**optimize_args, **budget})
+        built = build_planner(request.problem, request.config)
+        planner, budget = built.planner, request.config.budget(seconds=DECISION_SECONDS)
+        # JaxPlan divides by epochs - 1
+        budget = Budget(max(2, budget.iterations), budget.seconds)
+        policy = OnlinePolicy(built, request.seed, budget)
         env = make_environment(request.problem)
         compile_seconds = policy.compile(env.reset(seed=request.seed)[0])
         reporter.stage("replanning")
@@ -146,8 +145,8 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             **return_figures(found),
             "mode": "replan",
             "lookahead": planner.horizon,
-            "decision_seconds": budget["train_seconds"],
-            "decision_iterations": budget["epochs"],
+            "decision_seconds": budget.seconds,
+            "decision_iterations": budget.iterations,
             "decisions": len(policy.decisions),
             "mean_iterations": float(np.mean([d.iterations for d in policy.decisions])),
             "mean_seconds": float(np.mean(seconds)),

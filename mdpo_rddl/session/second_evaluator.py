@@ -116,7 +116,7 @@ def serve() -> None:
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the libraries print is no result
     request = pickle.load(sys.stdin.buffer)
-    planner, _ = build_planner(request.problem, request.config)
+    planner = build_planner(request.problem, request.config).planner
     prepare(planner, request)
     leave_out_of_collections()
     params, hyperparams = pickle.load(sys.stdin.buffer)

@@ -72,7 +72,7 @@ def no_gradient(monkeypatch):
 
 
 def test_probing_finds_units_and_scales(lake):
-    found = probing.probe(build_planner(lake, without_scales(preset(1.0)))[0], seed=0)
+    found = probing.probe(build_planner(lake, without_scales(preset(1.0))).planner, seed=0)
     # 300 above, in a few steps
     assert 10.0 <= found.units["pump"] <= 320.0
     center, scale = found.state_scales["depth"]
@@ -80,7 +80,7 @@ def test_probing_finds_units_and_scales(lake):
     assert 1.0 < scale < 5000.0
     assert found.start_return >= found.nothing
     assert found.policy_seconds is None
-    plan = build_planner(lake, scaled(preset(1.0), found))[0].plan
+    plan = build_planner(lake, scaled(preset(1.0), found)).planner.plan
     assert isinstance(plan, FeedbackPlan)
     assert plan.units["pump"] == pytest.approx(found.units["pump"], rel=1e-3)
 
@@ -141,7 +141,7 @@ def test_where_exploring_finds_nothing_feedback_is_tried(tmp_path, monkeypatch):
 
 
 def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch):
-    bare, _ = build_planner(lake, without_scales(preset(1.0)))
+    bare = build_planner(lake, without_scales(preset(1.0))).planner
     assert sizes.plans_fit(bare)
     monkeypatch.setattr(sizes, "_PLANS_BYTES", 8 * 4 * sizes.PLANS - 1)
     result = plan_automatically(lake, preset(4.0), seed=0)
@@ -204,7 +204,7 @@ def test_an_interrupt_keeps_the_best_policy_so_far(lake, monkeypatch):
 
 
 def test_a_return_that_is_no_number_loses(lake):
-    planner, _ = build_planner(lake, without_scales(preset(1.0)))
+    planner = build_planner(lake, without_scales(preset(1.0))).planner
     choice = Choice(planner, 2, seed=0)
     assert choice.take("broken", "a", float("nan"), float("nan"))
     assert choice.take("bad", "b", -5.0, 1.0)
@@ -223,7 +223,7 @@ def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
 
 def test_an_enum_action_has_its_own_unit():
     problem = load_problem("Sokoban_arcade", "0")
-    planner, _ = build_planner(problem, without_scales(preset(1.0)))
+    planner = build_planner(problem, without_scales(preset(1.0))).planner
     found = probing.probe(planner, seed=0)
     assert found.units == {}
 
@@ -279,7 +279,7 @@ def test_the_measurement_goes_on_and_its_table_compares(tmp_path, monkeypatch):
 def test_every_variant_is_a_configuration_of_its_own(variant, lake):
     config = VARIANTS[variant](auto_preset("toy")).without_section("Search")
     found = probing.Probe({"pump": 1.0}, {"depth": (0.0, 1.0)}, 0.0, {}, 0.0, False, None)
-    planner, _ = build_planner(lake, scaled(config, found))
+    planner = build_planner(lake, scaled(config, found)).planner
     assert isinstance(planner.plan, FeedbackPlan)
     others = [change(auto_preset("toy")) for name, change in VARIANTS.items() if name != variant]
     assert VARIANTS[variant](auto_preset("toy")) not in others
@@ -299,7 +299,7 @@ def test_the_table_worked_by_hand(tmp_path):
 def test_the_same_seed_starts_the_same_search(tmp_path):
     problem = load_problem(*tiny_files(tmp_path))
     one, two = (
-        probing.probe(build_planner(problem, without_scales(preset(1.0)))[0], seed=0)
+        probing.probe(build_planner(problem, without_scales(preset(1.0))).planner, seed=0)
         for _ in range(2)
     )
     assert one.state_scales == two.state_scales

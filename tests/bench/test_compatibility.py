@@ -18,6 +18,7 @@ from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.planner import upstream
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.training import train
@@ -144,7 +145,7 @@ def test_a_distribution_that_needs_another_package_says_which(
     domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
     _write_problem(domain, instance, cpf="s + NegativeBinomial(3, 0.5)")
     problem = load_problem(str(domain), str(instance))
-    planner, _ = build_planner(problem, PRESETS["paper"]("toy"))
+    built = build_planner(problem, PRESETS["paper"]("toy"))
 
     def version(package: str) -> str:
         if package not in versions:
@@ -154,7 +155,7 @@ def test_a_distribution_that_needs_another_package_says_which(
     monkeypatch.setattr(upstream.compiler, "tfp", module)
     monkeypatch.setattr(importlib.metadata, "version", version)
     with pytest.raises(InputError) as error:
-        train(planner, key=jax.random.PRNGKey(0), iterations=1, seconds=60)
+        train(built, jax.random.PRNGKey(0), Budget(1, 60.0))
     message = str(error.value)
     assert message.isprintable()
     assert f"NegativeBinomial need tensorflow-probability, {complaint}" in message

@@ -103,7 +103,7 @@ def test_a_configuration_file(
     said = "the plan has 3 steps, its last action is repeated up to the horizon 7"
     assert [record.getMessage() for record in caplog.records] == [said]
     problem = load_problem("tanks.rddl", "two.rddl")
-    planner, _ = build_planner(problem, PlannerConfig.from_text(saved.config))
+    planner = build_planner(problem, PlannerConfig.from_text(saved.config)).planner
     policy = playable(planner, saved.params, saved.policy_hyperparams, saved.seed)
     state = {"volume": np.array([5.0, 5.0])}
     actions = [policy(step, state)["fill"] for step in range(7)]

@@ -13,6 +13,7 @@ from mdpo_rddl.bench.presets import noise_sweep, paper_preset
 from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
 from mdpo_rddl.session import plan as offline
 
 OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]
@@ -27,8 +28,8 @@ def compiled_once() -> Iterator[None]:
     def build(problem, config, programs=None):
         key = problem.label + config.with_section("Optimize", {}).to_text()
         if key not in planners:
-            planners[key], _ = build_planner(problem, config)
-        return planners[key], config.jaxplan_arguments()[2]
+            planners[key] = build_planner(problem, config).planner
+        return Built(planners[key], config.budget(), config.jaxplan_arguments()[2])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
@@ -46,11 +47,11 @@ def interrupt_training(monkeypatch, number: int) -> None:
     """Presses Ctrl-C in the first iteration of the given training, counted from 0."""
     begun: list[int] = []
 
-    def train(planner, **kwargs: Any):
+    def train(*arguments: Any, **kwargs: Any):
         begun.append(len(begun))
         if begun[-1] == number:
             kwargs["on_progress"] = interrupt
-        return training.train(planner, **kwargs)
+        return training.train(*arguments, **kwargs)
 
     def interrupt(progress) -> None:
         raise KeyboardInterrupt

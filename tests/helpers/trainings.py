@@ -1,5 +1,6 @@
 """What the tests of training train."""
 
+import contextlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ import jax
 import numpy as np
 
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
@@ -29,10 +32,12 @@ def paper_config(**planner_values: Any):
     return config.with_values("Planner", **planner_values)
 
 
-def trained(planner: Any, iterations: int, **kwargs: Any) -> tuple[TrainingResult, list[Progress]]:
+def trained(
+    planner: Any, iterations: int, seconds: float = FOREVER, key: Any = KEY, **kwargs: Any
+) -> tuple[TrainingResult, list[Progress]]:
     progress: list[Progress] = []
-    kwargs = {"key": KEY, "seconds": FOREVER, "on_progress": progress.append} | kwargs
-    return train(planner, iterations=iterations, **kwargs), progress
+    built = Built(planner, Budget(iterations, seconds), kwargs.pop("arguments", {}))
+    return train(built, key, **{"on_progress": progress.append, **kwargs}), progress
 
 
 class Scripted:
@@ -41,7 +46,7 @@ class Scripted:
     The parameter of restart r at iteration i is 100 i + r, its noise i at each of two steps.
     """
 
-    in_calls, iterations_per_call, test_every = False, 1, 1
+    in_calls = False
 
     def __init__(
         self,
@@ -51,6 +56,9 @@ class Scripted:
     ) -> None:
         self.returns, self.last_status = list(returns), last_status
         self.interrupted_run, self.runs = interrupted_run, 0
+
+    def call_sizes(self, *sizes: int) -> contextlib.nullcontext[None]:
+        return contextlib.nullcontext()
 
     def optimize_generator(self, **kwargs: Any) -> Iterator[dict[str, Any]]:
         self.runs += 1
@@ -98,4 +106,4 @@ def cart_planner(folder: Path, noise: str = "NoNoise", **values: Any) -> MDPOPla
     problem = load_problem(str(folder / "cart.rddl"), str(folder / "one.rddl"))
     values = {"method": "JaxStraightLinePlan", "method_kwargs": {}} | values
     config = paper_config(**values).with_section("Noise", {"method": noise})
-    return build_planner(problem, config)[0]
+    return build_planner(problem, config).planner

@@ -9,6 +9,7 @@ from helpers.problems import make_plan, make_planner, optimize
 from mdpo_rddl.noise import AdaptiveNoise, ConstantNoise
 from mdpo_rddl.noise.actions import ActionKind
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxOfflineController
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
@@ -60,8 +61,8 @@ def problem(tmp_path, request):
 
 def perturbed_actions(planner, scale=5.0, draws=40):
     """Actions of the perturbed policy under loud noise, stacked over draws."""
-    (fluents, _), _ = planner._batched_init_subs(planner.test_compiled.init_values)
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    fluents = initial_values(planner).training.fluents
+    hyperparams = unit_hyperparams(planner)
     params, _, _ = planner.initialize(jax.random.PRNGKey(0), hyperparams, fluents)
     params = jax.tree.map(lambda leaf: leaf[0], params)
     state = {name: value[0] for name, value in fluents.items()}

@@ -8,6 +8,7 @@ from helpers.problems import tiny_files
 
 from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits, step_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
@@ -37,7 +38,7 @@ instance one {
 
 def make(problem):
     arguments = {"pgpe": None, "batch_size_train": 1, "batch_size_test": 2}
-    return MDPOPlanner(problem.model, FeedbackPlan(topology=None), **arguments)
+    return MDPOPlanner(problem.model, FeedbackPlan(FeedbackShape(topology=None)), **arguments)
 
 
 def with_biases(planner, *biases):

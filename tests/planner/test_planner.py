@@ -12,6 +12,7 @@ from helpers.problems import assert_same_bits, make_plan, make_planner, optimize
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
 EPOCHS = 12
@@ -77,8 +78,8 @@ def test_pgpe_default_is_jaxplans_but_not_shared():
 
 
 def rollout_arguments(planner, seed=0):
-    subs, _ = planner._batched_init_subs(planner.test_compiled.init_values)
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    subs = initial_values(planner).training
+    hyperparams = unit_hyperparams(planner)
     params, _, _ = planner.initialize(jax.random.PRNGKey(seed), hyperparams, subs[0])
     params = jax.tree.map(lambda leaf: leaf[0], params)
     return params, hyperparams, *subs, planner.compiled.model_aux["params"]

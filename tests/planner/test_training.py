@@ -21,6 +21,7 @@ from helpers.trainings import (
 
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import Progress, TrainingResult, select_restart, train
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
@@ -30,8 +31,8 @@ from mdpo_rddl.planner.upstream import planner as jaxplan
 @pytest.fixture(scope="module")
 def compiling() -> tuple[MDPOPlanner, TrainingResult]:
     """A planner and its first training, which compiles it, with less time than that takes."""
-    planner, _ = build_planner(reservoir(), paper_config())
-    return planner, train(planner, key=KEY, iterations=10**6, seconds=0.3)
+    built = build_planner(reservoir(), paper_config())
+    return built.planner, train(built, KEY, Budget(10**6, 0.3))
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def planner(compiling) -> MDPOPlanner:
 @pytest.fixture(scope="module")
 def silent_planner() -> MDPOPlanner:
     config = paper_config().with_section("Noise", {"method": "NoNoise"})
-    return build_planner(reservoir(), config)[0]
+    return build_planner(reservoir(), config).planner
 
 
 def differ(left: Any, right: Any) -> bool:
@@ -92,7 +93,7 @@ def test_seconds_move_the_progress(planner):
 
 def test_a_stopping_rule_ends_it(planner):
     rule = jaxplan.NoImprovementStoppingRule(patience=2)
-    result, progress = trained(planner, 500, optimize_kwargs={"stopping_rule": rule})
+    result, progress = trained(planner, 500, arguments={"stopping_rule": rule})
     best = [p.best_return for p in progress]
     assert result.status == "stopping_rule_reached"
     assert result.iterations < 500

@@ -1,5 +1,6 @@
 """Training in calls of several iterations."""
 
+import contextlib
 import itertools
 from types import SimpleNamespace
 
@@ -11,24 +12,27 @@ from helpers.trainings import FOREVER, KEY, paper_config, reservoir
 
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import Progress, bound_calls, train
+from mdpo_rddl.planner.training import Progress, train
+from mdpo_rddl.planner.update.sizes import CallSizes
 
 
 @pytest.fixture(scope="module")
-def planner() -> MDPOPlanner:
-    return build_planner(reservoir(), paper_config())[0]
+def planner() -> Built[MDPOPlanner]:
+    return build_planner(reservoir(), paper_config())
 
 
 @pytest.fixture(scope="module")
-def calling_planner() -> MDPOPlanner:
+def calling_planner() -> Built[MDPOPlanner]:
     values = {"iterations_per_call": 20, "test_every": 5}
-    return build_planner(reservoir(), paper_config().with_section("MDPO", values))[0]
+    return build_planner(reservoir(), paper_config().with_section("MDPO", values))
 
 
 def test_calls_train_as_single_iterations_do(planner, calling_planner):
-    single = train(planner, key=KEY, iterations=155, seconds=FOREVER)
-    calls = train(calling_planner, key=KEY, iterations=155, seconds=FOREVER)
+    single = train(planner, KEY, Budget(155, FOREVER))
+    calls = train(calling_planner, KEY, Budget(155, FOREVER))
     assert (calls.iterations, calls.status) == (155, single.status)
     for one, other in zip(
         jax.tree.leaves(calls.last_params), jax.tree.leaves(single.last_params), strict=True
@@ -41,9 +45,9 @@ def test_calls_train_as_single_iterations_do(planner, calling_planner):
 def test_the_best_iterate_may_lie_within_a_call():
     values = {"iterations_per_call": 20, "test_every": 5}
     config = paper_config(optimizer_kwargs={"learning_rate": 50.0}).with_section("MDPO", values)
-    wild, _ = build_planner(reservoir(), config.with_section("Noise", {"method": "NoNoise"}))
-    window = {"test_rolling_window": 1}
-    result = train(wild, key=KEY, iterations=1200, seconds=FOREVER, optimize_kwargs=window)
+    wild = build_planner(reservoir(), config.with_section("Noise", {"method": "NoNoise"}))
+    wild = wild.with_arguments(test_rolling_window=1)
+    result = train(wild, KEY, Budget(1200, FOREVER))
     best = max(result.history, key=lambda record: record.test_return)
     assert result.history[0].iteration == 19
     assert result.best_iteration % 5 == 4
@@ -54,9 +58,26 @@ def test_the_best_iterate_may_lie_within_a_call():
     ("most", "sizes"), [(1000.0, (20, 5)), (14.9, (10, 5)), (3.3, (3, 3)), (0.1, (1, 1))]
 )
 def test_calls_of_a_slow_model_are_shorter(most, sizes):
-    slow = SimpleNamespace(iterations_per_call=20, test_every=5)
-    bound_calls(slow, most)
-    assert (slow.iterations_per_call, slow.test_every) == sizes
+    assert CallSizes(20, 5).bounded(most) == CallSizes(*sizes)
+
+
+def test_the_sizes_of_a_call_are_changed_for_a_block(calling_planner):
+    planner = calling_planner.planner
+
+    def sizes() -> tuple[int, int]:
+        return planner.iterations_per_call, planner.test_every
+
+    with planner.call_sizes(6, 3):
+        assert sizes() == (6, 3)
+        planner.bound_calls(2.0)
+        assert sizes() == (2, 2)
+    assert sizes() == (20, 5)
+    with contextlib.suppress(ZeroDivisionError), planner.call_sizes():
+        planner.bound_calls(1.0)
+        raise ZeroDivisionError
+    assert sizes() == (20, 5)
+    with pytest.raises(ValueError, match="must divide"), planner.call_sizes(4):
+        pass
 
 
 def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
@@ -66,9 +87,7 @@ def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
         passing = SimpleNamespace(perf_counter=lambda clock=clock: next(clock))
         monkeypatch.setattr(training, "time", passing)
         calls: list[Progress] = []
-        result = train(
-            calling_planner, key=KEY, iterations=1200, seconds=FOREVER, on_progress=calls.append
-        )
+        result = train(calling_planner, KEY, Budget(1200, FOREVER), on_progress=calls.append)
         found[len(calls)] = result
     assert list(found) == [60, 240]
     fast, slow = found.values()
@@ -77,7 +96,7 @@ def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
 
 
 def test_the_seconds_are_kept_by_calls_too(calling_planner):
-    result = train(calling_planner, key=KEY, iterations=10**6, seconds=0.5)
+    result = train(calling_planner, KEY, Budget(10**6, 0.5))
     assert result.status == "time_budget_reached"
     assert 0.5 <= result.train_seconds < 2.0
     assert np.isfinite(result.history[-1].test_return)

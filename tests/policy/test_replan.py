@@ -9,6 +9,7 @@ from helpers.problems import JAXPLAN_EXAMPLES, ROOT
 
 from mdpo_rddl.cli.plan import main
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -31,36 +32,36 @@ def planner(problem):
     config = config.with_values(
         "Planner", method="JaxStraightLinePlan", method_kwargs={}, rollout_horizon=3
     )
-    return build_planner(problem, config)[0]
+    return build_planner(problem, config)
 
 
 def played(problem, planner, episodes=2, **budget):
-    policy = OnlinePolicy(planner, 0, {"epochs": 999, "train_seconds": 1e9, **budget})
+    policy = OnlinePolicy(planner, 0, Budget(**{"iterations": 999, "seconds": 1e9, **budget}))
     env = make_environment(problem, enforce_action_constraints=True)
     policy.compile(env.reset(seed=0)[0])
     return policy, evaluate(env, policy, episodes, seed=0)
 
 
 def test_every_decision_has_its_iterations_and_each_episode_starts_cold(problem, planner):
-    policy, found = played(problem, planner, epochs=5)
+    policy, found = played(problem, planner, iterations=5)
     assert [(d.episode, d.step) for d in policy.decisions] == [
         (episode, step) for episode in range(2) for step in range(4)
     ]
     assert {d.iterations for d in policy.decisions} == {5}
     assert found.lengths.tolist() == [4, 4]
     # the second episode's first decision does not know the first episode's plan
-    again, _ = played(problem, planner, epochs=5, episodes=1)
+    again, _ = played(problem, planner, iterations=5, episodes=1)
     assert [d.best_return for d in again.decisions] == [d.best_return for d in policy.decisions[:4]]
 
 
 def test_compilation_eats_no_decision_s_budget(problem, planner):
-    policy, _ = played(problem, planner, episodes=1, epochs=10**6, train_seconds=0.2)
+    policy, _ = played(problem, planner, episodes=1, iterations=10**6, seconds=0.2)
     assert all(d.iterations > 3 for d in policy.decisions)
     assert all(0.2 <= d.seconds < 1.5 for d in policy.decisions)
 
 
 def test_a_warm_start_goes_on_from_the_plan_moved_by_one_step(problem, planner):
-    policy = OnlinePolicy(planner, 0, {"epochs": 3, "train_seconds": 1e9})
+    policy = OnlinePolicy(planner, 0, Budget(3, 1e9))
     env = make_environment(problem)
     state, _ = env.reset(seed=0)
     policy(0, state)

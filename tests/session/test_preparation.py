@@ -16,7 +16,7 @@ from mdpo_rddl.session.requests import PlanRequest
 def planner_and_request(tmp_path_factory):
     problem, config = shipped("reservoir15", horizon=3), PRESETS["paper"]("Reservoir")
     request = PlanRequest(problem, config, "paper", 7, 2, tmp_path_factory.mktemp("out"))
-    return build_planner(problem, config)[0], request
+    return build_planner(problem, config).planner, request
 
 
 def test_the_policy_is_compiled_ahead(planner_and_request):

@@ -10,6 +10,7 @@ from helpers.problems import ROOT, shipped
 from mdpo_rddl.cli import plan
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.session import second_evaluator
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.requests import PlanRequest
@@ -31,8 +32,8 @@ def request_and_policy(tmp_path, monkeypatch):
     problem = shipped("reservoir15", horizon=3)
     config = PRESETS["paper"]("Reservoir")
     request = PlanRequest(problem, config, "paper", 7, 2, tmp_path / "out")
-    planner, _ = build_planner(problem, config)
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    planner = build_planner(problem, config).planner
+    hyperparams = unit_hyperparams(planner)
     structure = planner.params_structure(hyperparams)
     rng = np.random.default_rng(0)
     params = jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype(leaf.dtype), structure)

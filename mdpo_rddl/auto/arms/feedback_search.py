@@ -150,7 +150,7 @@ def _share(until: float, parts: int) -> float:
 
 def _simple(planner: MDPOPlanner) -> dict[str, list[bool]]:
     """Which shared weights a simple rule has: linear in the state, the same at all times."""
-    feedback = planner.plan.feedback
+    feedback = planner.feedback_plan.feedback
     return {
         name: [not (feature.endswith("^2") or feature.startswith("cos(")) for feature in names]
         for name, names in ((n, feedback.names(n)) for n in feedback.action_shapes)

@@ -14,6 +14,8 @@ from mdpo_rddl.auto.judge import Choice
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.background import Work
 from mdpo_rddl.noise import ActionNoise
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.training import Progress, Record, TrainingResult, train
@@ -144,12 +146,10 @@ def descend(
         planner.vary_restarts(learning_rate=steps, noise=_scaled_noise(planner, noise))
         try:
             result = train(
-                planner,
-                key=jax.random.fold_in(key, phase),
-                iterations=_ITERATIONS,
-                seconds=seconds,
+                Built(planner, arguments={"guess": _stack(guesses), "test_rolling_window": 1}),
+                jax.random.fold_in(key, phase),
+                Budget(_ITERATIONS, seconds),
                 counts_compilation=True,
-                optimize_kwargs={"guess": _stack(guesses), "test_rolling_window": 1},
                 on_progress=go_on,
             )
         except InputError as error:

@@ -24,6 +24,7 @@ from mdpo_rddl.machine.child import end_with, start_python
 from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.machine.jax_setup import keep_compiled_programs
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -66,7 +67,7 @@ class Alternative:
 
     def planner(self, problem: Problem) -> MDPOPlanner:
         """A planner that plays it."""
-        return build_planner(problem, self.config)[0]
+        return build_planner(problem, self.config).planner
 
 
 class Alternatives:
@@ -154,16 +155,9 @@ def serve() -> None:
 def _train(wanted: Wanted, method: str) -> Alternative:
     started = time.monotonic()
     config = own_config("default", method).with_section("Noise", {"method": "NoNoise"})
-    planner, optimize_args = build_planner(wanted.problem, config)
-    for name in ("key", "epochs", "train_seconds"):
-        optimize_args.pop(name, None)
+    built = build_planner(wanted.problem, config)
     compile_guess = time.monotonic() - started + 5.0
-    result = train(
-        planner,
-        key=jax.random.PRNGKey(wanted.seed),
-        iterations=10**6,
-        seconds=max(1.0, _SHARE * wanted.seconds - compile_guess),
-        optimize_kwargs=optimize_args,
-    )
-    mean, error = MeanReturn(planner, _ROLLOUTS, wanted.seed)(result.best_params)
+    budget = Budget(10**6, max(1.0, _SHARE * wanted.seconds - compile_guess))
+    result = train(built, jax.random.PRNGKey(wanted.seed), budget)
+    mean, error = MeanReturn(built.planner, _ROLLOUTS, wanted.seed)(result.best_params)
     return Alternative(f"JaxPlan's default {method}", config, result, mean, error)

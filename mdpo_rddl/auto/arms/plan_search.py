@@ -72,7 +72,7 @@ class PlanSearch:
           restarting: whether to begin again with doing nothing where nothing more is gained.
             That can be seen only if chance does not matter.
         """
-        bools = [name for name in params["plan"] if name not in self._planner.plan.units]
+        bools = [name for name in params["plan"] if name not in self._planner.feedback_plan.units]
         layout = layout_of(params["plan"], bools)
         start = layout.vector(params["plan"])[np.newaxis]
         rest = {name: part for name, part in params.items() if name != "plan"}

@@ -41,9 +41,8 @@ def candidates(domain: str, plan: str) -> dict[str, PlannerConfig]:
     def noisy(share: float, faster: float = 1.0, batch: int | None = None) -> PlannerConfig:
         noise = {"method": "AdaptiveNoise", "sigma_max": share * SCALES[domain]}
         config = base.with_values("Planner", pgpe=None).with_section("Noise", noise)
-        optimizer = dict(base.section("Planner")["optimizer_kwargs"])
-        optimizer["learning_rate"] = faster * optimizer["learning_rate"]
-        config = config.with_values("Planner", optimizer_kwargs=optimizer)
+        rate = faster * base.optimizer_arguments["learning_rate"]
+        config = config.with_optimizer_arguments(learning_rate=rate)
         if batch is not None:
             sizes = {"batch_size_train": batch, "batch_size_test": batch}
             config = config.with_values("Planner", **sizes)
@@ -56,8 +55,7 @@ def candidates(domain: str, plan: str) -> dict[str, PlannerConfig]:
         return config.with_values("MDPO", iterations_per_call=50, test_every=10)
 
     def with_net(config: PlannerConfig, **arguments: Any) -> PlannerConfig:
-        arguments = {**config.section("Planner")["method_kwargs"], **arguments}
-        return config.with_values("Planner", method_kwargs=arguments)
+        return config.with_policy_arguments(**arguments)
 
     found = {
         "jaxplan": still,

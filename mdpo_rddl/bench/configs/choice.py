@@ -39,7 +39,7 @@ def choose(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> str:
     best = max(fit.values(), default=0.0)
     level = [name for name in fit if fit[name] >= best - _LEVEL]
     configs = candidates(domain, plan)
-    batch = {name: configs[name].section("Planner")["batch_size_train"] for name in level}
+    batch = {name: configs[name].batch_size for name in level}
     return min(level, key=lambda name: (batch[name], -fit[name]), default="jaxplan")
 
 

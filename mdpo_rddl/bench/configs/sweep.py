@@ -21,7 +21,8 @@ from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.baseline import train_baseline
-from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.build import build_baseline, build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
 from mdpo_rddl.planner.training import train
 from mdpo_rddl.policy.playable import playable
@@ -132,21 +133,14 @@ def _train_and_play(run: Run) -> tuple[Evaluation, int]:
     problem = load_problem(f"{run.domain}_ippc2023", run.instance)
     if run.candidate == NOOP:
         return evaluate(make_environment(problem), lambda step, state: {}, run.episodes, 0), 0
+    key, budget = jax.random.PRNGKey(0), Budget(MANY, run.seconds)
     if run.candidate == BASELINE:
         own = own_config(f"{run.domain}_ippc2023", run.plan)
-        trained = train_baseline(problem, own, 0, MANY, run.seconds)
+        trained = train_baseline(build_baseline(problem, own), key, budget)
         return _play(problem, run, *trained[:3]), trained.iterations
-    planner, arguments = build_planner(problem, candidates(run.domain, run.plan)[run.candidate])
-    for name in ("key", "epochs", "train_seconds"):
-        arguments.pop(name, None)
-    result = train(
-        planner,
-        key=jax.random.PRNGKey(0),
-        iterations=MANY,
-        seconds=run.seconds,
-        optimize_kwargs=arguments,
-    )
-    evaluation = _play(problem, run, planner, result.best_params, result.policy_hyperparams)
+    built = build_planner(problem, candidates(run.domain, run.plan)[run.candidate])
+    result = train(built, key, budget)
+    evaluation = _play(problem, run, built.planner, result.best_params, result.policy_hyperparams)
     return evaluation, result.iterations
 
 

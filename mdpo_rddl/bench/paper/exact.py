@@ -44,11 +44,10 @@ def exact_problem(setting: str, rollouts: int, activation: str | None = None) ->
     """
     problem = problem_of(setting)
     config = method_config(problem.domain_name, "deterministic", 1)
-    net = config.section("Planner")["method_kwargs"]
+    config = config.with_values("Planner", batch_size_test=rollouts)
     if activation is not None:
-        net = {**net, "activation": activation}
-    config = config.with_values("Planner", batch_size_test=rollouts, method_kwargs=net)
-    planner, _ = build_planner(problem, config)
+        config = config.with_policy_arguments(activation=activation)
+    planner = build_planner(problem, config).planner
     return ExactProblem(problem, planner, compile_returns(planner))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.returns import unit_hyperparams
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 
 
 class ExactSteps(NamedTuple):
@@ -48,7 +48,7 @@ def compile_exact_steps(planner: MDPOPlanner) -> ExactSteps:
     rddl, compiled = planner.rddl, planner.test_compiled
     if rddl.terminations or set(rddl.action_ranges.values()) != {"real"}:
         raise ValueError("exact steps are for real actions and problems without termination")
-    fluents, nonfluents = planner._batched_init_subs(compiled.init_values)[1]
+    fluents, nonfluents = initial_values(planner).test
     start = {name: jnp.asarray(value[0]) for name, value in fluents.items()}
     states = {name: np.shape(start[name]) for name in rddl.observ_fluents or rddl.state_fluents}
     actions = {name: np.shape(compiled.init_values[name]) for name in rddl.action_fluents}

@@ -3,16 +3,18 @@
 import collections
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from mdpo_rddl.bench.paper.iterates import Iterate, timed
 from mdpo_rddl.bench.paper.methods import JAXPLAN
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.baseline import build_baseline
-from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.budgets import A_DAY
+from mdpo_rddl.planner.build import build_baseline, build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import A_DAY, Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.load import Problem
 
 
@@ -42,47 +44,34 @@ def train_by_gradient(
       DivergedError: if every seed's return stops being a number.
     """
     if method == JAXPLAN:
-        planner, optimize_args = build_baseline(problem, config)
-        train = _train_jaxplan
+        train = partial(_train_jaxplan, build_baseline(problem, config))
     else:
-        planner, optimize_args = build_planner(problem, config, planner_class=planner_class)
-        train = _train_ours
-    arguments = {
-        **optimize_args,
-        "key": key,
-        "epochs": max(2, iterations[-1]),  # JaxPlan cannot do with one
-        "train_seconds": A_DAY,
-        "print_summary": False,
-        "print_progress": False,
-        "print_hyperparams": False,
-    }
-    for _ in train(planner, arguments, [1, 2]):
+        built = build_planner(problem, config, planner_class=planner_class)
+        train = partial(_train_ours, built)
+    budget = Budget(max(2, iterations[-1]), A_DAY)  # JaxPlan cannot do with one
+    for _ in train(key, budget, [1, 2]):
         pass  # compiles
-    yield from train(planner, arguments, iterations)
+    yield from train(key, budget, iterations)
 
 
 def _train_ours(
-    planner: MDPOPlanner, arguments: Mapping[str, Any], iterations: Sequence[int]
+    built: Built[MDPOPlanner], key: Any, budget: Budget, iterations: Sequence[int]
 ) -> Iterator[Iterate]:
-    sizes = planner.iterations_per_call, planner.test_every
-    generator = planner.optimize_generator(**arguments)
+    planner, generator = built.planner, built.callbacks(key, budget)
 
     def callbacks(done: int, until: int) -> Iterator[Mapping[str, Any]]:
         # the loop counts its turns when it begins: those of one iteration are enough for any
         for count in (1, until - 1) if done == 0 else (until - done,):
-            planner.iterations_per_call = planner.test_every = max(1, count)
-            yield from itertools.islice(generator, min(1, count))
+            with planner.call_sizes(max(1, count), max(1, count)):
+                yield from itertools.islice(generator, min(1, count))
 
-    try:
-        yield from timed(_advance(callbacks, planner.is_noisy), iterations)
-    finally:
-        planner.iterations_per_call, planner.test_every = sizes
+    return timed(_advance(callbacks, planner.is_noisy), iterations)
 
 
 def _train_jaxplan(
-    planner: Any, arguments: Mapping[str, Any], iterations: Sequence[int]
+    built: Built[JaxBackpropPlanner], key: Any, budget: Budget, iterations: Sequence[int]
 ) -> Iterator[Iterate]:
-    generator = planner.optimize_generator(**arguments)
+    generator = built.callbacks(key, budget)
 
     def callbacks(done: int, until: int) -> Iterator[Mapping[str, Any]]:
         return itertools.islice(generator, until - done)

@@ -83,7 +83,7 @@ def load_landscape(out: Path) -> Landscape | None:
 
 
 def _returns(problem: Problem, weight: float | None, actions: np.ndarray) -> np.ndarray:
-    planner, _ = build_planner(problem, _config(problem.domain_name, weight))
+    planner = build_planner(problem, _config(problem.domain_name, weight)).planner
     returns = compile_returns(planner, relaxed=weight is not None)
     pairs = np.stack(np.meshgrid(actions, actions, indexing="ij"), axis=-1).reshape(-1, 1, 2)
     plans = {_ACTION: jnp.asarray(np.repeat(pairs, problem.horizon, axis=1), jnp.float32)}

@@ -8,8 +8,8 @@ from jax import Array, random
 
 from mdpo_rddl.noise.draws import draw_perturbation
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.returns import unit_hyperparams
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 
 
 def perturbed_mean_return(planner: MDPOPlanner, sigma: float) -> Callable[[Array, Any], Array]:
@@ -23,7 +23,7 @@ def perturbed_mean_return(planner: MDPOPlanner, sigma: float) -> Callable[[Array
       A pure function of a key, which fixes the model's and the actions' noise, and the policy's
       parameters, whose gradient is the one that the planner follows.
     """
-    (fluents, nonfluents), _ = planner._batched_init_subs(planner.test_compiled.init_values)
+    fluents, nonfluents = initial_values(planner).training
     hyperparams = unit_hyperparams(planner)
     profile = jnp.full(planner.horizon, sigma)
     shape = planner.action_specs, planner.batch_size_train, planner.compiled.REAL

@@ -12,7 +12,7 @@ from mdpo_rddl.bench.paper.iterates import Iterate, timed
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.returns import initial_parameters
+from mdpo_rddl.planner.start import initial_parameters
 from mdpo_rddl.planner.training import select_restart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.problem.load import Problem
@@ -46,9 +46,9 @@ def train_ppo(
         from mdpo_rddl.bench.paper.ppo_learner import first_state, make_learner
     except (ImportError, AttributeError) as error:  # the latter from tensorflow-probability 0.25
         raise InputError(f"ppo cannot be imported: {error}; to get it: {_INSTALL}") from error
-    planner, _ = build_planner(problem, config)
+    planner = build_planner(problem, config).planner
     seeds, nets = planner.parallel_updates, initial_parameters(planner, key)
-    units = tuple(config.section("Planner")["method_kwargs"]["topology"])
+    units = tuple(config.policy_arguments["topology"])
     steps = compile_exact_steps(planner)
     learner = make_learner(steps, select_restart(nets, 0), units, EPOCHS)
 

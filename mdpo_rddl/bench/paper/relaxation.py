@@ -1,6 +1,7 @@
 """How relaxed a model is: the weight, and whether its values are relaxed or only its gradients."""
 
-from mdpo_rddl.planner.config.config import PlannerConfig, compiler_parameters, relaxation_weights
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.values import compiler_parameters, relaxation_weights
 
 
 def with_relaxation(config: PlannerConfig, weight: float, values_too: bool) -> PlannerConfig:

@@ -123,8 +123,7 @@ def _changed(config: PlannerConfig, variant: Variant) -> PlannerConfig:
     if factor == "decay":
         return with_decay(config, value)
     if factor in (ACTIVATION, "initializer"):
-        net = {**config.section("Planner")["method_kwargs"], factor: value}
-        return config.with_values("Planner", method_kwargs=net)
+        return config.with_policy_arguments(**{factor: value})
     return config.with_values("Noise", **{factor: value})
 
 

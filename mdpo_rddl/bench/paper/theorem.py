@@ -84,12 +84,12 @@ def run_theorem(out: Path, batches: int) -> Records:
 
 def _estimate(model: Model, batches: int) -> Estimate:
     problem = load_problem(*FILES, HORIZON)
-    planner, optimize_args = build_planner(problem, _config(problem.domain_name, model))
-    trained = train_fully(planner, random.PRNGKey(0), _TRAINING, optimize_args)
+    built = build_planner(problem, _config(problem.domain_name, model))
+    trained = train_fully(built, random.PRNGKey(0), _TRAINING)
     point, as_params = ravel_pytree(trained.last_params)
     directions = random.normal(random.PRNGKey(1), (DIRECTIONS, point.size))
     directions /= jnp.linalg.norm(directions, axis=1, keepdims=True)
-    mean_return = perturbed_mean_return(planner, SIGMA)
+    mean_return = perturbed_mean_return(built.planner, SIGMA)
 
     def of_batch(key):
         def value(point):

@@ -18,6 +18,8 @@ from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.bench.presets.experts import expert
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.baseline import train_baseline
+from mdpo_rddl.planner.build import build_baseline
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy.playable import playable
@@ -104,8 +106,11 @@ def _try(
         policy = playable(result.planner, training.best_params, hyperparams, seed)
     else:
         method = planner.split("-")[1]
-        trained = train_baseline(problem, own_config("default", method), seed, 10**6, seconds)
-        key = jax.random.PRNGKey(seed)
+        built, key = (
+            build_baseline(problem, own_config("default", method)),
+            jax.random.PRNGKey(seed),
+        )
+        trained = train_baseline(built, key, Budget(10**6, seconds))
         chosen = ""
 
         def policy(step: int, state: Mapping[str, Any]) -> Any:

@@ -5,13 +5,14 @@ from typing import Any
 
 from mdpo_rddl.auto.fitting import without_plan
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.search_section import SEARCH
 
 # a search must have some time, if only to compile
 _NO_TIME = 0.02
 
 
 def _searching(**shares: float) -> Callable[[PlannerConfig], PlannerConfig]:
-    return lambda config: config.with_values("Search", **shares)
+    return lambda config: config.with_values(SEARCH, **shares)
 
 
 def _planning(**values: Any) -> Callable[[PlannerConfig], PlannerConfig]:
@@ -19,11 +20,7 @@ def _planning(**values: Any) -> Callable[[PlannerConfig], PlannerConfig]:
 
 
 def _shaped(**arguments: Any) -> Callable[[PlannerConfig], PlannerConfig]:
-    def change(config: PlannerConfig) -> PlannerConfig:
-        kwargs = config.section("Planner")["method_kwargs"]
-        return config.with_values("Planner", method_kwargs={**kwargs, **arguments})
-
-    return change
+    return lambda config: config.with_policy_arguments(**arguments)
 
 
 VARIANTS: dict[str, Callable[[PlannerConfig], PlannerConfig]] = {

@@ -68,12 +68,13 @@ def sweep(
             continue
         problem = load_setting(setting)
         config = _sweep_config(problem.domain_name, seeds, decay)
-        planner, optimize_args = build_planner(problem, config)
+        built = build_planner(problem, config)
+        planner = built.planner
         env = make_environment(problem)
         for alpha, sigma_max in open_points:
             # the noise's numbers are arguments of the compiled update: nothing is recompiled
             planner.noise = AdaptiveNoise(alpha=alpha, sigma_max=sigma_max)
-            result = train_fully(planner, jax.random.PRNGKey(0), iterations, optimize_args)
+            result = train_fully(built, jax.random.PRNGKey(0), iterations)
             for seed in range(seeds):
                 params = select_restart(result.last_params_by_restart, seed)
                 policy = playable(planner, params, result.policy_hyperparams, seed)
@@ -87,9 +88,7 @@ def sweep(
 def _sweep_config(domain_name: str, seeds: int, decay: float) -> PlannerConfig:
     config = with_decay(PRESETS["paper"](domain_name), decay)
     # only the last iterate is measured: no test rollouts are needed to pick another
-    optimize = config.section("Optimize")
-    optimize.pop("test_rolling_window", None)
-    config = config.with_section("Optimize", optimize)
+    config = config.without_values("Optimize", "test_rolling_window")
     return config.with_values("Planner", parallel_updates=seeds, batch_size_test=1)
 
 

@@ -68,13 +68,13 @@ def run_paper_preset(
             if not open_seeds:
                 continue
             config = preset if section is None else preset.with_section("Noise", section)
-            planner, optimize_args = build_planner(problem, config)
+            built = build_planner(problem, config)
             for seed in open_seeds:
-                result = train_fully(planner, jax.random.PRNGKey(seed), iterations, optimize_args)
+                result = train_fully(built, jax.random.PRNGKey(seed), iterations)
                 returns = [
                     evaluate(
                         make_environment(problem),
-                        playable(planner, params, result.policy_hyperparams, seed),
+                        playable(built.planner, params, result.policy_hyperparams, seed),
                         episodes,
                         seed,
                     ).mean

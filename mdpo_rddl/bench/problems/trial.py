@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -15,9 +15,9 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
-from mdpo_rddl.planner.baseline import build_baseline
-from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.budgets import A_DAY
+from mdpo_rddl.planner.baseline import train_baseline
+from mdpo_rddl.planner.build import build_baseline, build_planner
+from mdpo_rddl.planner.config.budgets import A_DAY, Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.missing import missing_package
@@ -128,28 +128,25 @@ def _try(trial: Trial, row: dict[str, Any]) -> None:
 
 
 def _train_jaxplan(problem: Problem, config: PlannerConfig, iterations: int) -> None:
-    planner, _ = build_baseline(problem, config)
-    generator = planner.optimize_generator(
-        key=jax.random.PRNGKey(0),
-        epochs=max(iterations, 2),  # JaxPlan divides by epochs - 1
-        train_seconds=A_DAY,
-        print_summary=False,
-        print_progress=False,
-        print_hyperparams=False,
-    )
-    for callback in generator:
+    def require_finite(callback: Mapping[str, Any]) -> None:
         _require_finite("training", [callback["train_return"]])
         _require_finite("test", [callback["test_return"]])
-        if callback["iteration"] + 1 >= iterations:
-            break
+
+    train_baseline(
+        build_baseline(problem, config),
+        jax.random.PRNGKey(0),
+        Budget(iterations, A_DAY),
+        counts_compilation=True,
+        on_iteration=require_finite,
+    )
 
 
 def _train_and_play(problem: Problem, config: PlannerConfig, trial: Trial) -> dict[str, Any]:
-    planner, optimize_args = build_planner(problem, config)
-    result = train_fully(planner, jax.random.PRNGKey(0), trial.iterations, optimize_args)
+    built = build_planner(problem, config)
+    result = train_fully(built, jax.random.PRNGKey(0), trial.iterations)
     _require_finite("training", [record.train_return for record in result.history])
     _require_finite("test", [record.test_return for record in result.history])
-    policy = playable(planner, result.best_params, result.policy_hyperparams, 0)
+    policy = playable(built.planner, result.best_params, result.policy_hyperparams, 0)
     env = make_environment(problem, enforce_action_constraints=True)
     try:
         evaluation = evaluate(env, policy, trial.episodes, 0)

@@ -11,6 +11,8 @@ from mdpo_rddl.noise.draws import draw_perturbation
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
+from mdpo_rddl.planner.update.analysis import LossArguments
 from mdpo_rddl.planner.update.sharding import shard
 
 BOTH_GRADIENTS = "both gradients"
@@ -49,16 +51,16 @@ def compile_part(planner: MDPOPlanner, key: Any, part: str) -> Callable[[int], A
     Returns:
       A function of a number of iterations, whose result is ready when they are done.
     """
-    start, _ = planner._batched_init_subs(planner.test_compiled.init_values)
-    hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
-    analyse, loss, noise = planner._jax_analysis(), planner.single_train_loss, planner.noise
+    start = initial_values(planner).training
+    hyperparams = unit_hyperparams(planner)
+    analyse, loss, noise = planner.compile_analysis(), planner.single_train_loss, planner.noise
     shape = planner.action_specs, planner.batch_size_train, planner.compiled.REAL
     draw_noise = with_fast_random_numbers(lambda key, sigma: draw_perturbation(key, sigma, *shape))
 
     # each iteration must depend on the one before, or the compiler would make only one
     def analysis_gradient(key, given, disturbance):
         moved = jax.tree.map(lambda p: p + disturbance, given.params)
-        return analyse(key, moved, hyperparams, *given.start, given.model, None)
+        return analyse(key, LossArguments(moved, hyperparams, *given.start, given.model, None))
 
     def update_gradient(key, given, disturbance):
         moved = jax.tree.map(lambda p: p + disturbance, given.params)

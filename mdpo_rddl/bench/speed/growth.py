@@ -23,6 +23,7 @@ from mdpo_rddl.machine.jax_setup import use_all_cores
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.problem.load import Problem, load_problem
 
@@ -106,15 +107,8 @@ def _measure(point: Point) -> dict[str, Any]:
     config = PRESETS["paper"](problem.domain_name)
     config = config.with_values("Planner", parallel_updates=restarts, batch_size_test=1)
     config = config.with_values("MDPO", iterations_per_call=_ITERATIONS, test_every=_ITERATIONS)
-    planner, _ = build_planner(problem, config)
-    arguments: dict[str, Any] = {
-        "key": jax.random.PRNGKey(0),
-        "epochs": 10**8,
-        "train_seconds": 1e300,
-        "print_summary": False,
-        "print_progress": False,
-    }
-    callbacks = planner.optimize_generator(**arguments)
+    built = build_planner(problem, config)
+    callbacks = built.callbacks(jax.random.PRNGKey(0), Budget(10**8, 1e300))
     started = time.perf_counter()
     next(callbacks)
     compile_seconds = time.perf_counter() - started

@@ -12,8 +12,7 @@ from mdpo_rddl.bench.speed.bare import PARTS, compile_part
 from mdpo_rddl.bench.speed.rates import ITERATIONS_PER_CALL, in_turn, rates, rates_of_calls
 from mdpo_rddl.bench.speed.speed import preset_for
 from mdpo_rddl.machine.versions import versions
-from mdpo_rddl.planner.baseline import build_baseline
-from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.build import build_baseline, build_planner
 
 logger = logging.getLogger(__name__)
 
@@ -53,15 +52,15 @@ def run_profile(out: Path, settings: Iterable[str], turns: int, seconds: float) 
 def _microseconds(setting: str, seeds: int, turns: int, seconds: float) -> dict[str, float]:
     """Of one iteration of all seeds, per entry of `MEASURED`."""
     problem, config = preset_for(setting, "adaptive", seeds, ITERATIONS_PER_CALL)
-    planner, _ = build_planner(problem, config)
-    tested, _ = build_planner(problem, config.with_values("MDPO", test_every=1))
+    built = build_planner(problem, config)
+    tested = build_planner(problem, config.with_values("MDPO", test_every=1))
     single = {"iterations_per_call": 1, "test_every": 1}
-    dispatched, _ = build_planner(problem, config.with_values("MDPO", **single))
-    jaxplan, _ = build_baseline(problem, config)
+    dispatched = build_planner(problem, config.with_values("MDPO", **single))
+    jaxplan = build_baseline(problem, config)
     key = jax.random.PRNGKey(0)
     sides = [
-        *(rates_of_calls(compile_part(planner, key, part), 1, seconds) for part in PARTS),
-        *(rates(whole, 1, seconds) for whole in (planner, tested, dispatched, jaxplan)),
+        *(rates_of_calls(compile_part(built.planner, key, part), 1, seconds) for part in PARTS),
+        *(rates(whole, 1, seconds) for whole in (built, tested, dispatched, jaxplan)),
     ]
     return {p: 1e6 / rate for p, rate in zip(MEASURED, in_turn(sides, turns), strict=True)}
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import jax
 
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
 ITERATIONS_PER_CALL = 50
@@ -27,15 +29,9 @@ def in_turn(sides: Sequence[Iterator[float]], turns: int) -> list[float]:
     return [statistics.median(found) for found in shown]
 
 
-def rates(planner: JaxBackpropPlanner, seeds: int, seconds: float) -> Iterator[float]:
+def rates(built: Built[JaxBackpropPlanner], seeds: int, seconds: float) -> Iterator[float]:
     """Seed-iterations a second, over about `seconds` at each turn of the generator."""
-    callbacks = planner.optimize_generator(
-        key=jax.random.PRNGKey(0),
-        epochs=_MANY,
-        train_seconds=1e300,
-        print_summary=False,
-        print_progress=False,
-    )
+    callbacks = built.callbacks(jax.random.PRNGKey(0), Budget(_MANY, 1e300))
     for _ in range(3):  # compiles
         callback = next(callbacks)
     while True:

@@ -18,8 +18,7 @@ from mdpo_rddl.bench.common.settings import load_setting, setting_files
 from mdpo_rddl.bench.speed.bare import BOTH_GRADIENTS, compile_part
 from mdpo_rddl.bench.speed.rates import ITERATIONS_PER_CALL, in_turn, rates, rates_of_calls
 from mdpo_rddl.machine.versions import versions
-from mdpo_rddl.planner.baseline import build_baseline
-from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.build import build_baseline, build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.problem.load import Problem
@@ -122,16 +121,16 @@ def preset_for(
 def _theirs(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
     problem, config = preset_for(setting, *case[:3])
     if case.against == BARE:
-        planner, _ = build_planner(problem, config)
+        planner = build_planner(problem, config).planner
         gradients = compile_part(planner, jax.random.PRNGKey(0), BOTH_GRADIENTS)
         return lambda seconds: rates_of_calls(gradients, case.seeds, seconds, case.test_every)
-    jaxplan, _ = build_baseline(problem, config)
+    jaxplan = build_baseline(problem, config)
     return lambda seconds: rates(jaxplan, case.seeds, seconds)
 
 
 def _ours(setting: str, case: Case) -> Callable[[float], Iterator[float]]:
-    planner, _ = build_planner(*preset_for(setting, *case[:3]))
-    return lambda seconds: rates(planner, case.seeds, seconds)
+    built = build_planner(*preset_for(setting, *case[:3]))
+    return lambda seconds: rates(built, case.seeds, seconds)
 
 
 # JaxPlan's classes and nothing of ours, from the start of Python to the trained policy

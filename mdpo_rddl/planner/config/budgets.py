@@ -1,4 +1,6 @@
-"""What a training may take where nobody has said it."""
+"""What a training may take, and what holds where nobody has said it."""
+
+from dataclasses import dataclass
 
 JAXPLAN_EPOCHS = 999999
 JAXPLAN_SECONDS = 120.0
@@ -9,3 +11,16 @@ DECISION_SECONDS = 1.0
 
 A_DAY = 86400.0
 """Seconds for a training that only its iterations are to end."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Where a training ends at the latest.
+
+    Attributes:
+      iterations: their largest number.
+      seconds: the largest time.
+    """
+
+    iterations: int = JAXPLAN_EPOCHS
+    seconds: float = JAXPLAN_SECONDS

@@ -1,13 +1,32 @@
 """Plans and optimisers of ours that a configuration can name beside JaxPlan's and optax's."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
+from mdpo_rddl.planner.config.values import parameters
+from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.optimizers import normalized_adam
 from mdpo_rddl.planner.upstream import JaxPlan
 
-PLANS: dict[str, type[JaxPlan]] = {"FeedbackPlan": FeedbackPlan}
+
+class PlanKind(NamedTuple):
+    """A plan of ours.
+
+    Attributes:
+      make: makes one.
+      parameters: the names of what it is made with.
+    """
+
+    make: Callable[..., JaxPlan]
+    parameters: set[str]
+
+
+def _feedback_plan(units: Any = None, **shape: Any) -> FeedbackPlan:
+    return FeedbackPlan(FeedbackShape(**shape), units)
+
+
+PLANS = {"FeedbackPlan": PlanKind(_feedback_plan, parameters(FeedbackShape) | {"units"})}
 OPTIMIZERS: dict[str, Callable[..., Any]] = {"normalized_adam": normalized_adam}
 
 # what JaxPlan's loader reads in their stead
@@ -23,7 +42,7 @@ def stand_ins(planner: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     section, ours = dict(planner), {}
     plan, optimizer = section.get("method"), section.get("optimizer")
     if plan in PLANS:
-        ours["plan"] = PLANS[plan](**section.pop("method_kwargs", {}))
+        ours["plan"] = PLANS[plan].make(**section.pop("method_kwargs", {}))
         section["method"] = _STAND_IN_PLAN
     if optimizer in OPTIMIZERS:
         ours["optimizer"] = OPTIMIZERS[optimizer]

@@ -1,6 +1,11 @@
 """The section `[Search]` of a configuration: how the recipe of `mdpo_rddl.auto` spends its time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+SEARCH = "Search"
+"""The section's name."""
 
 
 @dataclass(frozen=True)
@@ -30,3 +35,21 @@ class Search:
             raise ValueError(f"0 < {' <= '.join(names)} <= 1 must hold")
         if not isinstance(self.alternatives, bool):
             raise ValueError(f"alternatives: must be True or False, got {self.alternatives!r}")
+
+
+def read_search(sections: Mapping[str, Mapping[str, Any]]) -> Search | None:
+    """What the section says; None where a configuration has none.
+
+    Args:
+      sections: per section of the configuration, its keys and literal values.
+
+    Raises:
+      TypeError: if there is a key that is unknown.
+      ValueError: if a value is refused, or the plan is one that the recipe cannot search.
+    """
+    if SEARCH not in sections:
+        return None
+    search = Search(**sections[SEARCH])
+    if sections["Planner"].get("method") != "FeedbackPlan":
+        raise ValueError("needs method='FeedbackPlan' in [Planner]")
+    return search

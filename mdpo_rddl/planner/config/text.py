@@ -3,6 +3,7 @@
 import ast
 import configparser
 import re
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,16 @@ def parse_sections(text: str, source: str) -> dict[str, dict[str, Any]]:
         }
         for section in parser.sections()
     }
+
+
+def format_sections(sections: Mapping[str, Mapping[str, Any]], names: Iterable[str]) -> str:
+    """The text of those sections, in the order of their names; `parse_sections` reads it back."""
+    blocks = []
+    for name in names:
+        if name in sections:
+            lines = [f"{key}={value!r}" for key, value in sections[name].items()]
+            blocks.append("\n".join([f"[{name}]", *lines]))
+    return "\n\n".join(blocks) + "\n"
 
 
 def one_line(error: Exception) -> str:

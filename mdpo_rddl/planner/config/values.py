@@ -4,6 +4,8 @@ import inspect
 from types import ModuleType
 from typing import Any
 
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+
 
 def parameters(function: Any) -> set[str]:
     """Names of what can be given to a function by name."""
@@ -31,3 +33,13 @@ def compiler_parameters(compiler: type) -> set[str]:
         if "__init__" in vars(base):
             names |= parameters(vars(base)["__init__"])
     return names - {"rddl", "logger", "python_functions"}
+
+
+def relaxation_weights(compiler: type) -> set[str]:
+    """Names of those arguments that are relaxation weights: larger is closer to exact."""
+    return {name for name in compiler_parameters(compiler) if name.endswith("_weight")}
+
+
+def optimize_parameters() -> set[str]:
+    """Names of the arguments of JaxPlan's `optimize`."""
+    return parameters(JaxBackpropPlanner.optimize_generator)

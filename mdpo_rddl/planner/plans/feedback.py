@@ -25,22 +25,25 @@ class FeedbackShape:
     Attributes:
       topology: units of the net's hidden layers; none for no net.
       cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
-      plan: whether there is a whole one, a value for every step, object and action.
-      horizon: number of steps H.
       squares: whether the squares of the state features are features.
+      plan: whether there is a whole one, a value for every step, object and action.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
-      cut: whether a gradient takes the states that the policy reads as given: it is then that
-        of the open-loop plan that the policy has played. That is biased, since later reactions
-        are left out, but it does not explode along them.
+      cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
+        then that of the open-loop plan that the policy has played. That is biased, since later
+        reactions are left out, but it does not explode along them.
     """
 
-    topology: tuple[int, ...]
-    cosines: int
-    plan: bool
-    horizon: int
-    squares: bool
-    state_scales: Mapping[str, Sequence[float]]
-    cut: bool
+    topology: Sequence[int] | None = (64, 64)
+    cosines: int = 4
+    squares: bool = True
+    plan: bool = False
+    state_scales: Mapping[str, Sequence[float]] | None = None
+    cut_feedback: bool = True
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Units of the hidden layers."""
+        return tuple(self.topology or ())
 
 
 class Feedback:
@@ -60,7 +63,12 @@ class Feedback:
     """
 
     def __init__(
-        self, rddl: Any, values: Mapping[str, Any], shape: FeedbackShape, dtype: Any
+        self,
+        rddl: Any,
+        values: Mapping[str, Any],
+        shape: FeedbackShape,
+        horizon: int,
+        dtype: Any,
     ) -> None:
         """Finds the features.
 
@@ -68,9 +76,11 @@ class Feedback:
           rddl: pyRDDLGym's lifted model.
           values: per fluent and non-fluent, an array of its shape.
           shape: what the policy is made of.
+          horizon: number of steps H.
           dtype: floating type of the model.
         """
-        self.shape, self.dtype = shape, dtype
+        self.shape, self.horizon, self.dtype = shape, horizon, dtype
+        self._scales = dict(shape.state_scales or {})
         self.fluents = observed_fluents(rddl)
         self.action_shapes = {name: tuple(np.shape(values[name])) for name in rddl.action_fluents}
         self.features: dict[str, ActionFeatures] = {}
@@ -101,12 +111,12 @@ class Feedback:
         }
         shared = {name: jnp.zeros(len(self.names(name)), self.dtype) for name in own}
         plan = {
-            name: jnp.zeros((self.shape.horizon, *shape), self.dtype)
+            name: jnp.zeros((self.horizon, *shape), self.dtype)
             for name, shape in (self.action_shapes.items() if self.shape.plan else ())
         }
         net: dict[str, Any] = {}
         width = self._inputs
-        for number, size in enumerate(self.shape.topology if self._inputs else ()):
+        for number, size in enumerate(self.shape.layers if self._inputs else ()):
             key, subkey = random.split(key)
             kernel = random.normal(subkey, (width, size), self.dtype) / math.sqrt(width)
             net[f"hidden_{number}"] = {"kernel": kernel, "bias": jnp.zeros(size, self.dtype)}
@@ -131,7 +141,7 @@ class Feedback:
         """
         scaled = {name: self._scaled(name, state[name]) for name in self.fluents}
         hidden = self._hidden(params.get("net", {}), scaled)
-        time = step / self.shape.horizon
+        time = step / self.horizon
         actions = {}
         for name, shape in self.action_shapes.items():
             own = params["own"][name]
@@ -147,11 +157,11 @@ class Feedback:
         return actions
 
     def _scaled(self, name: str, value: Any) -> Array:
-        center, scale = self.shape.state_scales.get(name, (0.0, 1.0))
+        center, scale = self._scales.get(name, (0.0, 1.0))
         # the environment gives a fluent without parameters as an array of one
         value = jnp.reshape(jnp.asarray(value, self.dtype), self._shapes[name])
         scaled = (value - center) / scale
-        scaled = lax.stop_gradient(scaled) if self.shape.cut else scaled
+        scaled = lax.stop_gradient(scaled) if self.shape.cut_feedback else scaled
         return jnp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)
 
     def _stacked(self, name: str, scaled: Mapping[str, Array], time: Any) -> Array:
@@ -171,7 +181,7 @@ class Feedback:
             return None
         hidden = jnp.concatenate([jnp.ravel(scaled[name]) for name in self.fluents])
         hidden = jnp.clip(hidden, -_LARGEST_NET_INPUT, _LARGEST_NET_INPUT)
-        for number in range(len(self.shape.topology)):
+        for number in range(len(self.shape.layers)):
             layer = net[f"hidden_{number}"]
             hidden = jnp.tanh(hidden @ layer["kernel"] + layer["bias"])
         return hidden

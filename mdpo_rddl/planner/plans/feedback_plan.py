@@ -1,6 +1,5 @@
 """The feedback policy as a plan that JaxPlan can train."""
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from jax import Array
 
 from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape, Params
-from mdpo_rddl.planner.plans.limited_bools import limited_bools
+from mdpo_rddl.planner.plans.limited_bools import Shift, limited_bools
 from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
 from mdpo_rddl.planner.upstream import JaxPlan
 from mdpo_rddl.problem.limits import GroupLimit
@@ -20,50 +19,47 @@ _BOOL_SCALE = 4.0
 
 
 class FeedbackPlan(JaxPlan):
-    """Plays do-nothing + unit * u, clipped to the box, u being the raw action of `Feedback`.
+    """Plays no-op + unit * u, clipped to the box, u being the raw action of `Feedback`.
 
-    For bools u is, up to a factor, the log-odds of doing something. The initial policy does
-    nothing.
+    For bools u is, up to a factor, the log-odds of not being at the no-op. The initial policy
+    plays the no-op.
     """
 
     history_dependent = False
 
+    # JaxPlan's own choices, which this plan does not have
+    squashes = False
+    is_softmax = False
+
     def __init__(
-        self,
-        topology: Sequence[int] | None = (64, 64),
-        cosines: int = 4,
-        squares: bool = True,
-        plan: bool = False,
-        state_scales: Mapping[str, Sequence[float]] | None = None,
-        units: Mapping[str, float] | None = None,
-        cut_feedback: bool = True,
+        self, shape: FeedbackShape | None = None, units: Mapping[str, float] | None = None
     ) -> None:
         """Describes the policy.
 
         Args:
-          topology, cosines, squares, plan, state_scales: see `FeedbackShape`.
+          shape: what the policy is made of; `FeedbackShape()` if None.
           units: per real or integer action fluent what a raw value of 1 means; the width of
             its box where it is not named, 1 if it has none.
-          cut_feedback: `FeedbackShape.cut`.
         """
         super().__init__()
-        self._shape = FeedbackShape(
-            topology=tuple(topology or ()),
-            cosines=cosines,
-            plan=plan,
-            horizon=0,  # not known before compilation
-            squares=squares,
-            state_scales=dict(state_scales or {}),
-            cut=cut_feedback,
-        )
+        self._shape = shape or FeedbackShape()
         self._given_units = dict(units or {})
         self.units: dict[str, np.ndarray] = {}
-        self.feedback: Feedback | None = None
+        self._feedback: Feedback | None = None
         # at most so many bools that are not at their default, all fluents together
         self.concurrency: list[GroupLimit] = []
-        self.probabilities: Callable[..., dict[str, Array]] | None = None
+        self.probabilities: Callable[..., dict[str, Array]] = _not_compiled
         # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
         self.action_gradients: Callable[[Params], dict[str, Array]] | None = None
+
+    @property
+    def feedback(self) -> Feedback:
+        """The policy's raw actions.
+
+        Raises:
+          RuntimeError: before the plan is compiled.
+        """
+        return _not_compiled() if self._feedback is None else self._feedback
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
         """Compiles the policy, as JaxPlan asks its plans to.
@@ -75,42 +71,42 @@ class FeedbackPlan(JaxPlan):
             raise ValueError("FeedbackPlan scales the states itself: preprocessor must be None")
         ranges = compiled.rddl.variable_ranges
         _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
-        shape = dataclasses.replace(self._shape, horizon=horizon)
-        feedback = Feedback(compiled.rddl, compiled.init_values, shape, compiled.REAL)
-        self.feedback = feedback
+        values = compiled.init_values
+        feedback = Feedback(compiled.rddl, values, self._shape, horizon, compiled.REAL)
+        self._feedback = feedback
         bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
         numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
         self.units = {name: self._unit(compiled, name) for name in numbers}
         # a relaxed model's bools are numbers
-        nothing = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
-        nothing |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
+        noop = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
+        noop |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
         limits = _concurrency(compiled.rddl, feedback.action_shapes)
-        if not any(np.any(nothing[name]) for limit in limits for name in limit.groups):
+        if not any(np.any(noop[name]) for limit in limits for name in limit.groups):
             self.concurrency = limits
 
         def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:
-            """Numbers in their box, and of bools the probability of not doing nothing."""
+            """Numbers in their box, and of bools the probability of not being at the no-op."""
             raw = feedback.raw(params, state, step)
             actions = {name: jax.nn.sigmoid(_BOOL_SCALE * raw[name]) for name in bools}
             for name in numbers:
-                action = nothing[name] + self.units[name] * raw[name]
+                action = noop[name] + self.units[name] * raw[name]
                 actions[name] = _clip(action.astype(compiled.REAL), *self.bounds[name])
             return actions
 
         def probabilities(key, params, hyperparams, step, state, history):
             del key, hyperparams, history
-            return _flipped(relaxed(params, step, state), nothing, bools)
+            return _flipped(relaxed(params, step, state), noop, bools)
 
         def train_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams, history
             actions = scale_to_limits(relaxed(params, step, state), limits)
-            return _flipped(actions, nothing, bools)
+            return _flipped(actions, noop, bools)
 
         def test_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams, history
             actions = relaxed(params, step, state)
             chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
-            true = {name: chosen[name] ^ nothing[name] for name in bools}
+            true = {name: chosen[name] ^ noop[name] for name in bools}
             whole = [name for name in numbers if ranges[name] != "real"]
             rounded = {n: jnp.asarray(jnp.round(actions[n]), compiled.INT) for n in whole}
             return {**actions, **true, **rounded}
@@ -131,6 +127,10 @@ class FeedbackPlan(JaxPlan):
             return params
         rest = jax.tree.map(lambda p: jnp.concatenate([p[1:], p[-1:]]), params["plan"])
         return {**params, "plan": rest}
+
+    def shift_for(self, names: Sequence[str]) -> Shift:
+        """How to shift the log-odds of some bools."""
+        return lambda params, _, step, shifts: (self.shift_log_odds(params, shifts, names), step)
 
     def shift_log_odds(
         self, params: Params, shifts: Mapping[str, Array], names: Sequence[str]
@@ -153,6 +153,10 @@ class FeedbackPlan(JaxPlan):
         return np.full(shape, box_width(*compiled.constraints.bounds[name]) or 1.0)
 
 
+def _not_compiled(*_: Any) -> Any:
+    raise RuntimeError("the plan is not compiled yet")
+
+
 def box_width(lower: Any, upper: Any) -> float | None:
     """The median width of an action fluent's boxes; None if none of them is finite.
 
@@ -170,10 +174,10 @@ def _clip(action: Array, lower: Any, upper: Any) -> Array:
 
 
 def _flipped(
-    actions: Mapping[str, Array], nothing: Mapping[str, np.ndarray], bools: Sequence[str]
+    actions: Mapping[str, Array], noop: Mapping[str, np.ndarray], bools: Sequence[str]
 ) -> dict[str, Array]:
-    """Of bools the probability of true, from that of not doing nothing."""
-    true = {n: jnp.where(nothing[n], 1.0 - actions[n], actions[n]) for n in bools}
+    """Of bools the probability of true, from that of not being at the no-op."""
+    true = {n: jnp.where(noop[n], 1.0 - actions[n], actions[n]) for n in bools}
     return {**actions, **true}
 
 

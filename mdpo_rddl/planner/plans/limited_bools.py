@@ -5,7 +5,7 @@ projecting a plan's parameters. The noise has to enter ahead of that, so it is a
 parameter that the logits are made of; JaxPlan's projection then follows by itself.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -32,20 +32,13 @@ def limited_bools(rddl: Any) -> list[str]:
     return names if rddl.max_allowed_actions < count else []
 
 
-def is_softmax(plan: JaxPlan) -> bool:
-    """Whether a plan keeps the limit by a softmax or top-k, whose noise is Gumbel's.
+def shift_jaxplan(plan: JaxPlan, names: Sequence[str]) -> Shift | None:
+    """How to perturb the limited bools of a compiled plan of JaxPlan's own; else None.
 
     With Gumbel noise on its logits a softmax is a concrete (Gumbel-softmax) variable:
     Maddison et al. (2017), https://arxiv.org/abs/1611.00712, and Jang et al. (2017),
     https://arxiv.org/abs/1611.01144, at temperature 1 with the noise scaled by sigma.
     """
-    return isinstance(plan, JaxDeepReactivePolicy) or bool(getattr(plan, "_wrap_softmax", False))
-
-
-def shift_for(plan: JaxPlan, names: list[str]) -> Shift | None:
-    """How to perturb the limited bools of a compiled plan; None if it is of an unknown kind."""
-    if hasattr(plan, "shift_log_odds"):
-        return lambda params, _, step, shifts: (plan.shift_log_odds(params, shifts, names), step)
     if isinstance(plan, JaxDeepReactivePolicy):
         return _shift_network(names)
     if isinstance(plan, JaxStraightLinePlan):
@@ -55,11 +48,11 @@ def shift_for(plan: JaxPlan, names: list[str]) -> Shift | None:
     return None
 
 
-def _concatenated(names: list[str], perturbation: Mapping[str, Array]) -> Array:
+def _concatenated(names: Sequence[str], perturbation: Mapping[str, Array]) -> Array:
     return jnp.concatenate([jnp.ravel(perturbation[name]) for name in names])
 
 
-def _shift_network(names: list[str]) -> Shift:
+def _shift_network(names: Sequence[str]) -> Shift:
     """A shift of the output layer's bias is a shift of the logits."""
 
     def shift(params, hyperparams, step, perturbation):
@@ -78,7 +71,7 @@ def _slice(params: Mapping[str, Array], step: Any) -> dict[str, Array]:
     return {name: param[step][jnp.newaxis] for name, param in params.items()}
 
 
-def _shift_softmax_plan(names: list[str]) -> Shift:
+def _shift_softmax_plan(names: Sequence[str]) -> Shift:
     def shift(params, hyperparams, step, perturbation):
         del hyperparams
         one = _slice(params, step)
@@ -88,7 +81,7 @@ def _shift_softmax_plan(names: list[str]) -> Shift:
     return shift
 
 
-def _shift_projected_plan(plan: JaxStraightLinePlan, names: list[str]) -> Shift:
+def _shift_projected_plan(plan: JaxStraightLinePlan, names: Sequence[str]) -> Shift:
     """Shifts the log-odds, then applies the plan's own projection to that step.
 
     The projection is an iteration without a derivative; its correction is taken as constant,

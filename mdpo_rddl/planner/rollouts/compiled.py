@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,17 +36,31 @@ class PerturbedModel(NamedTuple):
     perturbation: dict[str, Array]
 
 
+@dataclass(frozen=True)
+class RolloutOptions:
+    """How rollouts are computed, and what they show.
+
+    Attributes:
+      copies: how many batches are vectorised together.
+      history_dependent: whether the policy reads the fluents' history.
+      check_constraints: whether the log tells preconditions, invariants and termination.
+      cache_path_info: whether the log keeps every fluent at every step.
+      differentiated: whether a gradient is taken, for which a large model keeps little.
+    """
+
+    copies: int = 1
+    history_dependent: bool = False
+    check_constraints: bool = False
+    cache_path_info: bool = False
+    differentiated: bool = True
+
+
 def compile_rollouts(
     compiled: Any,
     policy: Callable[..., dict[str, Array]],
     horizon: int,
     batch_size: int,
-    *,
-    copies: int = 1,
-    history_dependent: bool = False,
-    check_constraints: bool = False,
-    cache_path_info: bool = False,
-    differentiated: bool = True,
+    options: RolloutOptions,
 ) -> Callable[..., tuple[dict[str, Any], Any]]:
     """Compiles rollouts with the arguments and results of JaxPlan's.
 
@@ -62,11 +77,7 @@ def compile_rollouts(
       policy: JaxPlan's policy, or a perturbed one.
       horizon: number of steps H.
       batch_size: rollouts B; for a perturbed policy that of the perturbation.
-      copies: how many of these batches are vectorised together.
-      history_dependent: whether the policy reads the fluents' history.
-      check_constraints: whether the log tells preconditions, invariants and termination.
-      cache_path_info: whether the log keeps every fluent at every step.
-      differentiated: whether a gradient is taken, for which a large model keeps little.
+      options: how they are computed and what they show.
 
     Returns:
       rollout(key, policy_params, policy_hyperparams, fluents, nonfluents, model), with a
@@ -74,7 +85,7 @@ def compile_rollouts(
       parameters.
     """
     transition = compiled.compile_transition(
-        check_constraints=check_constraints, cache_path_info=cache_path_info
+        check_constraints=options.check_constraints, cache_path_info=options.cache_path_info
     )
 
     def step(shared, early, late):
@@ -91,7 +102,7 @@ def compile_rollouts(
             size = jax.tree.leaves(model.perturbation)[0].shape[0]
             extra = (jax.tree.map(lambda p: jnp.swapaxes(p, 0, 1), model.perturbation),)
             model = model.params
-        history = _empty_history(fluents, horizon) if history_dependent else {}
+        history = _empty_history(fluents, horizon) if options.history_dependent else {}
 
         shared = (hyperparams, nonfluents, model)
         early = (_step_keys(key, horizon, size), jnp.arange(horizon), extra)
@@ -105,7 +116,7 @@ def compile_rollouts(
         if not all(passes[len(passes) - len(jax.tree.leaves(model)) :]):
             raise NotImplementedError("the model's parameters change from step to step")
         common = stages.run(_SHARED, [], shared)
-        ahead = _can_draw_ahead(stages, horizon * size * copies)
+        ahead = _can_draw_ahead(stages, horizon * size * options.copies)
         draw = jax.vmap(lambda *early: stages.run(_EARLY, [common], early), in_axes=(0, None, 0))
         inputs = (jax.vmap(draw)(*early) if ahead else early, jnp.arange(horizon))
 
@@ -117,14 +128,14 @@ def compile_rollouts(
         def scanned_step(carry, inputs):
             fluents, history = carry
             drawn, number = inputs
-            if history_dependent:
+            if options.history_dependent:
                 history = jax.tree.map(lambda past, now: past.at[number].set(now), history, fluents)
             fluents, log = late_step(drawn if ahead else draw(*drawn), fluents, history)
             return (fluents, history), log
 
         start = (fluents, history)
-        if differentiated:
-            end, log = bounded_scan(scanned_step, start, inputs, copies)
+        if options.differentiated:
+            end, log = bounded_scan(scanned_step, start, inputs, options.copies)
         else:
             end, log = lax.scan(scanned_step, start, inputs)
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)

@@ -17,6 +17,7 @@ from jax import Array, lax, random
 from jax.sharding import NamedSharding
 
 from mdpo_rddl.planner.update.sharding import replicated, shard
+from mdpo_rddl.planner.update.sizes import CallSizes
 
 
 class Best(NamedTuple):
@@ -238,18 +239,18 @@ class Calls:
         )
         return state if self._sharding is None else shard(state, replicated(self._sharding))
 
-    def update(self, sizes: Callable[[], tuple[int, int]], *arguments: Any) -> tuple[Any, ...]:
+    def update(self, sizes: Callable[[], CallSizes], *arguments: Any) -> tuple[Any, ...]:
         """One call in place of JaxPlan's update; the key that JaxPlan gives is not used.
 
         Args:
-          sizes: iterations of a call, and from one test to the next.
+          sizes: gives those of the call.
           *arguments: of JaxPlan's update.
         """
         _, *rest, opt_aux = arguments
-        iterations, test_every = sizes()
+        size = sizes()
         others = {name: value for name, value in opt_aux.items() if name != "call"}
         results, self._state, self._turn = self._call(
-            iterations // test_every, test_every, opt_aux["call"], *rest, others
+            size.iterations // size.test_every, size.test_every, opt_aux["call"], *rest, others
         )
         opt_aux = {**results[3], "call": self._state}
         return (*results[:3], opt_aux, *results[4:])

@@ -10,8 +10,9 @@ from jax import Array
 
 from mdpo_rddl.noise.actions import ActionKind, ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
-from mdpo_rddl.planner.plans.limited_bools import is_softmax, limited_bools, shift_for
+from mdpo_rddl.planner.plans.limited_bools import limited_bools
 from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
+from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.upstream import JaxPlan
 from mdpo_rddl.problem.limits import GroupLimit
 
@@ -27,7 +28,7 @@ def action_specs(plan: JaxPlan, compiled: Any) -> dict[str, ActionSpec]:
     JaxPlan's own, since only those say where their logits are.
     """
     rddl = compiled.rddl
-    limited = limited_bools(rddl)
+    limited, opened = limited_bools(rddl), open_plan(plan)
     specs = {}
     for name in rddl.action_fluents:
         prange = rddl.variable_ranges[name]
@@ -35,18 +36,17 @@ def action_specs(plan: JaxPlan, compiled: Any) -> dict[str, ActionSpec]:
         if prange == "bool":
             kind = ActionKind.BOOL
             if name in limited:
-                if shift_for(plan, limited) is None:
+                if opened.shift_for(limited) is None:
                     logger.warning("no noise on %s: unknown kind of plan", name)
                     continue
-                kind = ActionKind.CHOICE if is_softmax(plan) else ActionKind.BOOL
-            nothing = np.full(shape, np.nan)
-            specs[name] = ActionSpec(name, shape, kind, nothing, nothing)
+                kind = ActionKind.CHOICE if opened.is_softmax else ActionKind.BOOL
+            no_box = np.full(shape, np.nan)
+            specs[name] = ActionSpec(name, shape, kind, no_box, no_box)
             continue
         kind = ActionKind.REAL if prange == "real" else ActionKind.INTEGER
         lower, upper = (np.broadcast_to(bound, shape) for bound in plan.bounds[name])
-        squashed = bool(getattr(plan, "_wrap_non_bool", False))
-        unit = np.asarray(getattr(plan, "units", {}).get(name, 1.0))
-        specs[name] = ActionSpec(name, shape, kind, lower, upper, squashed, unit)
+        unit = np.asarray(opened.units.get(name, 1.0))
+        specs[name] = ActionSpec(name, shape, kind, lower, upper, opened.squashes, unit)
     return specs
 
 
@@ -106,9 +106,10 @@ def perturbed_policy(
       perturb: how raw action, perturbation and box become an action.
     """
     limited = [name for name in limited_bools(rddl) if name in specs]
-    shift_limited = shift_for(plan, limited) if limited else None
+    shift_limited = open_plan(plan).shift_for(limited) if limited else None
 
-    def policy(key, params, hyperparams, step, fluents, history, perturbation):
+    def policy(*arguments):
+        key, params, hyperparams, step, fluents, history, perturbation = arguments
         if shift_limited is not None:
             params, step = shift_limited(params, hyperparams, step, perturbation)
         raw = raw_policy(key, params, hyperparams, step, fluents, history)
@@ -123,10 +124,11 @@ def limited_policies(
 ) -> tuple[Callable[..., dict[str, Array]], Callable[..., dict[str, Array]]]:
     """A compiled plan's training and test policies, made to keep the groups' limits."""
     train_policy, test_policy = plan.train_policy, plan.test_policy
+    opened = open_plan(plan)
     # a plan's own limit on all bools must hold together with the groups'
-    every = [*limits, *getattr(plan, "concurrency", [])]
+    every = [*limits, *opened.concurrency]
     names = sorted({name for limit in every for name in limit.groups})
-    probabilities_of = getattr(plan, "probabilities", train_policy)
+    probabilities_of = opened.probabilities
 
     def train(*arguments):
         return scale_to_limits(train_policy(*arguments), limits)

@@ -30,11 +30,7 @@ def identity(request: PlanRequest, planner: MDPOPlanner) -> dict[str, Any]:
         "horizon": request.problem.horizon,
         "config": request.config_name,
         "noise": _NOISE_NAMES.get(noise, noise),
-        "noise_parameters": {
-            name: value
-            for name, value in request.config.section("Noise").items()
-            if name != "method"
-        },
+        "noise_parameters": request.config.noise_numbers,
         "policy": _POLICY_NAMES.get(policy, policy),
         "seed": request.seed,
         "episodes": request.episodes,

@@ -174,8 +174,8 @@ def test_a_search_begins_again_where_it_has_settled(tmp_path, monkeypatch, rival
 
 def plans_of(problem):
     config = auto_preset("toy").without_section("Search")
-    found = probe(build_planner(problem, without_scales(config))[0], seed=0)
-    planner, _ = build_planner(problem, scaled(config, found))
+    found = probe(build_planner(problem, without_scales(config)).planner, seed=0)
+    planner = build_planner(problem, scaled(config, found)).planner
     return found, planner, planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
 
 

@@ -14,7 +14,8 @@ from mdpo_rddl.bench.paper.gymnax_problem import GymnaxProblem
 from mdpo_rddl.bench.paper.methods import method_config
 from mdpo_rddl.bench.paper.ppo_learner import GaussianActor, first_state, make_learner
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.returns import compile_returns, initial_parameters
+from mdpo_rddl.planner.returns import compile_returns
+from mdpo_rddl.planner.start import initial_parameters
 from mdpo_rddl.problem.load import load_problem
 
 KEY = jax.random.PRNGKey(5)
@@ -24,7 +25,7 @@ KEY = jax.random.PRNGKey(5)
 def planner(tmp_path_factory):
     """Two units to move, without chance: a policy has one return."""
     problem = load_problem(*tiny_files(tmp_path_factory.mktemp("tiny")))
-    return build_planner(problem, method_config("tiny", "deterministic", 2))[0]
+    return build_planner(problem, method_config("tiny", "deterministic", 2)).planner
 
 
 @pytest.fixture(scope="module")

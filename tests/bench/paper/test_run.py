@@ -21,7 +21,7 @@ from mdpo_rddl.bench.paper.runner import run_paper
 from mdpo_rddl.cli import bench, bench_paper
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.executors import make_executor
-from mdpo_rddl.planner.returns import initial_parameters
+from mdpo_rddl.planner.start import initial_parameters
 from mdpo_rddl.problem.load import load_problem
 
 SETTING = "powergen7"
@@ -116,7 +116,7 @@ def test_all_methods_begin_with_the_weights_of_the_seed(measured):
     config = config.with_values("Planner", optimizer_kwargs=still)
     problem, key = exact.problem_of(SETTING), jax.random.PRNGKey(0)
     (jaxplan,) = gradient.train_by_gradient(problem, "jaxplan", config, key, [1])
-    planner, _ = gradient.build_planner(problem, method_config("tiny", "adaptive", 2))
+    planner = gradient.build_planner(problem, method_config("tiny", "adaptive", 2)).planner
     ours = initial_parameters(planner, key)  # PPO starts from these too
     jax.tree.map(np.testing.assert_array_equal, ours, jaxplan.params)
     assert any(np.any(leaf[0] != leaf[1]) for leaf in jax.tree.leaves(ours))  # but not the seeds

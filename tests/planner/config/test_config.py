@@ -13,7 +13,9 @@ from helpers.problems import JAXPLAN_EXAMPLES
 
 from mdpo_rddl import AdaptiveNoise, ConstantNoise, InputError, NoNoise, load_config
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig, load_config_from_string
+from mdpo_rddl.planner.config.values import optimize_parameters
 from mdpo_rddl.planner.upstream import planner
 from mdpo_rddl.problem.load import load_problem
 
@@ -163,8 +165,41 @@ def test_the_keys_of_jaxplans_controllers_are_accepted_and_not_handed_to_optimiz
     _, _, train_args = load_config_from_string(text)
     assert (train_args["train_on_reset"], train_args["warm_start"]) == (True, False)
     problem = load_problem("Reservoir_ippc2023", "1", 3)
-    _, optimize_args = build_planner(problem, PlannerConfig.from_text(text))
-    assert optimize_args.keys() == train_args.keys() - {"train_on_reset", "warm_start"}
+    built = build_planner(problem, PlannerConfig.from_text(text))
+    assert built.training_arguments().keys() <= optimize_parameters()
+    for_controllers = {"train_on_reset", "warm_start"}
+    assert train_args.keys() - built.training_arguments().keys() == for_controllers | {"key"}
+
+
+def test_what_is_built_knows_its_budget_and_prints_nothing() -> None:
+    text = TEXT.replace("[Optimize]", "[Optimize]\nprint_summary=True\ntest_rolling_window=3")
+    built = build_planner(load_problem("Reservoir_ippc2023", "1", 3), PlannerConfig.from_text(text))
+    assert built.arguments == {"test_rolling_window": 3, "policy_hyperparams": 2.0}
+    assert built.budget.iterations == 300
+    arguments = built.training_arguments(Budget(7, 2.0))
+    assert (arguments["epochs"], arguments["train_seconds"]) == (7, 2.0)
+    printed = {name: value for name, value in arguments.items() if name.startswith("print_")}
+    assert printed == dict.fromkeys(("print_summary", "print_progress", "print_hyperparams"), False)
+
+
+def test_a_budget_that_nobody_gives_is_jaxplan_s() -> None:
+    config = PlannerConfig.from_text(TEXT).without_values("Optimize", "epochs", "train_seconds")
+    assert config.budget() == Budget(999999, 120.0)
+    assert config.budget(seconds=1.0).seconds == 1.0
+    assert config.with_values("Optimize", train_seconds=9.0).budget(seconds=1.0).seconds == 9.0
+
+
+def test_arguments_of_policy_and_optimiser_are_changed_one_by_one() -> None:
+    config = PlannerConfig.from_text(TEXT).with_values(
+        "Planner", method="JaxDeepReactivePolicy", method_kwargs={"topology": [3]}
+    )
+    other = config.with_policy_arguments(activation="relu")
+    assert other.policy_arguments == {"topology": [3], "activation": "relu"}
+    assert config.policy_arguments == {"topology": [3]}
+    faster = config.with_optimizer_arguments(learning_rate=0.5)
+    assert faster.optimizer_arguments == {**config.optimizer_arguments, "learning_rate": 0.5}
+    with pytest.raises(InputError, match="unknown key 'topologi'"):
+        config.with_policy_arguments(topologi=[3])
 
 
 def test_sizes_of_a_call() -> None:

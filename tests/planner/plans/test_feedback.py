@@ -16,10 +16,9 @@ SHAPE = FeedbackShape(
     topology=(5,),
     cosines=2,
     plan=True,
-    horizon=HORIZON,
     squares=True,
     state_scales={"rlevel": (100.0, 50.0)},
-    cut=True,
+    cut_feedback=True,
 )
 
 
@@ -34,7 +33,7 @@ def make(shape: FeedbackShape = SHAPE) -> Feedback:
             **model.action_fluents,
         }.items()
     }
-    return Feedback(model, values, shape, jnp.float32)
+    return Feedback(model, values, shape, HORIZON, jnp.float32)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +106,7 @@ def test_states_far_away_are_cut_off(feedback):
 @pytest.mark.parametrize("cut", [True, False])
 def test_the_gradient_through_the_state_is_cut_if_asked(cut):
     linear = dataclasses.replace(
-        SHAPE, topology=(), cosines=0, plan=False, squares=False, state_scales={}, cut=cut
+        SHAPE, topology=(), cosines=0, plan=False, squares=False, state_scales={}, cut_feedback=cut
     )
     feedback = make(linear)
     params = feedback.initial(KEY)

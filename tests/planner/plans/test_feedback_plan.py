@@ -12,8 +12,11 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise import AdaptiveNoise, ConstantNoise
 from mdpo_rddl.noise.sensitivity import step_sensitivity
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.training import train
 from mdpo_rddl.planner.update.restarts import PerRestart
@@ -45,11 +48,11 @@ instance one {
 """
 
 
-def make(folder, limit="pos-inf", noise=None, **arguments):
+def make(folder, limit="pos-inf", noise=None, units=None, **arguments):
     domain, instance = folder / "d.rddl", folder / "i.rddl"
     domain.write_text(DOMAIN)
     instance.write_text(INSTANCE.replace("LIMIT", str(limit)))
-    plan = FeedbackPlan(topology=[3], **arguments)
+    plan = FeedbackPlan(FeedbackShape(topology=[3], **arguments), units)
     problem = load_problem(str(domain), str(instance))
     sizes = {"batch_size_train": 1, "batch_size_test": 1}
     return MDPOPlanner(problem.model, plan, pgpe=None, noise=noise, **sizes)
@@ -104,7 +107,7 @@ def test_few_bools_at_a_time_where_the_instance_says_so(tmp_path):
 def test_groups_and_the_limit_on_all_bools_hold_together():
     problem = load_problem("RecSim_ippc2023", "1")
     problem.model.max_allowed_actions = 4
-    plan = FeedbackPlan(topology=None)
+    plan = FeedbackPlan(FeedbackShape(topology=None))
     planner = MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
     state = {
         name: np.zeros([len(problem.model.type_to_objects[t]) for t in params])
@@ -118,7 +121,7 @@ def test_groups_and_the_limit_on_all_bools_hold_together():
 
 def test_noise_is_in_the_plans_units(tmp_path):
     problem = shipped("reservoir15", 2)
-    plan = FeedbackPlan(topology=None)
+    plan = FeedbackPlan(FeedbackShape(topology=None))
     planner = MDPOPlanner(
         problem.model, plan, pgpe=None, batch_size_train=1, noise=ConstantNoise(0.1)
     )
@@ -151,7 +154,7 @@ key=1
 
 def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
     config = PlannerConfig.from_text(CONFIG)
-    planner, _ = build_planner(load_problem(*tiny_files(tmp_path)), config)
+    planner = build_planner(load_problem(*tiny_files(tmp_path)), config).planner
     assert isinstance(planner.plan, FeedbackPlan)
     np.testing.assert_array_equal(planner.plan.units["push"], [0.5, 0.5])
     assert PlannerConfig.from_text(config.to_text()).sections == config.sections
@@ -181,7 +184,7 @@ def test_a_search_needs_the_feedback_plan():
 
 def test_restarts_can_start_from_different_policies(tmp_path):
     config = PlannerConfig.from_text(CONFIG)
-    planner, _ = build_planner(load_problem(*tiny_files(tmp_path)), config)
+    planner = build_planner(load_problem(*tiny_files(tmp_path)), config).planner
     one, other = pushed(planner, 0.0), pushed(planner, 0.3)
     stacked = PerRestart(jax.tree.map(lambda *leaves: jnp.stack(leaves), one, other))
     planner.vary_restarts(learning_rate=[1e-9, 1e-9])
@@ -211,7 +214,7 @@ def test_the_last_update_stands_in_for_the_analysis(tmp_path):
 def test_a_plan_that_cannot_say_needs_rollouts(tmp_path):
     planner = make(tmp_path, noise=AdaptiveNoise(0.0, 0.1, analysis_samples=0), plan=False)
     with pytest.raises(InputError, match="by rollouts only"):
-        train(planner, key=KEY, iterations=2, seconds=10.0)
+        train(Built(planner, Budget(2, 10.0)), KEY)
 
 
 def test_a_plan_is_one_step_shorter_after_a_decision(tmp_path):

@@ -157,7 +157,7 @@ def test_a_planner_trains_the_same_from_a_stored_program(tmp_path, monkeypatch):
     def trained(seed, programs):
         config = PRESETS["paper"]("PowerGen").with_values("Optimize", key=seed)
         sizes = {"iterations_per_call": 4, "test_every": 2}
-        planner, _ = build_planner(problem, config.with_values("MDPO", **sizes), programs)
+        planner = build_planner(problem, config.with_values("MDPO", **sizes), programs).planner
         *_, last = planner.optimize_generator(
             key=jax.random.PRNGKey(seed),
             epochs=8,

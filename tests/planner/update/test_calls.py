@@ -102,8 +102,8 @@ def test_nothing_is_compiled_anew_for_other_numbers(tmp_path):
     jax.monitoring.register_event_duration_secs_listener(monitor)
     try:
         planner.noise = AdaptiveNoise(alpha=3.0, sigma_max=0.1)
-        planner.iterations_per_call, planner.test_every = 6, 3
-        list(planner.optimize_generator(key=jax.random.PRNGKey(8), epochs=11, **SILENT))
+        with planner.call_sizes(6, 3):
+            list(planner.optimize_generator(key=jax.random.PRNGKey(8), epochs=11, **SILENT))
     finally:
         jax.monitoring.unregister_event_duration_listener(monitor)
     assert [event for event in compiled if "backend_compile" in event] == []

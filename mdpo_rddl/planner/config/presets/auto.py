@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.values import relaxation_weights
 from mdpo_rddl.planner.upstream import logic
 
 AUTO_SECONDS = 90.0

@@ -3,7 +3,8 @@
 from typing import Any
 
 from mdpo_rddl.planner.config.budgets import A_DAY
-from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.values import relaxation_weights
 from mdpo_rddl.planner.upstream import logic
 
 RELAXATION_WEIGHT = 100.0
@@ -63,5 +64,4 @@ def with_decay(config: PlannerConfig, decay: float | None) -> PlannerConfig:
     """The configuration with another decay of RMSProp; as it is if None."""
     if decay is None:
         return config
-    arguments = {**config.section("Planner")["optimizer_kwargs"], "decay": decay}
-    return config.with_values("Planner", optimizer_kwargs=arguments)
+    return config.with_optimizer_arguments(decay=decay)

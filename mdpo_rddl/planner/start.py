@@ -1,0 +1,46 @@
+"""What a training and its rollouts begin with: initial values, hyperparameters, parameters."""
+
+from typing import Any, NamedTuple
+
+from jax import random
+
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+
+
+class Start(NamedTuple):
+    """Initial values of a batch of rollouts.
+
+    Attributes:
+      fluents: per fluent [B, *shape].
+      nonfluents: per non-fluent [*shape].
+    """
+
+    fluents: dict[str, Any]
+    nonfluents: dict[str, Any]
+
+
+class InitialValues(NamedTuple):
+    """The start of the training rollouts, and of the test rollouts."""
+
+    training: Start
+    test: Start
+
+
+def initial_values(planner: JaxBackpropPlanner) -> InitialValues:
+    """Where a planner's rollouts start: in the problem's initial state."""
+    training, test = planner._batched_init_subs(planner.test_compiled.init_values)
+    return InitialValues(Start(*training), Start(*test))
+
+
+def initial_parameters(planner: JaxBackpropPlanner, key: Any) -> Any:
+    """The parameters [R, ...] that JaxPlan's `optimize(key)` begins with.
+
+    Those of one restart do not depend on how many there are.
+    """
+    fluents = initial_values(planner).training.fluents
+    return planner.initialize(random.split(key)[1], unit_hyperparams(planner), fluents)[0]
+
+
+def unit_hyperparams(planner: JaxBackpropPlanner) -> dict[str, float]:
+    """JaxPlan's policy hyperparameters where none are given."""
+    return dict.fromkeys(planner.rddl.action_fluents, 1.0)
