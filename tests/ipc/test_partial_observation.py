@@ -72,7 +72,7 @@ def test_the_trace_of_a_partially_observed_trial_is_written_and_says_what_was_no
     nan = np.nan
     np.testing.assert_array_equal(trace["state/seen"], [[nan, nan], [3.0, 3.0], [5.0, 5.0]])
     np.testing.assert_array_equal(trace["state/far"], [[nan], [0.0], [1.0]])
-    assert trace["state/shade"].tolist() == [["", ""], ["@red"] * 2, ["@green"] * 2]
+    assert trace["state/shade"].tolist() == [["", ""], ["red"] * 2, ["green"] * 2]
     np.testing.assert_array_equal(trace["reward"], [1.0, 3.0, 5.0])
 
 
