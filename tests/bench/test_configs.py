@@ -21,7 +21,8 @@ from mdpo_rddl.bench.configs.sweep import (
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.presets.by_domain import REPOSITORY_NAMES, config_for_domain
+from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
+from mdpo_rddl.problem.competition import REPOSITORY_NAMES
 
 CONFIGS = ROOT / "mdpo_rddl" / "planner" / "config" / "shipped"
 RUNS = ROOT / "results" / "configs" / "runs.csv"

@@ -2,10 +2,10 @@
 
 from typing import Any
 
+from mdpo_rddl.planner.config.budgets import AUTO_SECONDS
 from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
 from mdpo_rddl.planner.upstream import logic
 
-AUTO_SECONDS = 90.0
 RESTARTS = 4
 _WEIGHT = 100.0
 
