@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.ipc.registry import FLOOR
+from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.results import EntryResult
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.ipc.trial import OK

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from mdpo_rddl.ipc.registry import JAXPLAN
+from mdpo_rddl.ipc.names import JAXPLAN
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.ipc.score import Cell, Scores
 
