@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from mdpo_rddl.bench.paper.iterates import Iterate, timed
-from mdpo_rddl.bench.paper.methods import JAXPLAN
+from mdpo_rddl.bench.paper.names import JAXPLAN
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.baseline import build_baseline
 from mdpo_rddl.planner.build import build_planner
