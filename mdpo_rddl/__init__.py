@@ -1,17 +1,25 @@
-"""Model-driven policy optimization for RDDL: JaxPlan with adaptive noise on the actions."""
+"""Model-driven policy optimization for RDDL: JaxPlan with adaptive noise on the actions.
 
-from mdpo_rddl.errors import InputError
-from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
-from mdpo_rddl.planner.config.config import load_config, load_config_from_string
-from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.upstream import (
-    JaxDeepReactivePolicy,
-    JaxOfflineController,
-    JaxOnlineController,
-    JaxStraightLinePlan,
-)
-from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.load import Problem, load_problem, make_environment
+The public names are imported when they are first used: JAX takes seconds, and a command's
+`--help` has no use for it.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mdpo_rddl.errors import InputError
+    from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
+    from mdpo_rddl.planner.config.config import load_config, load_config_from_string
+    from mdpo_rddl.planner.planner import MDPOPlanner
+    from mdpo_rddl.planner.upstream import (
+        JaxDeepReactivePolicy,
+        JaxOfflineController,
+        JaxOnlineController,
+        JaxStraightLinePlan,
+    )
+    from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+    from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 __version__ = "0.1.0"
 
@@ -35,3 +43,31 @@ __all__ = [
     "load_problem",
     "make_environment",
 ]
+
+_SOURCES = {
+    "errors": ("InputError",),
+    "noise": ("ActionNoise", "AdaptiveNoise", "ConstantNoise", "NoNoise", "NoiseProfile"),
+    "planner.config.config": ("load_config", "load_config_from_string"),
+    "planner.planner": ("MDPOPlanner",),
+    "planner.upstream": (
+        "JaxDeepReactivePolicy",
+        "JaxOfflineController",
+        "JaxOnlineController",
+        "JaxStraightLinePlan",
+    ),
+    "problem.evaluation": ("Evaluation", "evaluate"),
+    "problem.load": ("Problem", "load_problem", "make_environment"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _SOURCES.items():
+        if name in names:
+            value = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,4 +1,7 @@
-"""Options of the commands: parsing them, and what they change in a configuration."""
+"""Options of the commands, and what is wrong with them by themselves.
+
+Nothing here imports JAX, pyRDDLGym or matplotlib: a mistake in an option is said at once.
+"""
 
 import argparse
 import math
@@ -7,9 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
-from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.values import relaxation_weights
+from mdpo_rddl.planner.config.preset_names import DEFAULT_PRESET, PLAIN_PRESET, PRESET_NAMES
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -79,7 +80,7 @@ def plan_parser() -> OneLineParser:
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
         "--preset",
-        choices=["auto", "paper"],
+        choices=PRESET_NAMES,
         help="defaults to start from (default: auto; paper with an option for the noise, the "
         "policy, the iterations or --replan)",
     )
@@ -219,71 +220,69 @@ PLAIN_ONLY = [
 TRAINING_ONLY = [*(name for name in PLAIN_ONLY if name != "replan"), "seconds"]
 """Options that make no sense for a policy that is loaded."""
 
-
-def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
-    """The configuration with the options applied to it.
-
-    Args:
-      config: what to start from.
-      options: what `plan_parser` parsed.
-
-    Raises:
-      InputError: if an option does not go with the noise that was chosen, or a value is one
-        that the configuration refuses.
-    """
-    config = _configure_noise(config, options)
-    policy = options.policy
-    if options.replan and options.config is None:
-        # a preset's budget is for one long training, and its policy for all states
-        budget = {"epochs": JAXPLAN_EPOCHS, "train_seconds": DECISION_SECONDS}
-        config = config.with_values("Optimize", **budget)
-        policy = policy or "slp"
-    if policy is not None:
-        method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[policy]
-        if config.policy_method != method:
-            # one plan's arguments mean nothing to another
-            config = config.with_values("Planner", method=method, method_kwargs={})
-    if options.weight is not None:
-        names = sorted(relaxation_weights(config.compiler_class()))
-        config = config.with_values("Compiler", **dict.fromkeys(names, options.weight))
-    changes = {
-        "Planner": {
-            "parallel_updates": options.restarts,
-            "batch_size_train": options.batch,
-            "rollout_horizon": options.lookahead,
-        },
-        "Optimize": {"epochs": options.iterations, "train_seconds": options.seconds},
-    }
-    for section, values in changes.items():
-        given = {key: value for key, value in values.items() if value is not None}
-        config = config.with_values(section, **given)
-    return config
-
-
-_NOISE_METHODS = {"adaptive": "AdaptiveNoise", "constant": "ConstantNoise", "none": "NoNoise"}
 _NOISE_NUMBERS = {
-    "sigma": ("ConstantNoise",),
-    "sigma_min": ("AdaptiveNoise",),
-    "sigma_max": ("AdaptiveNoise",),
-    "alpha": ("AdaptiveNoise",),
-    "quantile": ("AdaptiveNoise",),
+    "sigma": "constant",
+    "sigma_min": "adaptive",
+    "sigma_max": "adaptive",
+    "alpha": "adaptive",
+    "quantile": "adaptive",
 }
 
 
-def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
-    values: dict[str, Any] = {"method": config.noise_method, **config.noise_numbers}
-    if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
-        values = {"method": _NOISE_METHODS[options.noise]}
-    for name, methods in _NOISE_NUMBERS.items():
-        value = getattr(options, name)
-        if value is None:
-            continue
-        if values["method"] not in methods:
-            option = "--" + name.replace("_", "-")
-            needed = "constant" if name == "sigma" else "adaptive"
-            raise InputError(f"{option} needs --noise {needed}")
-        values[name] = value
-    lowest, highest = values.get("sigma_min"), values.get("sigma_max")
-    if options.sigma_min is not None and highest is not None and lowest > highest:
-        raise InputError(f"--sigma-min {lowest:g} is above sigma_max, {highest:g}: set --sigma-max")
-    return config.with_section("Noise", values)
+def noise_numbers(options: argparse.Namespace, noise: str) -> dict[str, float]:
+    """The noise's numbers that were given.
+
+    Args:
+      options: what `plan_parser` parsed.
+      noise: the rule that they are for: "adaptive", "constant" or "none".
+
+    Raises:
+      InputError: if one of them belongs to another rule.
+    """
+    given = {name: getattr(options, name) for name in _NOISE_NUMBERS}
+    given = {name: value for name, value in given.items() if value is not None}
+    for name in given:
+        if _NOISE_NUMBERS[name] != noise:
+            raise InputError(f"{option_name(name)} needs --noise {_NOISE_NUMBERS[name]}")
+    return given
+
+
+def preset_name(options: argparse.Namespace) -> str:
+    """The preset that was asked for, or the one that the other options suppose.
+
+    Raises:
+      InputError: if an option does not go with the preset that was asked for.
+    """
+    given = [name for name in PLAIN_ONLY if getattr(options, name) not in (None, False)]
+    if options.preset is None:
+        return PLAIN_PRESET if given else DEFAULT_PRESET
+    if options.preset == DEFAULT_PRESET and given:
+        name = option_name(given[0])
+        raise InputError(f"{name} does not go with --preset {DEFAULT_PRESET}, which chooses it")
+    return str(options.preset)
+
+
+def check_plan_options(options: argparse.Namespace) -> None:
+    """Finds the mistakes that the options show by themselves.
+
+    Raises:
+      InputError: naming the option, if it does not go with another one.
+    """
+    if options.load is not None:
+        for name in TRAINING_ONLY:
+            if getattr(options, name) is not None:
+                raise InputError(
+                    f"{option_name(name)} does not go with --load, which trains nothing"
+                )
+        if options.replan:
+            raise InputError("--replan does not go with --load, which plans nothing")
+    elif options.config is None:
+        preset_name(options)
+        noise_numbers(options, options.noise or "adaptive")
+    elif options.noise is not None:
+        noise_numbers(options, options.noise)
+
+
+def option_name(attribute: str) -> str:
+    """How the user writes an option."""
+    return "--" + attribute.replace("_", "-")

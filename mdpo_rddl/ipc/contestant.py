@@ -1,5 +1,6 @@
 """One planner on one instance, as the process does it that is its own."""
 
+import math
 import shutil
 import tempfile
 import time
@@ -18,7 +19,6 @@ from mdpo_rddl.ipc.trial import OK, play
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.load import load_problem, make_environment
-from mdpo_rddl.session.report.summary import finite_or_none
 
 PREPARE, RESTORE = -2, -1
 """The phases that are no trials; those are named by their numbers, from 0."""
@@ -97,7 +97,7 @@ class Contestant:
             trial=trial,
             status=played.status,
             cause=played.cause,
-            total=finite_or_none(played.total),
+            total=played.total if math.isfinite(played.total) else None,
             steps=played.steps,
             violations=played.violations,
             seconds=round(time.perf_counter() - started, 3),

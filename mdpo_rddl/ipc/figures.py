@@ -9,7 +9,7 @@ matplotlib.use("Agg")  # files only: no display is needed
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mdpo_rddl.ipc.registry import FLOOR
+from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.score import Scores
 
 _COLOURS = ("#c8553d", "#1f6f8b", "#7fb7be", "#9aa5b1", "#d9c27e", "#5b7553", "#7d5a91")

@@ -11,7 +11,7 @@ from mdpo_rddl.planner.build import build_baseline
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
-from mdpo_rddl.planner.config.presets.by_domain import REPOSITORY_NAMES
+from mdpo_rddl.problem.competition import REPOSITORY_NAMES
 from mdpo_rddl.problem.load import Problem
 
 _MANY = 10_000_000

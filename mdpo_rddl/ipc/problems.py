@@ -8,8 +8,8 @@ from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Instance
-from mdpo_rddl.planner.config.presets.by_domain import REPOSITORY_NAMES
-from mdpo_rddl.problem.load import looks_like_file
+from mdpo_rddl.problem.competition import REPOSITORY_NAMES
+from mdpo_rddl.problem.files import looks_like_file
 
 COMPETITION = ",".join(f"{name}:1-5" for name in REPOSITORY_NAMES.values())
 """The forty instances of the 2023 competition."""

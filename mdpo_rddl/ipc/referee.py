@@ -1,40 +1,38 @@
 """What counts as a legal action in a run."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
 
+from mdpo_rddl.problem.episode import Verdict
 from mdpo_rddl.problem.legality import action_box
 
 
 class IllegalActionError(Exception):
-    """An action that the environment cannot take, whatever the rules say."""
+    """An action that ends the trial: the environment or the rules refuse it."""
 
 
-class Ruling(NamedTuple):
-    """What the referee makes of a planner's action.
-
-    Attributes:
-      actions: per action fluent, the tensor to play.
-      is_violation: whether a precondition of the domain does not hold.
-    """
-
-    actions: dict[str, Any]
-    is_violation: bool
+class ViolationError(IllegalActionError):
+    """An action that breaks a precondition of the domain."""
 
 
 class ContestReferee:
-    """Rules on actions in the current state of one environment."""
+    """Rules on actions in the current state of one environment; replaces none."""
 
-    def __init__(self, env: RDDLEnv) -> None:
-        """Reads the action box of a vectorized environment."""
-        self._env = env
+    def __init__(self, env: RDDLEnv, lenient: bool) -> None:
+        """Reads the action box of a vectorized environment.
+
+        Args:
+          env: the environment of the trial.
+          lenient: whether an action that breaks a precondition is played all the same.
+        """
+        self._env, self._lenient = env, lenient
         ranges, box = env.model.action_ranges, action_box(env)
         self._box = {name: box[name] for name, kind in ranges.items() if kind == "real"}
 
-    def rule(self, proposal: Mapping[str, Any]) -> Ruling:
+    def rule(self, proposal: Mapping[str, Any]) -> Verdict:
         """Completes an action and checks it.
 
         A planner that computes in 32 bit cannot hit a bound that only 64 bit can hold: a real
@@ -43,6 +41,7 @@ class ContestReferee:
         Raises:
           IllegalActionError: naming the cause, if the action has another form than the
             problem's, is not finite, or exceeds `max-nondef-actions`.
+          ViolationError: if it breaks a precondition, unless the trial is lenient.
         """
         sampler = self._env.sampler
         try:
@@ -58,4 +57,6 @@ class ContestReferee:
             is_rounded = given.astype(np.float32) == inside.astype(np.float32)
             actions[name] = np.where(is_rounded, inside, given)
         holds = sampler.check_action_preconditions(actions, silent=True)
-        return Ruling(actions, is_violation=not holds)
+        if not holds and not self._lenient:
+            raise ViolationError("a precondition of the domain does not hold")
+        return Verdict(actions, illegal=not holds)

@@ -7,6 +7,7 @@ from functools import partial
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.jaxplan import JaxPlanPlanner
 from mdpo_rddl.ipc.mdpo import MDPO
+from mdpo_rddl.ipc.names import check_name
 from mdpo_rddl.ipc.noop_player import NoopPlayer
 from mdpo_rddl.ipc.planner import Planner
 from mdpo_rddl.ipc.random_player import RandomPlayer
@@ -18,9 +19,7 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
     "noop": NoopPlayer,
     "random": RandomPlayer,
 }
-JAXPLAN = ("jaxplan-slp", "jaxplan-drp")
-FLOOR = ("noop", "random")
-"""The players that mark what 0 is worth."""
+"""In the order of `mdpo_rddl.ipc.names.PLANNER_NAMES`."""
 
 
 def make_planner(name: str) -> Planner:
@@ -47,9 +46,7 @@ def check_planner(name: str) -> None:
 def _class(name: str) -> Callable[[], Planner]:
     if name in PLANNERS:
         return PLANNERS[name]
-    known = f"known are {', '.join(PLANNERS)}, and any module:Class"
-    if name.count(":") != 1:
-        raise InputError(f"unknown planner {name!r}, {known}")
+    check_name(name)
     try:
         found = pkgutil.resolve_name(name)
     except Exception as error:  # whatever the module raises when it is imported

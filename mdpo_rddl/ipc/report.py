@@ -9,8 +9,8 @@ from typing import Any
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.conditions import load_conditions
 from mdpo_rddl.ipc.figures import draw_domains, draw_profiles
+from mdpo_rddl.ipc.names import JAXPLAN, PLANNER_NAMES
 from mdpo_rddl.ipc.published import published_table
-from mdpo_rddl.ipc.registry import JAXPLAN, PLANNERS
 from mdpo_rddl.ipc.results import EntryResult, load_results
 from mdpo_rddl.ipc.score import MODES, Scores, score
 from mdpo_rddl.ipc.tables import (
@@ -58,7 +58,8 @@ def write_report(root: Path) -> str:
 def ordered_planners(results: Sequence[EntryResult]) -> list[str]:
     """The planners of a run: somebody else's first, then the known ones in their order."""
     found = {result.entry.planner for result in results}
-    return sorted(found - set(PLANNERS)) + [name for name in PLANNERS if name in found]
+    own = [name for name in PLANNER_NAMES if name in found]
+    return sorted(found.difference(own)) + own
 
 
 def markdown(

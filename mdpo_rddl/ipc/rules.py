@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdpo_rddl.problem.load import looks_like_file
+from mdpo_rddl.problem.files import looks_like_file
 
 
 @dataclass(frozen=True)

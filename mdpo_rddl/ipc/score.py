@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.ipc.registry import FLOOR
+from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.results import EntryResult
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.ipc.trial import OK
@@ -21,8 +21,8 @@ MODES = ("strict", "lenient")
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One planner on one instance.
+class EntryScore:
+    """How one planner did on one instance.
 
     Attributes:
       mean: mean return over the trials that count; None where the planner failed.
@@ -58,7 +58,7 @@ class Scores:
     """
 
     planners: tuple[str, ...]
-    cells: Mapping[Instance, Mapping[str, Cell]]
+    cells: Mapping[Instance, Mapping[str, EntryScore]]
     domains: Mapping[str, Mapping[str, float]]
     overall: Mapping[str, float]
 
@@ -104,7 +104,7 @@ def score(results: Iterable[EntryResult], mode: str, planners: Sequence[str]) ->
     return Scores(tuple(planners), cells, domains, _overall(domains, planners))
 
 
-def _row(results: Mapping[str, EntryResult], mode: str) -> dict[str, Cell]:
+def _row(results: Mapping[str, EntryResult], mode: str) -> dict[str, EntryScore]:
     failures = {name: _failure(result, mode) for name, result in results.items()}
     played = {
         name: np.array([trial.total for trial in result.trials], float)
@@ -119,7 +119,7 @@ def _row(results: Mapping[str, EntryResult], mode: str) -> dict[str, Cell]:
         mean, interval = means.get(name), _interval(played.get(name))
         is_best = mean is not None and mean >= best
         ok = sum(_counts(trial.status, trial.violations, mode) for trial in result.trials)
-        row[name] = Cell(
+        row[name] = EntryScore(
             mean=mean,
             interval=interval,
             normalised=normalise(mean, floor, best),
@@ -166,7 +166,7 @@ def _interval(returns: np.ndarray | None) -> tuple[float, float] | None:
     return Evaluation(returns, np.zeros(len(returns), int), 0, 0).ci95
 
 
-def _means(rows: Sequence[Mapping[str, Cell]], planners: Iterable[str]) -> dict[str, float]:
+def _means(rows: Sequence[Mapping[str, EntryScore]], planners: Iterable[str]) -> dict[str, float]:
     means = {}
     for name in planners:
         values = [row[name].normalised for row in rows if name in row]

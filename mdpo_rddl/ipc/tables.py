@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from mdpo_rddl.ipc.registry import JAXPLAN
+from mdpo_rddl.ipc.names import JAXPLAN
 from mdpo_rddl.ipc.rules import Instance
-from mdpo_rddl.ipc.score import Cell, Scores
+from mdpo_rddl.ipc.score import EntryScore, Scores
 
 _NONE = "–"
 
@@ -124,7 +124,7 @@ def _score(value: float | None) -> str:
     return _NONE if value is None else f"{value:.3f}"
 
 
-def _mean(cell: Cell) -> str:
+def _mean(cell: EntryScore) -> str:
     assert cell.mean is not None
     text = format_return(cell.mean)
     if cell.interval is None:

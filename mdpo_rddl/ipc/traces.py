@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.problem.observation import is_observed
 
 
 class Trace:
@@ -15,6 +16,9 @@ class Trace:
 
     The file is numpy's compressed `.npz`, without pickles: "reward" [T], and for each fluent
     "state/NAME" [T, *shape], as observed before the action, and "action/NAME" [T, *shape].
+
+    What is not observed yet, as before the first step of a partially observed problem, is NaN:
+    a fluent of bools or integers is then kept as floats. Of names of objects it is "".
     """
 
     def __init__(self) -> None:
@@ -45,7 +49,10 @@ class Trace:
 
 
 def _stack(values: list[Any]) -> np.ndarray:
-    if values[0] is None:  # nothing is observed before the first step
-        rest = np.asarray(values[1:]) if values[1:] else np.zeros((0,))
-        return np.concatenate([np.full((1, *rest.shape[1:]), np.nan), rest])
-    return np.asarray(values)
+    seen = [np.asarray(value) for value in values if is_observed(value)]
+    if len(seen) == len(values):
+        return np.asarray(values)
+    shape = seen[0].shape if seen else ()
+    names = bool(seen) and seen[0].dtype.kind == "U"
+    hidden = np.full(shape, "" if names else np.nan)
+    return np.stack([np.asarray(value) if is_observed(value) else hidden for value in values])

@@ -1,4 +1,4 @@
-"""One trial: the ordinary loop on the exact environment."""
+"""One trial: an episode under the competition's rules."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,9 @@ from pyRDDLGym import RDDLEnv
 
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.ipc.planner import Planner
-from mdpo_rddl.ipc.referee import ContestReferee, IllegalActionError
+from mdpo_rddl.ipc.referee import ContestReferee, IllegalActionError, ViolationError
 from mdpo_rddl.ipc.traces import Trace
+from mdpo_rddl.problem.episode import Episode
 
 OK = "ok"
 ILLEGAL = "illegal"
@@ -48,32 +49,24 @@ def play(
       rng: the planner's random numbers.
       lenient: whether to go on after a broken precondition.
     """
-    referee, trace = ContestReferee(env), Trace()
+    trace = Trace()
+    episode = Episode(
+        env=env,
+        policy=lambda step, state: planner.act(step, state, rng),
+        referee=ContestReferee(env, lenient),
+        recorder=trace,
+    )
     state, _ = env.reset(seed=seed)
-    total, discount = 0.0, 1.0
-    step = violations = 0
-    status, cause = OK, ""
-    done = env.done
-    while not done:
-        try:
-            ruling = referee.rule(planner.act(step, state, rng))
-            if ruling.is_violation:
-                violations += 1
-                if not lenient:
-                    raise IllegalActionError("a precondition of the domain does not hold")
-            following, reward, terminated, truncated, _ = env.step(ruling.actions)
-        except IllegalActionError as error:
-            status, cause = ILLEGAL, f"step {step}: {one_line_cause(error)}"
-            break
-        except Exception as error:  # whatever a planner raises fails the trial, not the run
-            name = type(error).__name__
-            status, cause = ERROR, f"step {step}: {name}: {one_line_cause(error)}"
-            break
-        trace.add(state, ruling.actions, float(reward))
-        total += discount * float(reward)
-        discount *= env.discount
-        state, done = following, terminated or truncated
-        step += 1
-    if status == OK and not np.isfinite(total):
-        status, cause = NON_FINITE, f"the return is {total}"
-    return Played(status, cause, total, step, violations), trace
+    status, cause, violations = OK, "", 0
+    try:
+        episode.play(state)
+    except IllegalActionError as error:
+        violations += isinstance(error, ViolationError)
+        status, cause = ILLEGAL, f"step {episode.steps}: {one_line_cause(error)}"
+    except Exception as error:  # whatever a planner raises fails the trial, not the run
+        name = type(error).__name__
+        status, cause = ERROR, f"step {episode.steps}: {name}: {one_line_cause(error)}"
+    if status == OK and not np.isfinite(episode.total):
+        status, cause = NON_FINITE, f"the return is {episode.total}"
+    violations += episode.illegal
+    return Played(status, cause, episode.total, episode.steps, violations), trace

@@ -1,21 +1,18 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
 
+from mdpo_rddl.problem.episode import Episode, Policy
 from mdpo_rddl.problem.legality import Referee
-
-Policy = Callable[[int, Mapping[str, Any]], Mapping[str, Any]]
-"""(step, observation per fluent) -> action tensor per fluent."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy earned.
+    """The returns of a policy.
 
     Attributes:
       returns: discounted return of each episode [episodes].
@@ -23,8 +20,8 @@ class Evaluation:
         termination condition or a violated state invariant ended it.
       illegal_actions: steps, over all episodes, at which the policy's action broke a
         precondition or the limit on actions.
-      fallback_actions: how many of them played a legal action instead: the do-nothing action,
-        or, where that is illegal too, one near it.
+      fallback_actions: how many of them played a legal action instead: the no-op, or, where
+        that is illegal too, an action near it.
     """
 
     returns: np.ndarray
@@ -86,24 +83,13 @@ def evaluate(
     referee = Referee(env)
     played = []
     for episode_seed in episode_seeds(seed, episodes):
-        played.append(_play(env, policy, referee, episode_seed))
+        episode = Episode(env, policy, referee)
+        episode.play(env.reset(seed=episode_seed)[0])
+        played.append(episode)
         on_episode()
-    returns, lengths, illegal, fallback = zip(*played, strict=True)
-    return Evaluation(np.array(returns), np.array(lengths), sum(illegal), sum(fallback))
-
-
-def _play(env: RDDLEnv, policy: Policy, referee: Referee, seed: int) -> tuple[float, int, int, int]:
-    state, _ = env.reset(seed=seed)
-    total, discount = 0.0, 1.0
-    step = illegal = fallback = 0
-    done = env.done
-    while not done:
-        verdict = referee.rule(policy(step, state))
-        illegal += verdict.illegal
-        fallback += verdict.fallback
-        state, reward, terminated, truncated, _ = env.step(verdict.actions)
-        total += discount * float(reward)
-        discount *= env.discount
-        step += 1
-        done = terminated or truncated
-    return total, step, illegal, fallback
+    return Evaluation(
+        returns=np.array([episode.total for episode in played]),
+        lengths=np.array([episode.steps for episode in played]),
+        illegal_actions=sum(episode.illegal for episode in played),
+        fallback_actions=sum(episode.fallback for episode in played),
+    )

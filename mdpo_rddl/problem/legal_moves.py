@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.problem.legality import Referee, Verdict
+from mdpo_rddl.problem.episode import Verdict
+from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.observation import is_observed
 
 
 class LegalMoves:
@@ -29,7 +31,7 @@ class LegalMoves:
         """
         model, subs = self.env.model, self.env.sampler.subs
         for name, value in state.items():
-            if value is None:  # nothing is observed before the first step
+            if not is_observed(value):
                 continue
             if np.asarray(value).dtype.kind == "U":  # names of objects
                 kind = model.variable_ranges[name]

@@ -2,26 +2,14 @@
 
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.constraints import RDDLConstraints
 from pyRDDLGym.core.debug.exception import RDDLInvalidActionError
 
-
-class Verdict(NamedTuple):
-    """What to play.
-
-    Attributes:
-      actions: per fluent, the action tensor.
-      illegal: whether the proposal, clipped to its box, broke a rule.
-      fallback: whether `actions` is a legal action in its place.
-    """
-
-    actions: dict[str, Any]
-    illegal: bool
-    fallback: bool
+from mdpo_rddl.problem.episode import Verdict
 
 
 def action_box(env: RDDLEnv) -> dict[str, tuple[Any, Any]]:
@@ -33,7 +21,7 @@ def action_box(env: RDDLEnv) -> dict[str, tuple[Any, Any]]:
 
 
 class Referee:
-    """Checks proposals against the current state of one environment."""
+    """Replaces illegal proposals, in the current state of one environment, by legal actions."""
 
     def __init__(self, env: RDDLEnv) -> None:
         """Reads the action box of a vectorized environment."""
@@ -61,7 +49,7 @@ class Referee:
         return Verdict(actions, illegal=True, fallback=False)
 
     def _fallbacks(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-        """The do-nothing action; it with one bool changed; it with all bools of a fluent changed.
+        """The no-op; it with one bool changed; it with all bools of a fluent changed.
 
         A bool that the proposal changes comes before one that it leaves.
         """

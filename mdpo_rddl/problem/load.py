@@ -5,11 +5,9 @@ line numbers fit neither file. Here each file is parsed on its own, with pyRDDLG
 """
 
 import contextlib
-import difflib
 import hashlib
 import io
 import logging
-import os
 import re
 import tempfile
 import warnings
@@ -24,10 +22,10 @@ from pyRDDLGym.core.compiler.model import RDDLLiftedModel
 from pyRDDLGym.core.env import RDDLEnv
 from pyRDDLGym.core.parser.parser import RDDLlex, RDDLParser
 from pyRDDLGym.core.parser.rddl import RDDL
-from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.problem.files import ProblemFiles, read_problem
 
 logger = logging.getLogger(__name__)
 
@@ -64,28 +62,20 @@ def load_problem(
 ) -> Problem:
     """Parse and check a problem given as two files, or as two names of rddlrepository.
 
-    The arguments are two files if either looks like one: it has a path separator or the
-    suffix .rddl, or it exists. A `horizon` replaces the instance's own. `tables` is a file
-    that keeps the grammar's tables for the next run, a pickle that is trusted.
+    The arguments are those of `mdpo_rddl.problem.files.read_problem`. A `horizon` replaces the
+    instance's own. `tables` is a file that keeps the grammar's tables for the next run, a pickle
+    that is trusted.
 
     Raises `InputError` for whatever is wrong with the arguments or in the files.
     """
     if horizon is not None and not _is_positive_int(horizon):
         raise _input_error(f"--horizon must be a positive integer, got {horizon!r}")
-    are_files = looks_like_file(domain) or looks_like_file(instance)
-    if are_files:
-        domain_path, instance_path = Path(domain), Path(instance)
-        label = instance_path.stem
-    else:
-        domain_path, instance_path = _repository_paths(domain, instance)
-        label = f"{domain}-{instance}"
-    domain_text = _read_text(domain_path, "domain")
-    instance_text = _read_text(instance_path, "instance")
-    parser = _Parser(tables)
-    ast = _parse(parser, domain_path, domain_text, instance_path, instance_text)
+    files = read_problem(domain, instance)
+    domain_path, instance_path = files.domain_path, files.instance_path
+    ast = _parse(_Parser(tables), files)
     if horizon is not None:
         ast.instance.horizon = horizon
-    if are_files:  # Some pairs of rddlrepository disagree in their names, and still work.
+    if files.is_own:  # Some pairs of rddlrepository disagree in their names, and still work.
         _check_names(ast, domain_path, instance_path)
     _check_instance_block(ast, instance_path)
     with _guarded(domain_path, instance_path):
@@ -94,10 +84,10 @@ def load_problem(
         model=model,
         domain_name=ast.domain.name,
         instance_name=ast.instance.name,
-        label=label,
+        label=files.label,
         domain_path=domain_path,
         instance_path=instance_path,
-        digest=hashlib.sha256((domain_text + instance_text).encode()).hexdigest(),
+        digest=hashlib.sha256((files.domain_text + files.instance_text).encode()).hexdigest(),
     )
     _try_one_step(problem)
     return problem
@@ -118,45 +108,6 @@ def make_environment(problem: Problem, enforce_action_constraints: bool = False)
             # The simulator's default generator is one object that all simulators share.
             backend_kwargs={"rng": np.random.default_rng()},
         )
-
-
-def looks_like_file(argument: str) -> bool:
-    """Whether an argument is meant as a file, not as a name of rddlrepository."""
-    has_separator = "/" in argument or os.sep in argument
-    return has_separator or argument.lower().endswith(".rddl") or os.path.isfile(argument)
-
-
-def _repository_paths(name: str, instance: str) -> tuple[Path, Path]:
-    """Find a problem of rddlrepository. Raises `InputError` for an unknown name."""
-    manager = RDDLRepoManager()
-    known = manager.list_problems()
-    if name not in known:
-        by_lowercase = {problem.lower(): problem for problem in known}
-        close = difflib.get_close_matches(name.lower(), by_lowercase, n=4, cutoff=0.5)
-        hint = "; did you mean " + " or ".join(by_lowercase[match] for match in close) + "?"
-        raise _input_error(
-            f"'{name}' is neither a file nor a problem of rddlrepository" + (hint if close else "")
-        )
-    info = manager.get_problem(name)
-    available = info.list_instances()
-    if instance not in available:
-        raise _input_error(
-            f"'{instance}' is neither a file nor an instance of the rddlrepository problem "
-            f"'{name}', which has: {' '.join(available)}"
-        )
-    return Path(info.get_domain()), Path(info.get_instance(instance))
-
-
-def _read_text(path: Path, role: str) -> str:
-    """Read a file with Unix line ends. Raises `InputError` if it cannot be read.
-
-    A byte that is not UTF-8 becomes U+FFFD: legal in a comment, else refused by the lexer.
-    """
-    try:
-        return path.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        cause = error.strerror or type(error).__name__
-        raise _input_error(f"{path}: cannot read the {role} file: {cause}") from error
 
 
 class _Lexer(RDDLlex):
@@ -220,12 +171,11 @@ class _Parser(RDDLParser):
         raise _input_error(f"{self._path}:{p.lineno}: syntax error at {word}{hint}")
 
 
-def _parse(
-    parser: _Parser, domain_path: Path, domain_text: str, instance_path: Path, instance_text: str
-) -> RDDL:
+def _parse(parser: _Parser, files: ProblemFiles) -> RDDL:
     """Parse both files. Raises `InputError` for a syntax error or a missing block."""
-    blocks = parser.parse_file(domain_path, domain_text)
-    instance_blocks = parser.parse_file(instance_path, instance_text)
+    domain_path, instance_path = files.domain_path, files.instance_path
+    blocks = parser.parse_file(domain_path, files.domain_text)
+    instance_blocks = parser.parse_file(instance_path, files.instance_text)
     _require_block(blocks, "domain", "instance", domain_path)
     _require_block(instance_blocks, "instance", "domain", instance_path)
     blocks = {**blocks, **instance_blocks, "domain": blocks["domain"]}

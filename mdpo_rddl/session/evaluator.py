@@ -8,14 +8,14 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import make_environment
-from mdpo_rddl.session.requests import PlanRequest, Reporter
+from mdpo_rddl.session.requests import EvaluationTerms, Reporter
 
 
 @dataclass
 class Evaluator:
-    """Evaluates parameters of one planner as a request asks, and reports each episode."""
+    """Evaluates parameters of one planner on the given terms, and reports each episode."""
 
-    request: PlanRequest
+    terms: EvaluationTerms
     planner: MDPOPlanner
     policy_hyperparams: Mapping[str, Any]
     reporter: Reporter
@@ -24,10 +24,10 @@ class Evaluator:
     def run(self, params: Any) -> Evaluation:
         """Plays the policy with these parameters."""
         self._done = 0
-        env = make_environment(self.request.problem)
-        policy = playable(self.planner, params, self.policy_hyperparams, self.request.seed)
-        return evaluate(env, policy, self.request.episodes, self.request.seed, self._count)
+        env = make_environment(self.terms.problem)
+        policy = playable(self.planner, params, self.policy_hyperparams, self.terms.seed)
+        return evaluate(env, policy, self.terms.episodes, self.terms.seed, self._count)
 
     def _count(self) -> None:
         self._done += 1
-        self.reporter.episode(self._done, self.request.episodes)
+        self.reporter.episode(self._done, self.terms.episodes)

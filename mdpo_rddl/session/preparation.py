@@ -11,27 +11,27 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.load import make_environment
-from mdpo_rddl.session.requests import PlanRequest
+from mdpo_rddl.session.requests import EvaluationTerms
 
 
-def prepare(planner: MDPOPlanner, request: PlanRequest) -> None:
+def prepare(planner: MDPOPlanner, terms: EvaluationTerms) -> None:
     """Compiles the policy and imports what an evaluation needs.
 
     Args:
       planner: whose policies will be played.
-      request: how they will be played.
+      terms: how they will be played.
     """
     import scipy.special  # noqa: F401  (the figures of the evaluation need it)
 
     hyperparams = unit_hyperparams(planner)
     structure = planner.params_structure(hyperparams)
     zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), structure)
-    state, _ = make_environment(request.problem).reset(seed=0)
-    playable(planner, zeros, hyperparams, request.seed)(0, state)
+    state, _ = make_environment(terms.problem).reset(seed=0)
+    playable(planner, zeros, hyperparams, terms.seed)(0, state)
 
 
 @contextlib.contextmanager
-def preparing(planner: MDPOPlanner, request: PlanRequest) -> Iterator[Callable[[], None]]:
+def preparing(planner: MDPOPlanner, terms: EvaluationTerms) -> Iterator[Callable[[], None]]:
     """Prepares in a thread beside training, which leaves Python to others while JAX computes.
 
     Yields:
@@ -41,7 +41,7 @@ def preparing(planner: MDPOPlanner, request: PlanRequest) -> Iterator[Callable[[
     def work() -> None:
         # the evaluation itself will say what is wrong
         with contextlib.suppress(Exception):
-            prepare(planner, request)
+            prepare(planner, terms)
 
     thread = Thread(target=work)
 

@@ -22,6 +22,22 @@ class Reporter(Protocol):
         """An evaluation episode is done."""
 
 
+class EvaluationTerms(Protocol):
+    """What an evaluation must know of a request: the problem, the seed, how many episodes."""
+
+    @property
+    def problem(self) -> Problem:
+        """What is played."""
+
+    @property
+    def seed(self) -> int:
+        """Of the episodes, and of a policy that draws random numbers."""
+
+    @property
+    def episodes(self) -> int:
+        """How many are played on the exact environment."""
+
+
 @dataclass(frozen=True)
 class PlanRequest:
     """What to plan and how.

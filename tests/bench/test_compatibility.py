@@ -1,4 +1,4 @@
-"""The sweeps over problems: what a trial finds, how a bad end is recorded, the tables."""
+"""The sweeps over problems: what an attempt finds, how a bad end is recorded, the tables."""
 
 import importlib.metadata
 import textwrap
@@ -10,9 +10,10 @@ from helpers import workers
 from helpers.toy_experiments import add_row, nothing_to_do
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.problems import compatibility, ipc_smoke, trial
+from mdpo_rddl.bench.problems import attempts, compatibility
+from mdpo_rddl.bench.problems import names as problem_names
+from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS, PLANNERS, Attempt, run_attempt, try_all
 from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
-from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS, PLANNERS, Trial, run_trial, try_all
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Limits
@@ -49,7 +50,7 @@ def test_a_problem_with_limited_bools_trains_with_every_planner_through_the_comm
 @pytest.mark.parametrize("name", ["RecSim_ippc2023", "MarsRover_ippc2023"])
 @pytest.mark.parametrize("plan", ["drp", "slp"])
 def test_ours_trains_and_plays_legally(name, plan):
-    row = run_trial(Trial(name, "1", f"mdpo-{plan}", 2, 1, max_horizon=5, test_batch=1))
+    row = run_attempt(Attempt(name, "1", f"mdpo-{plan}", 2, 1, max_horizon=5, test_batch=1))
     assert (row["status"], row["cause"], row["horizon"]) == ("ok", "", 5)
     assert row["illegal_actions"] == 0
 
@@ -58,17 +59,17 @@ def test_what_trains_but_cannot_be_played_is_told_apart(tmp_path, monkeypatch):
     def evaluate(*arguments: object) -> None:
         raise RuntimeError("no such state")
 
-    monkeypatch.setattr(trial, "evaluate", evaluate)
+    monkeypatch.setattr(attempts, "evaluate", evaluate)
     domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
     _write_problem(domain, instance, cpf="s")
-    row = run_trial(Trial(str(domain), str(instance), "mdpo-slp", 1, 1))
+    row = run_attempt(Attempt(str(domain), str(instance), "mdpo-slp", 1, 1))
     assert (row["status"], row["cause"]) == ("not played", "no such state")
 
 
-def test_a_failing_trial_names_the_cause_without_this_machine_s_folders(tmp_path):
+def test_a_failing_attempt_names_the_cause_without_this_machine_s_folders(tmp_path):
     (tmp_path / "d.rddl").write_text("domain nothing { types { a : object; }; }")
     files = str(tmp_path / "d.rddl"), str(tmp_path / "none.rddl")
-    row = run_trial(Trial(*files, "mdpo-drp", 1, 1))
+    row = run_attempt(Attempt(*files, "mdpo-drp", 1, 1))
     assert row["status"] == "error"
     assert row["cause"] == "none.rddl: cannot read the instance file: No such file or directory"
     assert "return" not in row
@@ -85,7 +86,7 @@ def test_a_return_that_is_not_a_number_is_not_ok(tmp_path, planner, status, caus
     domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
     # a number in 64 bit, too large for 32
     _write_problem(domain, instance, cpf="s", reward="exp[700.0 + push]")
-    row = run_trial(Trial(str(domain), str(instance), planner, 1, 1))
+    row = run_attempt(Attempt(str(domain), str(instance), planner, 1, 1))
     assert row["status"] == status
     assert row["cause"].startswith(cause)
 
@@ -179,8 +180,8 @@ FATAL = Limits(seconds=5, memory_gb=1.2)
 def fates(tmp_path_factory) -> Records:
     """A sweep whose workers crash, exit, hang and take all memory."""
     records = Records(tmp_path_factory.mktemp("fates") / "rows.csv", COLUMNS, KEYS)
-    trials = [Trial("p", "1", fate, 1, 1) for fate in FATES]
-    try_all(records, trials, FATAL, workers.fate)
+    all_fates = [Attempt("p", "1", fate, 1, 1) for fate in FATES]
+    try_all(records, all_fates, FATAL, workers.fate)
     return records
 
 
@@ -206,19 +207,19 @@ def test_the_sweep_goes_on_after_every_kind_of_death(fates):
 
 def test_what_is_recorded_is_not_tried_again(fates, monkeypatch):
     again = Records(fates.path, COLUMNS, KEYS)
-    monkeypatch.setattr(trial, "run_guarded", nothing_to_do)
-    try_all(again, [Trial("p", "1", fate, 1, 1) for fate in FATES], FATAL, workers.fate)
+    monkeypatch.setattr(attempts, "run_guarded", nothing_to_do)
+    try_all(again, [Attempt("p", "1", fate, 1, 1) for fate in FATES], FATAL, workers.fate)
     assert again.rows == fates.rows
 
 
 def test_only_what_is_missing_is_tried(tmp_path, monkeypatch):
     tried: list[list[str]] = []
 
-    def pretend(work, trials, limits):
-        tried.append([f"{each.problem} {each.planner}" for each in trials])
-        return [(each, workers.ROW) for each in trials]
+    def pretend(work, attempts, limits):
+        tried.append([f"{each.problem} {each.planner}" for each in attempts])
+        return [(each, workers.ROW) for each in attempts]
 
-    monkeypatch.setattr(trial, "run_guarded", pretend)
+    monkeypatch.setattr(attempts, "run_guarded", pretend)
     names = ["Elevators", "SysAdmin_MDP_ippc2011"]
     records = run_compatibility(tmp_path, names, None, 3, 20, PLENTY)
     assert tried == [[f"{name} {planner}" for planner in PLANNERS] for name in names]
@@ -235,12 +236,14 @@ def test_only_what_is_missing_is_tried(tmp_path, monkeypatch):
 
 
 def test_all_problems_of_the_repository_are_the_default(tmp_path, monkeypatch):
-    problems: list[Trial] = []
-    monkeypatch.setattr(compatibility, "try_all", lambda _, trials, limits: problems.extend(trials))
+    problems: list[Attempt] = []
+    monkeypatch.setattr(
+        compatibility, "try_all", lambda _, attempts, limits: problems.extend(attempts)
+    )
     run_compatibility(tmp_path, None, None, 3, 20, PLENTY)
     names = {each.problem for each in problems}
     assert len(problems) == 4 * len(names)
-    assert {f"{domain}_ippc2023" for domain in ipc_smoke.DOMAINS} < names
+    assert {f"{domain}_ippc2023" for domain in problem_names.DOMAINS} < names
 
 
 # --- tables ----------------------------------------------------------------------------------

@@ -8,12 +8,14 @@ from helpers.problems import ROOT
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.configs import sweep as config_sweep
-from mdpo_rddl.bench.configs.candidates import PLANS, SCALES, candidates
+from mdpo_rddl.bench.configs.candidates import candidates
 from mdpo_rddl.bench.configs.choice import BASELINE, NOOP, REFERENCES, choose, mean_scores
+from mdpo_rddl.bench.configs.names import PLANS, SCALES
 from mdpo_rddl.bench.configs.sweep import (
     CHOSEN,
     COLUMNS,
     KEYS,
+    Grid,
     config_sweep_table,
     run_config_sweep,
     shipped_text,
@@ -21,7 +23,8 @@ from mdpo_rddl.bench.configs.sweep import (
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.presets.by_domain import REPOSITORY_NAMES, config_for_domain
+from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
+from mdpo_rddl.problem.competition import REPOSITORY_NAMES
 
 CONFIGS = ROOT / "mdpo_rddl" / "planner" / "config" / "shipped"
 RUNS = ROOT / "results" / "configs" / "runs.csv"
@@ -142,7 +145,8 @@ def test_the_chosen_one_can_be_tried_on_more_instances(tmp_path, monkeypatch):
     monkeypatch.setattr(config_sweep, "Records", lambda *_: records)
     tried = []
     monkeypatch.setattr(config_sweep, "_run", lambda records, runs, limits: tried.extend(runs))
-    run_config_sweep(tmp_path, ["HVAC"], ["1", "2"], [CHOSEN], 1.0, 1, Limits(1, 1))
+    grid = Grid(["HVAC"], ["1", "2"], names=[CHOSEN])
+    run_config_sweep(tmp_path, grid, 1.0, 1, Limits(1, 1))
     assert [(run.instance, run.plan, run.candidate) for run in tried] == [
         ("1", "drp", NOOP),
         *(("2", "drp", NOOP), ("2", "drp", BASELINE), ("2", "drp", "low")),
@@ -152,5 +156,6 @@ def test_the_chosen_one_can_be_tried_on_more_instances(tmp_path, monkeypatch):
 
 
 def test_an_unknown_candidate_is_bad_input(tmp_path):
+    grid = Grid(["HVAC"], ["1"], names=["none of them"])
     with pytest.raises(InputError, match="unknown candidate 'none of them', known are jaxplan"):
-        run_config_sweep(tmp_path, ["HVAC"], ["1"], ["none of them"], 1.0, 1, Limits(1, 1))
+        run_config_sweep(tmp_path, grid, 1.0, 1, Limits(1, 1))

@@ -4,9 +4,9 @@ from helpers import workers
 from helpers.toy_experiments import add_row
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.problems import ipc_smoke, trial
+from mdpo_rddl.bench.problems import attempts, names
+from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS
 from mdpo_rddl.bench.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
-from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS
 from mdpo_rddl.cli import bench
 from mdpo_rddl.machine.guarded import Limits
 
@@ -16,14 +16,14 @@ PLENTY = Limits(seconds=120, memory_gb=8)
 def test_every_ipc_run_has_a_process_of_its_own(tmp_path, monkeypatch):
     tried, batches = [], {}
 
-    def pretend(work, trials, limits):
-        (each,) = trials
+    def pretend(work, attempts, limits):
+        (each,) = attempts
         tried.append((each.problem, each.instance, each.planner, each.iterations, each.episodes))
         batches[each.problem, each.instance] = each.test_batch
         return [(each, workers.ROW)]
 
-    monkeypatch.setattr(trial, "run_guarded", pretend)
-    run_ipc_smoke(tmp_path, ipc_smoke.DOMAINS, ipc_smoke.INSTANCES, 50, 2, PLENTY)
+    monkeypatch.setattr(attempts, "run_guarded", pretend)
+    run_ipc_smoke(tmp_path, names.DOMAINS, names.INSTANCES, 50, 2, PLENTY)
     assert len(set(tried)) == len(tried) == 8 * 5 * 2
     assert tried[0] == ("HVAC_ippc2023", "1", "mdpo-drp", 50, 2)
     assert tried[-1] == ("UAV_ippc2023", "5", "mdpo-slp", 50, 2)
@@ -47,7 +47,9 @@ def test_the_ipc_table_worked_by_hand(tmp_path):
 
 
 def test_the_ipc_command_writes_its_table(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(trial, "run_guarded", lambda work, trials, _: [(trials[0], workers.ROW)])
+    monkeypatch.setattr(
+        attempts, "run_guarded", lambda work, attempts, _: [(attempts[0], workers.ROW)]
+    )
     options = ["--domains", "UAV", "--instances", "1", "--out", str(tmp_path)]
     assert bench.main(["ipc-smoke", *options]) == 0
     printed = capsys.readouterr().out

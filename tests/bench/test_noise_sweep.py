@@ -3,15 +3,23 @@
 from collections.abc import Iterator
 
 import pytest
-from helpers.toy_experiments import OPTIONS, SIZE, compiled_once, interrupt_training, nothing_to_do
+from helpers.toy_experiments import (
+    OPTIONS,
+    SETTINGS,
+    SIZE,
+    compiled_once,
+    interrupt_training,
+    nothing_to_do,
+)
 
 from mdpo_rddl.bench.common import full_training
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.presets import noise_sweep
-from mdpo_rddl.bench.presets.noise_sweep import sweep, sweep_table
+from mdpo_rddl.bench.presets.noise_sweep import NoisePoint, sweep, sweep_table
 from mdpo_rddl.cli import bench
 
-SWEEP = {**SIZE, "alphas": [0.5, 2.0], "sigma_maxes": [10.0]}
+GRID = [NoisePoint(0.5, 10.0), NoisePoint(2.0, 10.0)]
+SWEEP = {"settings": SETTINGS, "grid": GRID, "size": SIZE}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -35,7 +43,7 @@ def test_the_sweep_has_a_row_for_every_combination_and_seed(swept):
 
 def test_the_order_of_the_sweep_does_not_matter(swept, tmp_path):
     # one compiled planner serves all combinations
-    backwards = sweep(tmp_path, **SWEEP | {"alphas": [2.0, 0.5]})
+    backwards = sweep(tmp_path, **SWEEP | {"grid": GRID[::-1]})
     assert backwards.rows == [*swept.rows[2:], *swept.rows[:2]]
 
 

@@ -2,9 +2,17 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
-from helpers.toy_experiments import OPTIONS, SIZE, compiled_once, interrupt_training, nothing_to_do
+from helpers.toy_experiments import (
+    OPTIONS,
+    SETTINGS,
+    SIZE,
+    compiled_once,
+    interrupt_training,
+    nothing_to_do,
+)
 
 from mdpo_rddl.bench.common import full_training
 from mdpo_rddl.bench.common.records import Records
@@ -12,7 +20,7 @@ from mdpo_rddl.bench.presets import paper_preset
 from mdpo_rddl.bench.presets.paper_preset import paper_preset_table, run_paper_preset
 from mdpo_rddl.cli import bench, plan
 
-MEASUREMENT = {**SIZE, "noises": ["none", "adaptive"]}
+MEASUREMENT = {"settings": SETTINGS, "noises": ["none", "adaptive"], "size": SIZE}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -72,7 +80,7 @@ def test_a_paper_preset_stopped_in_a_training_goes_on(measured, tmp_path, monkey
 
 
 def test_more_seeds_leave_those_that_are_there(measured, tmp_path):
-    one = run_paper_preset(tmp_path, **MEASUREMENT | {"seeds": 1})
+    one = run_paper_preset(tmp_path, **MEASUREMENT | {"size": replace(SIZE, seeds=1)})
     assert without_seconds(one.rows) == without_seconds(measured.rows[0::2])
     two = run_paper_preset(tmp_path, **MEASUREMENT)
     assert two.rows[:2] == one.rows

@@ -3,7 +3,10 @@
 from helpers.mistakes import one_line
 from helpers.problems import ROOT
 
-from mdpo_rddl.bench.common.settings import DOMAIN_FILES, load_setting
+from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.settings import load_setting
+from mdpo_rddl.bench.presets.auto_variants import VARIANTS
+from mdpo_rddl.bench.presets.names import VARIANT_NAMES
 from mdpo_rddl.bench.presets.paper_preset import PAPER
 
 
@@ -23,3 +26,7 @@ def test_an_unknown_setting_names_the_known_ones():
 def test_a_setting_without_its_files_names_the_missing_one(tmp_path):
     message = one_line(lambda: load_setting("hvac10", tmp_path))
     assert message.startswith(f"{tmp_path / 'domains' / 'hvac.rddl'}: cannot read")
+
+
+def test_the_command_offers_the_variants_that_there_are():
+    assert tuple(VARIANTS) == VARIANT_NAMES

@@ -8,7 +8,7 @@ from helpers.mistakes import one_line
 from helpers.toy_contest import RULES, entry, tiny_instance
 from rich.console import Console
 
-from mdpo_rddl.cli import ipc
+from mdpo_rddl.cli import ipc, ipc_commands
 from mdpo_rddl.cli.ipc_display import LiveTable
 from mdpo_rddl.ipc import run as running
 from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
@@ -75,7 +75,7 @@ def test_agent_plays_one_instance(problem, tmp_path, capsys, monkeypatch):
 
 def test_agent_knows_the_domains_by_the_competitions_names(tmp_path, capsys, monkeypatch):
     asked = []
-    monkeypatch.setattr(ipc, "run", lambda out, entries, *_: asked.extend(entries))
+    monkeypatch.setattr(ipc_commands, "run", lambda out, entries, *_: asked.extend(entries))
     ipc.main(["agent", "HVAC", "2", "noop", "1", "--out", str(tmp_path / "out")])
     assert [each.problem for each in asked] == [Instance("HVAC_ippc2023", "2")]
 
@@ -84,7 +84,7 @@ def test_an_interrupt_ends_with_one_line(problem, tmp_path, capsys, monkeypatch)
     def interrupt(*args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ipc, "run", interrupt)
+    monkeypatch.setattr(ipc_commands, "run", interrupt)
     options = ["--problems", text_of(problem), "--out", str(tmp_path / "out")]
     assert ipc.main(["run", "--planners", "noop", *options]) == 130
     (line,) = capsys.readouterr().err.splitlines()

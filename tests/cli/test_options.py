@@ -7,7 +7,8 @@ from helpers.config_texts import TEXT
 from helpers.mistakes import one_line
 
 from mdpo_rddl import AdaptiveNoise, ConstantNoise
-from mdpo_rddl.cli.options import configure, plan_parser
+from mdpo_rddl.cli.configure import configure
+from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 

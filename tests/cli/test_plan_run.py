@@ -190,6 +190,8 @@ def test_the_same_seed_gives_the_same_run_and_quiet_json_exactly_one_line(
 
 def test_the_search_is_imported_only_by_the_preset_that_searches() -> None:
     # its package brings scipy.stats, a good part of a second
-    code = "import sys, mdpo_rddl.cli.plan; print({'cmaes', 'mdpo_rddl.auto'} & set(sys.modules))"
+    code = (
+        "import sys, mdpo_rddl.cli.planning; print({'cmaes', 'mdpo_rddl.auto'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

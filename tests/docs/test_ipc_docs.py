@@ -8,7 +8,7 @@ from helpers.toy_contest import tiny_instance
 
 from mdpo_rddl.cli import ipc
 from mdpo_rddl.ipc import run as running
-from mdpo_rddl.ipc.registry import PLANNERS
+from mdpo_rddl.ipc.names import PLANNER_NAMES
 from mdpo_rddl.ipc.results import load_results
 from mdpo_rddl.machine.executors import SlurmExecutor
 
@@ -40,7 +40,7 @@ def test_the_example_planner_takes_part_and_beats_noop(tmp_path, monkeypatch, ca
 
 def test_every_planner_and_every_option_is_described():
     table = PAGE[: PAGE.index("## A run")]
-    for name in PLANNERS:
+    for name in PLANNER_NAMES:
         assert f"`{name}`" in table
     described = set(re.findall(r"--[a-z][a-z-]*", PAGE))
     known = set()

@@ -9,15 +9,17 @@ import pytest
 from helpers.problems import ROOT
 from mdpo_rddl.bench.common import full_training
 from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.bench.presets import noise_sweep, paper_preset
-from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS
+from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.session import plan as offline
 
 OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]
-SIZE: dict[str, Any] = {"settings": ["powergen7"], "seeds": 2, "iterations": 3, "episodes": 2}
+SETTINGS = ["powergen7"]
+SIZE = Size(seeds=2, iterations=3, episodes=2)
 
 
 @contextlib.contextmanager
@@ -60,6 +62,6 @@ def interrupt_training(monkeypatch, number: int) -> None:
 
 
 def add_row(records: Records, *key: str, **values: object) -> None:
-    """Adds a trial's row that is ok but for what is given."""
+    """Adds an attempt's row that is ok but for what is given."""
     row = {"status": "ok", "cause": "", "horizon": 20, "seconds": 1.6, "peak_mb": 600.4, **values}
     records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))

@@ -6,21 +6,21 @@ import subprocess
 import time
 from typing import Any
 
-from mdpo_rddl.bench.problems.trial import Trial
+from mdpo_rddl.bench.problems.attempts import Attempt
 
 ROW = {"status": "ok", "cause": "", "horizon": 5, "seconds": 0.1, "peak_mb": 100}
 
 
-def fate(trial: Trial) -> dict[str, Any]:
+def fate(attempt: Attempt) -> dict[str, Any]:
     """Ends as the planner's name says."""
-    if trial.planner == "crash":
+    if attempt.planner == "crash":
         os.write(2, b"check failed:\n  no such kernel\n")
         os.kill(os.getpid(), signal.SIGABRT)
-    if trial.planner == "exit":
+    if attempt.planner == "exit":
         os._exit(3)
-    if trial.planner == "hang":
+    if attempt.planner == "hang":
         time.sleep(600)
-    if trial.planner == "hungry":
+    if attempt.planner == "hungry":
         hoard = [bytearray(b"x" * 2**25) for _ in range(60)]  # 2 GB
         time.sleep(600)
         del hoard

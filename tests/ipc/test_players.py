@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from mdpo_rddl.ipc.names import FLOOR, JAXPLAN, PLANNER_NAMES
 from mdpo_rddl.ipc.noop_player import NoopPlayer
 from mdpo_rddl.ipc.random_player import RandomPlayer
+from mdpo_rddl.ipc.registry import PLANNERS
 from mdpo_rddl.ipc.trial import play
 from mdpo_rddl.problem.load import load_problem, make_environment
 
@@ -127,3 +129,8 @@ def test_both_play_legally(name):
         result, _ = play(make_environment(problem), player, 0, rng, lenient=False)
         assert result.status == "ok", result.cause
         assert result.violations == 0
+
+
+def test_the_names_that_are_offered_are_the_planners_that_there_are():
+    assert tuple(PLANNERS) == PLANNER_NAMES
+    assert {*JAXPLAN, *FLOOR} < set(PLANNER_NAMES)

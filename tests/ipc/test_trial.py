@@ -5,7 +5,7 @@ import pytest
 from helpers import toy_contest
 from helpers.problems import tiny_files
 
-from mdpo_rddl.ipc.referee import ContestReferee, IllegalActionError
+from mdpo_rddl.ipc.referee import ContestReferee, IllegalActionError, ViolationError
 from mdpo_rddl.ipc.traces import Trace
 from mdpo_rddl.ipc.trial import play
 from mdpo_rddl.problem.evaluation import episode_seeds, evaluate
@@ -132,13 +132,15 @@ def test_a_bound_that_32_bit_cannot_hold_is_no_violation(tmp_path):
     path.write_text(path.read_text().replace("push(?u) <= 1.0", "push(?u) <= 0.1"))
     env = make_environment(load_problem(domain, instance))
     env.reset(seed=0)
-    referee = ContestReferee(env)
+    referee = ContestReferee(env, lenient=True)
     rounded = np.full(2, np.float32(0.1))
     assert np.all(rounded.astype(float) > 0.1)
-    ruling = referee.rule({"push": rounded})
-    np.testing.assert_array_equal(ruling.actions["push"], 0.1)
-    assert not ruling.is_violation
+    verdict = referee.rule({"push": rounded})
+    np.testing.assert_array_equal(verdict.actions["push"], 0.1)
+    assert not verdict.illegal
     beyond = np.nextafter(np.float32(0.1), np.float32(1.0))
-    assert referee.rule({"push": np.array([0.0, beyond])}).is_violation
+    assert referee.rule({"push": np.array([0.0, beyond])}).illegal
+    with pytest.raises(ViolationError):
+        ContestReferee(env, lenient=False).rule({"push": np.array([0.0, beyond])})
     with pytest.raises(IllegalActionError):
         referee.rule({"push": np.array([np.inf, 0.0])})

@@ -11,9 +11,9 @@ from mdpo_rddl.cli.plan import main
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.policy.replanning import OnlinePolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
-from mdpo_rddl.session.replan import OnlinePolicy
 
 RESERVOIR = [
     str(ROOT / "domains" / "reservoir.rddl"),

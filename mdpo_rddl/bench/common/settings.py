@@ -2,17 +2,9 @@
 
 from pathlib import Path
 
+from mdpo_rddl.bench.common.names import DOMAIN_FILES
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem.load import Problem, load_problem
-
-DOMAIN_FILES = {
-    "hvac10": "hvac.rddl",
-    "hvac20": "hvac.rddl",
-    "powergen7": "powergen.rddl",
-    "powergen11": "powergen.rddl",
-    "reservoir15": "reservoir.rddl",
-    "reservoir30": "reservoir.rddl",
-}
 
 
 def setting_files(name: str, root: Path = Path()) -> tuple[str, str]:

@@ -2,24 +2,13 @@
 
 from typing import Any
 
+from mdpo_rddl.bench.configs.names import SCALES
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
 
-PLANS = ("drp", "slp")
 MANY = 1_000_000
 """Iterations: only the time ends a training."""
 
-# what counts as a strong noise, in units of the domain's actions (RecSim: of its logits)
-SCALES = {
-    "HVAC": 10.0,
-    "MarsRover": 1.0,
-    "MountainCar": 1.0,
-    "PowerGen": 10.0,
-    "RaceCar": 1.0,
-    "RecSim": 1.0,
-    "Reservoir": 10.0,
-    "UAV": 1.0,
-}
 _SHIPPED_SECONDS = 60
 
 

@@ -5,7 +5,7 @@ The configurations that the project ships are what `choose` makes of the rows.
 
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -15,8 +15,9 @@ import jax
 import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.configs.candidates import MANY, PLANS, candidates
+from mdpo_rddl.bench.configs.candidates import MANY, candidates
 from mdpo_rddl.bench.configs.choice import BASELINE, NOOP, REFERENCES, choose
+from mdpo_rddl.bench.configs.names import PLANS
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
 from mdpo_rddl.machine.versions import versions
@@ -55,15 +56,25 @@ class Run:
     episodes: int
 
 
+@dataclass(frozen=True)
+class Grid:
+    """What is tried on what.
+
+    Attributes:
+      domains: keys of `SCALES`.
+      instances: names of instances.
+      plans: out of `PLANS`.
+      names: of the candidates; all if None. `CHOSEN` is the one that the rows so far speak for.
+    """
+
+    domains: Sequence[str]
+    instances: Sequence[str]
+    plans: Sequence[str] = PLANS
+    names: Sequence[str] | None = None
+
+
 def run_config_sweep(
-    out: Path,
-    domains: Iterable[str],
-    instances: Iterable[str],
-    names: Sequence[str] | None,
-    seconds: float,
-    episodes: int,
-    limits: Limits,
-    plans: Iterable[str] = PLANS,
+    out: Path, grid: Grid, seconds: float, episodes: int, limits: Limits
 ) -> Records:
     """Trains and plays every candidate and JaxPlan's own planner, one after the other.
 
@@ -71,32 +82,28 @@ def run_config_sweep(
 
     Args:
       out: results folder.
-      domains: keys of `SCALES`.
-      instances: names of instances.
-      names: of the candidates; all if None. `CHOSEN` is the one that the rows so far speak for.
+      grid: what is tried on what.
       seconds: of training for each.
       episodes: evaluation episodes; each planner plays the same.
       limits: for each run.
-      plans: out of `PLANS`.
 
     Raises:
       InputError: for an unknown candidate.
     """
     known = candidates("HVAC", "drp")
-    for name in names or ():
+    for name in grid.names or ():
         if name not in (CHOSEN, *known):
             raise InputError(f"unknown candidate {name!r}, known are {', '.join(known)}")
     conditions = {"seconds": seconds, "episodes": episodes, "versions": versions()}
     records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
-    instances, plans = list(instances), list(plans)
-    for domain in domains:
-        for plan in plans:
+    for domain in grid.domains:
+        for plan in grid.plans:
             chosen = choose(records.rows, domain, plan)
-            wanted = [chosen if name == CHOSEN else name for name in names or known]
+            wanted = [chosen if name == CHOSEN else name for name in grid.names or known]
             tried = [name for name in candidates(domain, plan) if name in wanted]
             runs = [
                 Run(domain, instance, plan, candidate, seconds, episodes)
-                for instance in instances
+                for instance in grid.instances
                 for candidate in [*REFERENCES, *tried]
                 if not records.has(domain, instance, plan, candidate)
             ]

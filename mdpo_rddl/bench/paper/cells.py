@@ -10,6 +10,7 @@ import numpy as np
 from safetensors.numpy import load_file, save
 
 from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.policy.file import flatten, unflatten
@@ -21,25 +22,30 @@ _PARAMS = "params"
 
 
 @dataclass(frozen=True)
+class PaperSize(Size):
+    """The size of one cell's measurement; only the last iterate plays `episodes`.
+
+    Attributes:
+      rollouts: of each evaluated iterate on the exact compiled model.
+    """
+
+    rollouts: int
+
+
+@dataclass(frozen=True)
 class Cell:
     """One cell of the paper's table, and how it is measured.
 
     Attributes:
       out: results folder.
       setting, method: what is trained with what.
-      seeds: number of seeds, from 0.
-      iterations: of training.
-      rollouts: of each evaluated iterate on the exact compiled model.
-      episodes: of each seed's last iterate on the exact numpy environment.
+      size: of the measurement.
     """
 
     out: Path
     setting: str
     method: str
-    seeds: int
-    iterations: int
-    rollouts: int
-    episodes: int
+    size: PaperSize
 
     @property
     def folder(self) -> Path:

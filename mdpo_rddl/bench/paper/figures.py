@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 
-from mdpo_rddl.bench.common.settings import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import DOMAIN_FILES
 from mdpo_rddl.bench.paper.landscape import Landscape
-from mdpo_rddl.bench.paper.methods import ADAPTIVE, METHODS
+from mdpo_rddl.bench.paper.names import ADAPTIVE, METHODS
 from mdpo_rddl.bench.paper.tables import Key, Measured
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart

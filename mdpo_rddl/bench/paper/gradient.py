@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from mdpo_rddl.bench.paper.iterates import Iterate, timed
-from mdpo_rddl.bench.paper.methods import JAXPLAN
+from mdpo_rddl.bench.paper.names import JAXPLAN
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_baseline, build_planner
 from mdpo_rddl.planner.built import Built

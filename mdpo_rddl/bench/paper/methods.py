@@ -2,13 +2,10 @@
 
 from typing import Any
 
+from mdpo_rddl.bench.paper.names import ADAPTIVE
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.config.presets.paper import with_decay
-
-PPO, JAXPLAN, ADAPTIVE = "ppo", "jaxplan", "adaptive"
-METHODS = (PPO, "deterministic", JAXPLAN, "constant-1", "constant-3", ADAPTIVE)
-"""In the order of the paper's table."""
 
 # What the paper leaves open, one set for a domain and all methods, chosen by the sweeps in
 # results/noise_sweep (decay 0.99) and results/decay_0.9/noise_sweep; docs/paper.md says why.

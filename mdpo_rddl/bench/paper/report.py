@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mdpo_rddl.bench.common.settings import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import DOMAIN_FILES
 from mdpo_rddl.bench.paper.cells import load_played, load_trained
 from mdpo_rddl.bench.paper.figures import draw_landscapes, draw_learning_curves, draw_noise
 from mdpo_rddl.bench.paper.landscape import load_landscape
-from mdpo_rddl.bench.paper.methods import METHODS
+from mdpo_rddl.bench.paper.names import METHODS
 from mdpo_rddl.bench.paper.tables import (
     Key,
     Measured,

@@ -11,6 +11,7 @@ from jax import random
 
 from mdpo_rddl.bench.paper.cells import (
     Cell,
+    PaperSize,
     Trained,
     load_policies,
     load_trained,
@@ -20,7 +21,8 @@ from mdpo_rddl.bench.paper.cells import (
 from mdpo_rddl.bench.paper.exact import exact_problem, exact_returns, problem_of
 from mdpo_rddl.bench.paper.gradient import train_by_gradient
 from mdpo_rddl.bench.paper.iterates import kept_iterations
-from mdpo_rddl.bench.paper.methods import ADAPTIVE, PPO, method_config
+from mdpo_rddl.bench.paper.methods import method_config
+from mdpo_rddl.bench.paper.names import ADAPTIVE, PPO
 from mdpo_rddl.bench.paper.ppo import train_ppo
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.executors import Executor
@@ -41,10 +43,7 @@ def run_paper(
     out: Path,
     settings: Iterable[str],
     methods: Iterable[str],
-    seeds: int,
-    iterations: int,
-    rollouts: int,
-    episodes: int,
+    size: PaperSize,
     executor: Executor,
 ) -> None:
     """Measures every cell that is not there yet.
@@ -52,18 +51,11 @@ def run_paper(
     Args:
       out: results folder.
       settings, methods: of the cells.
-      seeds: number of seeds.
-      iterations: of training.
-      rollouts: of each evaluated iterate on the exact compiled model.
-      episodes: of each seed's last iterate on the exact numpy environment.
+      size: of each cell.
       executor: where a cell is measured.
     """
     methods = list(methods)
-    cells = [
-        Cell(out, setting, method, seeds, iterations, rollouts, episodes)
-        for setting in settings
-        for method in methods
-    ]
+    cells = [Cell(out, setting, method, size) for setting in settings for method in methods]
     executor.run(run_cell, [cell for cell in cells if not _is_done(cell)])
 
 
@@ -77,17 +69,17 @@ def run_cell(cell: Cell) -> None:
     trained = _kept_training(cell)
     if trained is None:
         trained = _train(cell)
-    played = open_played(cell.folder, cell.episodes)
-    missing = [seed for seed in range(cell.seeds) if not played.has(seed)]
+    played = open_played(cell.folder, cell.size.episodes)
+    missing = [seed for seed in range(cell.size.seeds) if not played.has(seed)]
     if not missing:
         return
-    exact = exact_problem(cell.setting, cell.rollouts)
+    exact = exact_problem(cell.setting, cell.size.rollouts)
     env, policies = make_environment(exact.problem), load_policies(cell.folder)
     hyperparams = unit_hyperparams(exact.planner)
     for seed in missing:
         started = time.perf_counter()
         policy = playable(exact.planner, select_restart(policies, seed), hyperparams, seed)
-        returns = evaluate(env, policy, cell.episodes, seed).returns
+        returns = evaluate(env, policy, cell.size.episodes, seed).returns
         text = " ".join(f"{value:.3f}" for value in returns)
         played.add(seed, text, round(time.perf_counter() - started, 2))
     logger.info("%s %s: played", cell.setting, cell.method)
@@ -96,8 +88,8 @@ def run_cell(cell: Cell) -> None:
 def _is_done(cell: Cell) -> bool:
     if _kept_training(cell) is None:
         return False
-    played = open_played(cell.folder, cell.episodes)
-    return all(played.has(seed) for seed in range(cell.seeds))
+    played = open_played(cell.folder, cell.size.episodes)
+    return all(played.has(seed) for seed in range(cell.size.seeds))
 
 
 def _kept_training(cell: Cell) -> Trained | None:
@@ -110,22 +102,22 @@ def _kept_training(cell: Cell) -> Trained | None:
             raise InputError(
                 f"{cell.folder}: holds results made with another {name}; use another --out"
             )
-    return trained if trained.seeds >= cell.seeds else None
+    return trained if trained.seeds >= cell.size.seeds else None
 
 
 def _train(cell: Cell) -> Trained:
     started = time.perf_counter()
     problem = problem_of(cell.setting)
-    config = method_config(problem.domain_name, cell.method, cell.seeds)
+    config = method_config(problem.domain_name, cell.method, cell.size.seeds)
     key = random.PRNGKey(_KEY)
-    kept = kept_iterations(cell.iterations)
+    kept = kept_iterations(cell.size.iterations)
     if cell.method == PPO:
         training = train_ppo(problem, config, key, kept)
     else:
         training = train_by_gradient(problem, cell.method, config, key, kept)
     iterates = list(training)
     after_training = time.perf_counter()
-    returns = exact_returns(cell.setting, cell.rollouts, iterates)
+    returns = exact_returns(cell.setting, cell.size.rollouts, iterates)
     sigmas = [i.sigma for i in iterates if i.sigma is not None and cell.method == ADAPTIVE]
     train_seconds = iterates[-1].seconds
     trained = Trained(
@@ -151,7 +143,7 @@ def _conditions(cell: Cell) -> dict[str, Any]:
     config = method_config(problem.domain_name, cell.method, 1)
     return {
         "problem": problem.digest,
-        "iterations": cell.iterations,
-        "rollouts": cell.rollouts,
+        "iterations": cell.size.iterations,
+        "rollouts": cell.size.rollouts,
         "configuration": config.to_text(),
     }

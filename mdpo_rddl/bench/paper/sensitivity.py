@@ -12,7 +12,17 @@ from mdpo_rddl.bench.common.records import Records, mean_and_spread
 from mdpo_rddl.bench.paper.exact import exact_returns, problem_of
 from mdpo_rddl.bench.paper.gradient import DivergedError, train_by_gradient
 from mdpo_rddl.bench.paper.iterates import LAST, kept_iterations
-from mdpo_rddl.bench.paper.methods import ADAPTIVE, method_config
+from mdpo_rddl.bench.paper.methods import method_config
+from mdpo_rddl.bench.paper.names import (
+    ACTIVATION,
+    ADAPTIVE,
+    AFTER,
+    BASE,
+    ENTRY,
+    FACTORS,
+    SENSITIVITY_SETTINGS,
+    WEIGHT,
+)
 from mdpo_rddl.bench.paper.relaxation import with_relaxation
 from mdpo_rddl.noise.projection import project_and_perturb
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -23,23 +33,6 @@ logger = logging.getLogger(__name__)
 
 COLUMNS = ("setting", "factor", "value", "seed", "last_5")
 KEYS = COLUMNS[:4]
-SETTINGS = ("hvac10", "powergen7", "reservoir15")
-BASE, ENTRY, WEIGHT = "as in the table", "noise enters", "relaxation weight"
-AFTER = "after the projection"
-ACTIVATION = "activation"
-FACTORS: dict[str, tuple[Any, ...]] = {
-    "alpha": (0.25, 1.0, 4.0),
-    "sigma_max": (3.0, 10.0, 30.0),
-    "sigma_min": (0.1, 1.0),
-    "quantile": (0.5, 0.8, 1.0),
-    "analysis_samples": (4, 16),
-    ENTRY: (AFTER,),
-    WEIGHT: (1.0, 10.0, 1000.0),
-    "decay": (0.9, 0.99),
-    ACTIVATION: ("relu",),
-    "initializer": ("glorot_uniform",),
-}
-"""Per factor, the values that are tried; every setting has another choice in the table."""
 _KEY = 0
 
 
@@ -76,7 +69,7 @@ def run_sensitivity(
       iterations: of training.
       rollouts: of each iterate on the exact compiled model.
     """
-    configs = {setting: _table_config(setting, 1).to_text() for setting in SETTINGS}
+    configs = {setting: _table_config(setting, 1).to_text() for setting in SENSITIVITY_SETTINGS}
     conditions = {"iterations": iterations, "rollouts": rollouts, "configurations": configs}
     records = Records(out / "sensitivity.csv", COLUMNS, KEYS, conditions)
     variants = [Variant(BASE, ""), *(Variant(f, v) for f in factors for v in FACTORS[f])]

@@ -12,10 +12,12 @@ import numpy as np
 from scipy import special
 
 from mdpo_rddl.auto import plan_automatically
+from mdpo_rddl.bench.common.names import DOMAIN_FILES
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.common.settings import DOMAIN_FILES, load_setting
+from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.bench.presets.experts import expert
+from mdpo_rddl.bench.presets.names import PLANNERS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline
@@ -39,7 +41,6 @@ COLUMNS = (
     "returns",
 )
 KEYS = COLUMNS[:3]
-PLANNERS = ("expert", *VARIANTS, "jaxplan-slp", "jaxplan-drp")
 # of the episodes, far from any training seed
 _EVALUATION_SEED = 2023
 

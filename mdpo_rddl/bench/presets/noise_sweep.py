@@ -4,14 +4,16 @@ The paper gives p = 0.95, sigma_min = 0 and sigma_max of 9 to 11, but not alpha.
 """
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 
 from mdpo_rddl.bench.common.full_training import train_fully
 from mdpo_rddl.bench.common.records import Records, mean_and_spread
 from mdpo_rddl.bench.common.settings import load_setting
+from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -24,6 +26,18 @@ from mdpo_rddl.problem.load import make_environment
 
 logger = logging.getLogger(__name__)
 
+
+class NoisePoint(NamedTuple):
+    """One choice of the noise's open numbers.
+
+    Attributes:
+      alpha, sigma_max: of `AdaptiveNoise`.
+    """
+
+    alpha: float
+    sigma_max: float
+
+
 COLUMNS = ("setting", "alpha", "sigma_max", "restart", "last_return")
 KEYS = COLUMNS[:4]
 
@@ -31,11 +45,8 @@ KEYS = COLUMNS[:4]
 def sweep(
     out: Path,
     settings: Iterable[str],
-    alphas: Iterable[float],
-    sigma_maxes: Iterable[float],
-    seeds: int,
-    iterations: int,
-    episodes: int,
+    grid: Sequence[NoisePoint],
+    size: Size,
     decay: float = PYTORCH_DECAY,
 ) -> Records:
     """Trains every combination and records the last iterate's exact mean return.
@@ -47,38 +58,38 @@ def sweep(
     Args:
       out: results folder.
       settings: names of settings.
-      alphas: values of alpha.
-      sigma_maxes: values of sigma_max.
-      seeds: number of seeds.
-      iterations: training iterations.
-      episodes: evaluation episodes per seed on the exact environment.
+      grid: the combinations.
+      size: of each measurement.
       decay: RMSProp's decay.
     """
-    base = _sweep_config("any domain", seeds, decay).to_text(for_jaxplan=True)
-    conditions = {"iterations": iterations, "episodes": episodes, "configuration": base}
+    base = _sweep_config("any domain", size.seeds, decay).to_text(for_jaxplan=True)
+    conditions = {
+        "iterations": size.iterations,
+        "episodes": size.episodes,
+        "configuration": base,
+    }
     records = Records(out / "sweep.csv", COLUMNS, KEYS, conditions)
-    grid = [(float(a), float(s)) for a in alphas for s in sigma_maxes]
     for setting in settings:
         open_points = [
             point
             for point in grid
-            if not all(records.has(setting, *point, seed) for seed in range(seeds))
+            if not all(records.has(setting, *point, seed) for seed in range(size.seeds))
         ]
         if not open_points:
             continue
         problem = load_setting(setting)
-        config = _sweep_config(problem.domain_name, seeds, decay)
+        config = _sweep_config(problem.domain_name, size.seeds, decay)
         built = build_planner(problem, config)
         planner = built.planner
         env = make_environment(problem)
         for alpha, sigma_max in open_points:
             # the noise's numbers are arguments of the compiled update: nothing is recompiled
             planner.noise = AdaptiveNoise(alpha=alpha, sigma_max=sigma_max)
-            result = train_fully(built, jax.random.PRNGKey(0), iterations)
-            for seed in range(seeds):
+            result = train_fully(built, jax.random.PRNGKey(0), size.iterations)
+            for seed in range(size.seeds):
                 params = select_restart(result.last_params_by_restart, seed)
                 policy = playable(planner, params, result.policy_hyperparams, seed)
-                mean = evaluate(env, policy, episodes, seed).mean
+                mean = evaluate(env, policy, size.episodes, seed).mean
                 if not records.has(setting, alpha, sigma_max, seed):
                     records.add(setting, alpha, sigma_max, seed, mean)
             logger.info("%s: alpha %g, sigma_max %g done", setting, alpha, sigma_max)

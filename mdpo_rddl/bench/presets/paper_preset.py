@@ -9,6 +9,8 @@ import jax
 from mdpo_rddl.bench.common.full_training import train_fully
 from mdpo_rddl.bench.common.records import Records, mean_and_spread
 from mdpo_rddl.bench.common.settings import load_setting
+from mdpo_rddl.bench.common.size import Size
+from mdpo_rddl.bench.presets.names import NOISES
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
@@ -31,16 +33,13 @@ PAPER = {
     "reservoir15": (-683721.06, -246613.49),
     "reservoir30": (-2219640.67, -815510.27),
 }
-NOISES = {"none": {"method": "NoNoise"}, "adaptive": None}
 
 
 def run_paper_preset(
     out: Path,
     settings: Iterable[str],
     noises: Iterable[str],
-    seeds: int,
-    iterations: int,
-    episodes: int,
+    size: Size,
     decay: float | None = None,
 ) -> Records:
     """Runs `--preset paper` with and without noise, as `mdpo-plan --seed 0, 1, ...` does.
@@ -51,31 +50,33 @@ def run_paper_preset(
       out: results folder.
       settings: names of settings.
       noises: keys of `NOISES`.
-      seeds: number of seeds.
-      iterations: training iterations.
-      episodes: evaluation episodes per seed on the exact environment.
+      size: of each measurement.
       decay: RMSProp's decay; the preset's if None.
     """
     presets = {name: _preset(name, decay).to_text() for name in NOISE_BY_DOMAIN}
-    conditions = {"iterations": iterations, "episodes": episodes, "configuration": presets}
+    conditions = {
+        "iterations": size.iterations,
+        "episodes": size.episodes,
+        "configuration": presets,
+    }
     records = Records(out / "runs.csv", COLUMNS, KEYS, conditions)
     for setting in settings:
         problem = load_setting(setting)
         preset = _preset(problem.domain_name, decay)
         for noise in noises:
             section = NOISES[noise]
-            open_seeds = [s for s in range(seeds) if not records.has(setting, noise, s)]
+            open_seeds = [s for s in range(size.seeds) if not records.has(setting, noise, s)]
             if not open_seeds:
                 continue
             config = preset if section is None else preset.with_section("Noise", section)
             built = build_planner(problem, config)
             for seed in open_seeds:
-                result = train_fully(built, jax.random.PRNGKey(seed), iterations)
+                result = train_fully(built, jax.random.PRNGKey(seed), size.iterations)
                 returns = [
                     evaluate(
                         make_environment(problem),
                         playable(built.planner, params, result.policy_hyperparams, seed),
-                        episodes,
+                        size.episodes,
                         seed,
                     ).mean
                     for params in (result.last_params, result.best_params)

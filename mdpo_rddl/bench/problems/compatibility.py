@@ -6,7 +6,7 @@ from pathlib import Path
 from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS, NOT_PLAYED, PLANNERS, Trial, try_all
+from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS, NOT_PLAYED, PLANNERS, Attempt, try_all
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.versions import versions
@@ -39,8 +39,8 @@ def run_compatibility(
     names = _known_problems() if problems is None else _checked(list(problems))
     conditions = {"iterations": iterations, "max_horizon": max_horizon, "versions": versions()}
     records = Records(out / "rows.csv", COLUMNS, KEYS, conditions)
-    trials = [
-        Trial(
+    attempts = [
+        Attempt(
             name,
             _first_instance(name) if instance is None else instance,
             planner,
@@ -52,7 +52,7 @@ def run_compatibility(
         for name in names
         for planner in PLANNERS
     ]
-    try_all(records, trials, limits)
+    try_all(records, attempts, limits)
     return records
 
 

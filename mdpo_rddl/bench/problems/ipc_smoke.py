@@ -4,21 +4,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.problems.trial import COLUMNS, KEYS, Trial, try_all
+from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS, Attempt, try_all
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.versions import versions
 
-DOMAINS = (
-    "HVAC",
-    "MarsRover",
-    "MountainCar",
-    "PowerGen",
-    "RaceCar",
-    "RecSim",
-    "Reservoir",
-    "UAV",
-)
-INSTANCES = ("1", "2", "3", "4", "5")
 PLANNERS = ("mdpo-drp", "mdpo-slp")
 # the test rollouts of an iteration take most of the time there: two instead of 20
 _TEST_BATCH = {("RecSim", "5"): 2}
@@ -50,7 +39,7 @@ def run_ipc_smoke(
     for domain in domains:
         for instance in instances:
             for planner in PLANNERS:
-                trial = Trial(
+                attempt = Attempt(
                     f"{domain}_ippc2023",
                     instance,
                     planner,
@@ -58,7 +47,7 @@ def run_ipc_smoke(
                     episodes,
                     test_batch=_TEST_BATCH.get((domain, instance)),
                 )
-                try_all(records, [trial], limits)
+                try_all(records, [attempt], limits)
     return records
 
 

@@ -17,6 +17,7 @@ import matplotlib.pyplot as plt
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.speed.generate import hvac_instance, reservoir_instance
+from mdpo_rddl.bench.speed.names import AXES
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
 from mdpo_rddl.machine.jax_setup import use_all_cores
@@ -32,13 +33,6 @@ logger = logging.getLogger(__name__)
 KEYS = ("axis", "size")
 COLUMNS = (*KEYS, "status", "milliseconds", "compile_seconds", "peak_mb", "device")
 
-# sizes, and of what
-AXES: dict[str, tuple[int, ...]] = {
-    "horizon": (40, 120, 240, 480, 960),
-    "reservoirs": (10, 30, 100, 300),
-    "zones": (10, 30, 100, 300),
-    "restarts": (1, 4, 16, 64, 256),
-}
 _DESCRIPTIONS = {
     "horizon": "horizon, reservoir30 with 20 restarts",
     "reservoirs": "reservoirs, horizon 120, 1 restart",

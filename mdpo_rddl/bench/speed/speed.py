@@ -27,7 +27,6 @@ logger = logging.getLogger(__name__)
 
 KEYS = ("setting", "noise", "seeds", "test_every", "against")
 COLUMNS = (*KEYS, "theirs", "ours", "ratio", "goal")
-SETTINGS = ("powergen7", "reservoir30", "hvac20")
 TEST_BATCH = 20
 # iterations on their own, hardly a test among them
 _RARELY = 10 * ITERATIONS_PER_CALL

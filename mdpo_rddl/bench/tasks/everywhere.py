@@ -9,11 +9,10 @@ from rddlrepository import RDDLRepoManager
 from scipy import special
 
 from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.names import OURS, PLANNERS
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
 from mdpo_rddl.errors import InputError
 
-OURS = "mdpo"
-PLANNERS = (OURS, "jaxplan-slp", "jaxplan-drp", "noop", "random")
 _LEVEL = 0.975
 
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.names import OURS
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
 from mdpo_rddl.errors import InputError
 
-OURS = "mdpo"
 AT_THE_BEST = 0.99
 RIVALS = {
     "PROST 1 s": "prost_1",

@@ -6,6 +6,9 @@ JAXPLAN_EPOCHS = 999999
 JAXPLAN_SECONDS = 120.0
 """JaxPlan's own defaults."""
 
+AUTO_SECONDS = 90.0
+"""The preset `auto`, for everything before the evaluation."""
+
 DECISION_SECONDS = 1.0
 """For each decision of a plan that is made online."""
 

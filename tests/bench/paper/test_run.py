@@ -14,8 +14,9 @@ import pytest
 from helpers.problems import tiny_files
 
 from mdpo_rddl.bench.paper import exact, gradient, runner
-from mdpo_rddl.bench.paper.cells import load_policies, load_trained
-from mdpo_rddl.bench.paper.methods import METHODS, PPO, method_config
+from mdpo_rddl.bench.paper.cells import PaperSize, load_policies, load_trained
+from mdpo_rddl.bench.paper.methods import method_config
+from mdpo_rddl.bench.paper.names import METHODS, PPO
 from mdpo_rddl.bench.paper.report import load_measured, write_report
 from mdpo_rddl.bench.paper.runner import run_paper
 from mdpo_rddl.cli import bench, bench_paper
@@ -72,7 +73,7 @@ def toy(tmp_path_factory) -> Iterator[None]:
 
 def run(out: Path, methods: Sequence[str] = TRIED, executor: Any = None, **size: Any) -> None:
     executor = executor or make_executor("local", {})
-    run_paper(out, [SETTING], methods, **{**SIZE, **size}, executor=executor)
+    run_paper(out, [SETTING], methods, PaperSize(**{**SIZE, **size}), executor)
 
 
 @pytest.fixture(scope="module")

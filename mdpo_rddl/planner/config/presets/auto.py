@@ -2,11 +2,11 @@
 
 from typing import Any
 
+from mdpo_rddl.planner.config.budgets import AUTO_SECONDS
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.values import relaxation_weights
 from mdpo_rddl.planner.upstream import logic
 
-AUTO_SECONDS = 90.0
 RESTARTS = 4
 _WEIGHT = 100.0
 

@@ -7,21 +7,10 @@ from importlib import resources
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import METHODS, own_config
-from mdpo_rddl.problem.load import looks_like_file
+from mdpo_rddl.problem.competition import REPOSITORY_NAMES
+from mdpo_rddl.problem.files import looks_like_file
 
 _FOLDER = resources.files("mdpo_rddl.planner.config") / "shipped"
-
-# the name that the RDDL file gives its domain, and the name in rddlrepository
-REPOSITORY_NAMES = {
-    "hvac": "HVAC_ippc2023",
-    "mars_rover_science_mission": "MarsRover_ippc2023",
-    "mountain_car": "MountainCar_ippc2023",
-    "power_gen": "PowerGen_ippc2023",
-    "racecar": "RaceCar_ippc2023",
-    "recsim_ecosystem_welfare": "RecSim_ippc2023",
-    "reservoir_control_cont": "Reservoir_ippc2023",
-    "kinematic_UAVs_con": "UAV_ippc2023",
-}
 
 
 def config_for_domain(given_name: str, domain_name: str, method: str) -> PlannerConfig:
@@ -46,4 +35,4 @@ def config_for_domain(given_name: str, domain_name: str, method: str) -> Planner
     return own_config(known_name, method)
 
 
-__all__ = ["METHODS", "REPOSITORY_NAMES", "config_for_domain"]
+__all__ = ["METHODS", "config_for_domain"]

@@ -40,7 +40,7 @@ _PLANS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Trial:
+class Attempt:
     """What to try.
 
     Attributes:
@@ -61,31 +61,33 @@ class Trial:
     test_batch: int | None = None
 
 
-def try_all(records: Records, trials: Iterable[Trial], limits: Limits, work: Any = None) -> None:
-    """Runs the trials that the records lack, those of one problem in one process.
+def try_all(
+    records: Records, attempts: Iterable[Attempt], limits: Limits, work: Any = None
+) -> None:
+    """Runs the attempts that the records lack, those of one problem in one process.
 
     Args:
-      records: with `COLUMNS` and `KEYS`; a row is added as soon as a trial has ended.
-      trials: in the order of their problems.
-      limits: for each trial.
-      work: what to run in the process; `run_trial` if None.
+      records: with `COLUMNS` and `KEYS`; a row is added as soon as an attempt has ended.
+      attempts: in the order of their problems.
+      limits: for each attempt.
+      work: what to run in the process; `run_attempt` if None.
     """
-    missing = [t for t in trials if not records.has(t.problem, t.instance, t.planner)]
-    for _, group in groupby(missing, key=lambda trial: (trial.problem, trial.instance)):
-        for trial, outcome in run_guarded(work or run_trial, list(group), limits):
+    missing = [a for a in attempts if not records.has(a.problem, a.instance, a.planner)]
+    for _, group in groupby(missing, key=lambda a: (a.problem, a.instance)):
+        for attempt, outcome in run_guarded(work or run_attempt, list(group), limits):
             row = _row_of_death(outcome) if isinstance(outcome, Death) else outcome
             values = [row.get(name, "") for name in COLUMNS[len(KEYS) :]]
-            records.add(trial.problem, trial.instance, trial.planner, *values)
-            label = f"{trial.problem} {trial.instance}, {trial.planner}"
+            records.add(attempt.problem, attempt.instance, attempt.planner, *values)
+            label = f"{attempt.problem} {attempt.instance}, {attempt.planner}"
             logger.info("%s: %s %s", label, row["status"], row["cause"])
 
 
-def run_trial(trial: Trial) -> dict[str, Any]:
+def run_attempt(attempt: Attempt) -> dict[str, Any]:
     """Compiles, trains and plays; an error becomes the status and its one-line cause."""
     started = time.perf_counter()
     row: dict[str, Any] = {"status": "ok", "cause": ""}
     try:
-        _try(trial, row)
+        _try(attempt, row)
     except _PlayError as error:
         row.update(status=NOT_PLAYED, cause=one_line_cause(error))
     except _NonFiniteError as error:
@@ -110,21 +112,21 @@ def _row_of_death(death: Death) -> dict[str, Any]:
     return {"status": death.status, "cause": death.cause, "seconds": seconds, "peak_mb": peak}
 
 
-def _try(trial: Trial, row: dict[str, Any]) -> None:
-    problem = load_problem(trial.problem, trial.instance)
-    if trial.max_horizon is not None and problem.horizon > trial.max_horizon:
-        problem = load_problem(trial.problem, trial.instance, trial.max_horizon)
+def _try(attempt: Attempt, row: dict[str, Any]) -> None:
+    problem = load_problem(attempt.problem, attempt.instance)
+    if attempt.max_horizon is not None and problem.horizon > attempt.max_horizon:
+        problem = load_problem(attempt.problem, attempt.instance, attempt.max_horizon)
     row["horizon"] = problem.horizon
-    library, plan = trial.planner.split("-")
+    library, plan = attempt.planner.split("-")
     config = PRESETS["paper"](problem.domain_name)
     if _PLANS[plan]:
         config = config.with_values("Planner", **_PLANS[plan])
-    if trial.test_batch is not None:
-        config = config.with_values("Planner", batch_size_test=trial.test_batch)
+    if attempt.test_batch is not None:
+        config = config.with_values("Planner", batch_size_test=attempt.test_batch)
     if library == "jaxplan":
-        _train_jaxplan(problem, config, trial.iterations)
+        _train_jaxplan(problem, config, attempt.iterations)
     else:
-        row.update(_train_and_play(problem, config, trial))
+        row.update(_train_and_play(problem, config, attempt))
 
 
 def _train_jaxplan(problem: Problem, config: PlannerConfig, iterations: int) -> None:
@@ -141,15 +143,15 @@ def _train_jaxplan(problem: Problem, config: PlannerConfig, iterations: int) -> 
     )
 
 
-def _train_and_play(problem: Problem, config: PlannerConfig, trial: Trial) -> dict[str, Any]:
+def _train_and_play(problem: Problem, config: PlannerConfig, attempt: Attempt) -> dict[str, Any]:
     built = build_planner(problem, config)
-    result = train_fully(built, jax.random.PRNGKey(0), trial.iterations)
+    result = train_fully(built, jax.random.PRNGKey(0), attempt.iterations)
     _require_finite("training", [record.train_return for record in result.history])
     _require_finite("test", [record.test_return for record in result.history])
     policy = playable(built.planner, result.best_params, result.policy_hyperparams, 0)
     env = make_environment(problem, enforce_action_constraints=True)
     try:
-        evaluation = evaluate(env, policy, trial.episodes, 0)
+        evaluation = evaluate(env, policy, attempt.episodes, 0)
     except Exception as error:  # whatever it is, the planner has trained
         raise _PlayError(str(error) or type(error).__name__) from error
     _require_finite("exact", evaluation.returns)

@@ -1,0 +1,119 @@
+"""What the commands of `mdpo-bench` do: each takes the parsed options, returns its table."""
+
+import argparse
+from itertools import product
+
+from mdpo_rddl.bench.common.size import Size
+from mdpo_rddl.bench.configs.sweep import Grid, config_sweep_table, run_config_sweep, ship
+from mdpo_rddl.bench.presets.auto import auto_table, run_auto
+from mdpo_rddl.bench.presets.noise_sweep import NoisePoint, sweep, sweep_table
+from mdpo_rddl.bench.presets.paper_preset import paper_preset_table, run_paper_preset
+from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
+from mdpo_rddl.bench.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
+from mdpo_rddl.bench.speed.growth import growth_table, run_growth
+from mdpo_rddl.bench.speed.profile import profile_table, run_profile
+from mdpo_rddl.bench.speed.speed import run_speed, speed_table
+from mdpo_rddl.cli.bench_paper import PAPER_COMMANDS
+from mdpo_rddl.cli.bench_tasks import TASK_COMMANDS
+from mdpo_rddl.machine.guarded import Limits
+from mdpo_rddl.machine.jax_setup import keep_compiled_programs, use_all_cores
+from mdpo_rddl.planner.config.presets.paper import PYTORCH_DECAY
+
+
+def _auto(options: argparse.Namespace) -> str:
+    keep_compiled_programs()
+    names = ("problems", "planners", "seeds", "seconds", "episodes")
+    return auto_table(run_auto(options.out, *(getattr(options, name) for name in names)))
+
+
+def _compatibility(options: argparse.Namespace) -> str:
+    records = run_compatibility(
+        options.out,
+        options.problems,
+        None if options.instance == "first" else options.instance,
+        options.iterations,
+        options.max_horizon,
+        Limits(options.timeout, options.memory_gb),
+    )
+    return compatibility_table(records)
+
+
+def _ipc_smoke(options: argparse.Namespace) -> str:
+    records = run_ipc_smoke(
+        options.out,
+        options.domains,
+        options.instances,
+        options.iterations,
+        options.episodes,
+        Limits(options.timeout, options.memory_gb),
+    )
+    return ipc_smoke_table(records)
+
+
+def _configs(options: argparse.Namespace) -> str:
+    records = run_config_sweep(
+        options.out,
+        Grid(options.domains, options.instances, options.plans, options.candidates),
+        options.seconds,
+        options.episodes,
+        Limits(options.timeout, options.memory_gb),
+    )
+    if options.ship is not None:
+        ship(records, options.ship)
+    return config_sweep_table(records)
+
+
+def _growth(options: argparse.Namespace) -> str:
+    limits = Limits(options.timeout, options.memory_gb)
+    return growth_table(run_growth(options.out, options.axes, options.seconds, limits))
+
+
+def _speed(options: argparse.Namespace) -> str:
+    use_all_cores()
+    records = run_speed(
+        options.out, options.settings, options.turns, options.seconds, options.command_turns
+    )
+    return speed_table(records)
+
+
+def _profile(options: argparse.Namespace) -> str:
+    use_all_cores()
+    return profile_table(run_profile(options.out, options.settings, options.turns, options.seconds))
+
+
+def _noise_sweep(options: argparse.Namespace) -> str:
+    records = sweep(
+        options.out,
+        options.settings,
+        [NoisePoint(*map(float, point)) for point in product(options.alphas, options.sigma_maxes)],
+        Size(options.seeds, options.iterations, options.episodes),
+        PYTORCH_DECAY if options.decay is None else options.decay,
+    )
+    return sweep_table(records)
+
+
+def _paper_preset(options: argparse.Namespace) -> str:
+    records = run_paper_preset(
+        options.out,
+        options.settings,
+        options.noises,
+        Size(options.seeds, options.iterations, options.episodes),
+        options.decay,
+    )
+    return paper_preset_table(records)
+
+
+COMMANDS = {
+    "noise-sweep": _noise_sweep,
+    "paper-preset": _paper_preset,
+    "profile": _profile,
+    "speed": _speed,
+    "auto": _auto,
+    "compatibility": _compatibility,
+    "ipc-smoke": _ipc_smoke,
+    "configs": _configs,
+    "growth": _growth,
+    **TASK_COMMANDS,
+    **PAPER_COMMANDS,
+}
+"""By the commands' names."""

@@ -1,0 +1,28 @@
+"""The options of the commands of `mdpo-bench` that try planners on many tasks."""
+
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.bench.tasks.names import PLANNERS
+from mdpo_rddl.cli.options import OneLineParser, number, positive_int
+
+
+def add_task_commands(commands: Any) -> list[OneLineParser]:
+    """Adds `everywhere` and `published`."""
+    everywhere = commands.add_parser(
+        "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
+    )
+    everywhere.add_argument("--planners", nargs="+", choices=PLANNERS, default=list(PLANNERS))
+    everywhere.set_defaults(run="everywhere", out=Path("results/everywhere"))
+    published = commands.add_parser("published", help="81 tasks with published returns")
+    published.add_argument(
+        "--shard", metavar="I/N", default="0/1", help="every N-th task, from the I-th on, from 0"
+    )
+    published.set_defaults(run="published", out=Path("results/published"))
+    for command, seconds, episodes in ((everywhere, 30.0, 20), (published, 60.0, 20)):
+        command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
+        command.add_argument("--seconds", type=number(above=0), default=seconds)
+        command.add_argument("--episodes", type=positive_int, default=episodes)
+        command.add_argument("--seeds", type=positive_int, default=1)
+        command.add_argument("--memory-gb", type=number(above=0), default=8.0)
+    return [everywhere, published]

@@ -1,0 +1,65 @@
+"""What the options of `mdpo-plan` change in a configuration."""
+
+import argparse
+
+from mdpo_rddl.cli.options import noise_numbers
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.values import relaxation_weights
+
+
+def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
+    """The configuration with the options applied to it.
+
+    Args:
+      config: what to start from.
+      options: what `plan_parser` parsed.
+
+    Raises:
+      InputError: if an option does not go with the noise that was chosen, or a value is one
+        that the configuration refuses.
+    """
+    config = _configure_noise(config, options)
+    policy = options.policy
+    if options.replan and options.config is None:
+        # a preset's budget is for one long training, and its policy for all states
+        budget = {"epochs": JAXPLAN_EPOCHS, "train_seconds": DECISION_SECONDS}
+        config = config.with_values("Optimize", **budget)
+        policy = policy or "slp"
+    if policy is not None:
+        method = {"drp": "JaxDeepReactivePolicy", "slp": "JaxStraightLinePlan"}[policy]
+        if config.policy_method != method:
+            # one plan's arguments mean nothing to another
+            config = config.with_values("Planner", method=method, method_kwargs={})
+    if options.weight is not None:
+        names = sorted(relaxation_weights(config.compiler_class()))
+        config = config.with_values("Compiler", **dict.fromkeys(names, options.weight))
+    changes = {
+        "Planner": {
+            "parallel_updates": options.restarts,
+            "batch_size_train": options.batch,
+            "rollout_horizon": options.lookahead,
+        },
+        "Optimize": {"epochs": options.iterations, "train_seconds": options.seconds},
+    }
+    for section, values in changes.items():
+        given = {key: value for key, value in values.items() if value is not None}
+        config = config.with_values(section, **given)
+    return config
+
+
+_NOISE_METHODS = {"adaptive": "AdaptiveNoise", "constant": "ConstantNoise", "none": "NoNoise"}
+
+
+def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
+    values = config.section("Noise")
+    values.setdefault("method", "AdaptiveNoise")
+    if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
+        values = {"method": _NOISE_METHODS[options.noise]}
+    names = {method: noise for noise, method in _NOISE_METHODS.items()}
+    values |= noise_numbers(options, names.get(values["method"], values["method"]))
+    lowest, highest = values.get("sigma_min"), values.get("sigma_max")
+    if options.sigma_min is not None and highest is not None and lowest > highest:
+        raise InputError(f"--sigma-min {lowest:g} is above sigma_max, {highest:g}: set --sigma-max")
+    return config.with_section("Noise", values)

@@ -1,0 +1,112 @@
+"""What `mdpo-plan` does once its options are parsed and its files are there."""
+
+import argparse
+import contextlib
+import io
+import json
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from mdpo_rddl.cli.configure import configure
+from mdpo_rddl.cli.display import ProgressBar, print_summary
+from mdpo_rddl.cli.options import preset_name
+from mdpo_rddl.machine.jax_setup import (
+    grammar_tables,
+    keep_compiled_programs,
+    leave_out_of_collections,
+    use_all_cores,
+)
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.planner.config.presets.by_domain import METHODS, config_for_domain
+from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.session.load import evaluate_saved
+from mdpo_rddl.session.plan import plan
+from mdpo_rddl.session.replan import replan
+from mdpo_rddl.session.report.run_folder import free_name
+from mdpo_rddl.session.requests import LoadRequest, PlanRequest
+
+RUNS = Path("runs")
+
+
+def run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
+    """Plans, or evaluates what is saved.
+
+    Args:
+      options: what `mdpo_rddl.cli.options.plan_parser` parsed and `check_plan_options` checked.
+
+    Returns:
+      The summary, as `summary.json` holds it, and the run folder, if one was written.
+
+    Raises:
+      InputError: as the session does.
+    """
+    leave_out_of_collections()
+    traced_cache = None if options.no_cache else keep_compiled_programs()
+    if (options.restarts or 1) > 1:
+        use_all_cores()
+    with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:
+        if options.load is not None:
+            return evaluate_saved(_load_request(options), bar), options.out
+        request = _plan_request(options, traced_cache)
+        is_online = options.replan or str(options.config) == "replan"
+        do = replan if is_online else plan
+        return do(request, bar), request.out
+
+
+def show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:
+    """Prints a summary as the options ask."""
+    if not options.quiet:
+        print_summary(Console(), summary, None if where is None else str(where))
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+
+
+def _load_request(options: argparse.Namespace) -> LoadRequest:
+    return LoadRequest(
+        domain=options.domain,
+        instance=options.instance,
+        folder=options.load,
+        episodes=options.episodes,
+        seed=options.seed,
+        horizon=options.horizon,
+        out=options.out,
+    )
+
+
+def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> PlanRequest:
+    tables = None if options.no_cache else grammar_tables()
+    problem = load_problem(options.domain, options.instance, options.horizon, tables)
+    if str(options.config) in METHODS:
+        # as JaxPlan's third argument: the domain's own configuration
+        config = config_for_domain(options.domain, problem.domain_name, str(options.config))
+        name = config.source
+    elif options.config is not None:
+        name, config = str(options.config), PlannerConfig.from_file(options.config)
+    else:
+        name = preset_name(options)
+        config = PRESETS[name](problem.domain_name)
+    config = configure(config, options)
+    own_seed = config.key
+    seed = own_seed if options.seed is None else options.seed
+    out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
+    return PlanRequest(problem, config, name, seed, options.episodes, out, traced_cache)
+
+
+@contextlib.contextmanager
+def _silenced(quiet: bool) -> Iterator[None]:
+    """Keeps what the libraries print off standard output, which is the command's own.
+
+    It follows on standard error, unless an error is all that is to be said there.
+    """
+    printed = io.StringIO()
+    with warnings.catch_warnings(), contextlib.redirect_stdout(printed):
+        warnings.simplefilter("ignore")
+        yield
+    if not quiet:
+        sys.stderr.write(printed.getvalue())

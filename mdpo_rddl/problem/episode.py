@@ -1,0 +1,82 @@
+"""One episode on the exact environment, under a referee's rules."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+from pyRDDLGym import RDDLEnv
+
+Policy = Callable[[int, Mapping[str, Any]], Mapping[str, Any]]
+"""(step, observation per fluent) -> action tensor per fluent."""
+
+
+class Verdict(NamedTuple):
+    """What to play.
+
+    Attributes:
+      actions: per action fluent, the tensor to play.
+      illegal: whether the proposal broke a rule.
+      fallback: whether `actions` is a legal action in its place.
+    """
+
+    actions: dict[str, Any]
+    illegal: bool
+    fallback: bool = False
+
+
+class EpisodeReferee(Protocol):
+    """Rules on actions in the current state of one environment."""
+
+    def rule(self, proposal: Mapping[str, Any]) -> Verdict:
+        """What to play; what it raises ends the episode."""
+
+
+class Recorder(Protocol):
+    """Who keeps what happens in an episode."""
+
+    def add(self, state: Mapping[str, Any], actions: Mapping[str, Any], reward: float) -> None:
+        """One step: what was observed before it, what was played, what it paid."""
+
+
+@dataclass
+class Episode:
+    """An episode and what has come of it so far, also after an error in it.
+
+    Attributes:
+      env: a vectorized environment.
+      policy: maps step and observation to an action.
+      referee: rules on each action before it is played.
+      recorder: keeps each step, if there is one.
+      total: discounted return.
+      steps: number of steps.
+      illegal: steps at which the policy's action broke a rule.
+      fallback: how many of them played a legal action instead.
+    """
+
+    env: RDDLEnv
+    policy: Policy
+    referee: EpisodeReferee
+    recorder: Recorder | None = None
+    total: float = field(default=0.0, init=False)
+    steps: int = field(default=0, init=False)
+    illegal: int = field(default=0, init=False)
+    fallback: int = field(default=0, init=False)
+
+    def play(self, state: Mapping[str, Any]) -> None:
+        """Plays to the horizon, a termination condition or a violated state invariant.
+
+        Args:
+          state: what the environment showed when it was reset.
+        """
+        discount, done = 1.0, self.env.done
+        while not done:
+            verdict = self.referee.rule(self.policy(self.steps, state))
+            self.illegal += verdict.illegal
+            self.fallback += verdict.fallback
+            following, reward, terminated, truncated, _ = self.env.step(verdict.actions)
+            if self.recorder is not None:
+                self.recorder.add(state, verdict.actions, float(reward))
+            self.total += discount * float(reward)
+            discount *= self.env.discount
+            self.steps += 1
+            state, done = following, terminated or truncated

@@ -1,0 +1,94 @@
+"""Finds and reads the two files of a problem; quick to import, so that a mistake is soon said."""
+
+import difflib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from rddlrepository import RDDLRepoManager
+
+from mdpo_rddl.errors import InputError
+
+
+@dataclass(frozen=True)
+class ProblemFiles:
+    """The files of a problem, as they are read.
+
+    Attributes:
+      domain_path, instance_path: where they lie.
+      domain_text, instance_text: what they hold, with Unix line ends.
+      label: a short name: the stem of the instance file, or '<Domain>-<instance>' for a problem
+        of rddlrepository.
+      is_own: whether the user named the files; else they are rddlrepository's.
+    """
+
+    domain_path: Path
+    instance_path: Path
+    domain_text: str
+    instance_text: str
+    label: str
+    is_own: bool
+
+
+def read_problem(domain: str, instance: str) -> ProblemFiles:
+    """Finds a problem and reads its files.
+
+    Args:
+      domain, instance: two files, or two names of rddlrepository. They are files if either
+        looks like one: it has a path separator or the suffix .rddl, or it exists.
+
+    Raises:
+      InputError: naming the argument, if there is no such problem or a file cannot be read.
+    """
+    is_own = looks_like_file(domain) or looks_like_file(instance)
+    if is_own:
+        domain_path, instance_path = Path(domain), Path(instance)
+    else:
+        domain_path, instance_path = _repository_paths(domain, instance)
+    return ProblemFiles(
+        domain_path=domain_path,
+        instance_path=instance_path,
+        domain_text=_read_text(domain_path, "domain"),
+        instance_text=_read_text(instance_path, "instance"),
+        label=instance_path.stem if is_own else f"{domain}-{instance}",
+        is_own=is_own,
+    )
+
+
+def looks_like_file(argument: str) -> bool:
+    """Whether an argument is meant as a file, not as a name of rddlrepository."""
+    has_separator = "/" in argument or os.sep in argument
+    return has_separator or argument.lower().endswith(".rddl") or os.path.isfile(argument)
+
+
+def _repository_paths(name: str, instance: str) -> tuple[Path, Path]:
+    """Find a problem of rddlrepository. Raises `InputError` for an unknown name."""
+    manager = RDDLRepoManager()
+    known = manager.list_problems()
+    if name not in known:
+        by_lowercase = {problem.lower(): problem for problem in known}
+        close = difflib.get_close_matches(name.lower(), by_lowercase, n=4, cutoff=0.5)
+        hint = "; did you mean " + " or ".join(by_lowercase[match] for match in close) + "?"
+        raise InputError(
+            f"'{name}' is neither a file nor a problem of rddlrepository" + (hint if close else "")
+        )
+    info = manager.get_problem(name)
+    available = info.list_instances()
+    if instance not in available:
+        raise InputError(
+            f"'{instance}' is neither a file nor an instance of the rddlrepository problem "
+            f"'{name}', which has: {' '.join(available)}"
+        )
+    return Path(info.get_domain()), Path(info.get_instance(instance))
+
+
+def _read_text(path: Path, role: str) -> str:
+    """Read a file with Unix line ends. Raises `InputError` if it cannot be read.
+
+    A byte that is not UTF-8 becomes U+FFFD: legal in a comment, else refused by the lexer.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        cause = error.strerror or type(error).__name__
+        raise InputError(f"{path}: cannot read the {role} file: {cause}") from error
