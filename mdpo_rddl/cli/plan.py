@@ -20,6 +20,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
     keep_compiled_programs,
+    keep_no_programs,
     leave_out_of_collections,
     use_all_cores,
 )
@@ -48,7 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         level=logging.ERROR if options.quiet else logging.WARNING,
         format="mdpo-plan: %(levelname)s: %(message)s",
     )
-    programs = None if options.no_cache else keep_compiled_programs()
+    programs = None
+    if options.no_cache:
+        keep_no_programs()
+    else:
+        programs = keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
     try:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 
@@ -107,7 +107,8 @@ def train(
 ) -> TrainingResult:
     """Trains until the iterations, the seconds or the planner's own stopping rule end it.
 
-    A keyboard interrupt after the first iteration ends it likewise, with what was found.
+    A keyboard interrupt or `Cancelled` after the first iteration ends it likewise, with what was
+    found.
 
     Args:
       planner: the compiled planner; all its parallel updates are restarts of one search.
@@ -149,7 +150,7 @@ def train(
             on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
             if callback["status"].is_terminal():
                 status = callback["status"].name.lower()
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Cancelled):
         # the iterates so far are worth keeping
         if not found.callback:
             raise

@@ -156,7 +156,7 @@ def test_a_gradient_that_takes_too_long_is_given_up(lake, monkeypatch, caplog):
 
     def slow(*arguments, work, **keywords):
         released.wait(120.0)
-        work.go_on()
+        work.raise_if_cancelled()
 
     monkeypatch.setattr(recipe, "descend", slow)
     monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)

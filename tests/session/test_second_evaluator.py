@@ -1,11 +1,14 @@
 """A second process that plays one policy: the same returns, or none."""
 
 import json
+import os
+import signal
 
 import jax
 import numpy as np
 import pytest
 from helpers.problems import ROOT, shipped
+from helpers.processes import is_alive
 
 from mdpo_rddl.cli import plan
 from mdpo_rddl.planner.build import build_planner
@@ -53,7 +56,7 @@ def test_both_processes_find_the_same_returns(request_and_policy):
 def test_no_result_from_a_process_that_died(request_and_policy):
     request, _, params, hyperparams = request_and_policy
     with SecondEvaluator(request) as second:
-        second._process.kill()
+        os.kill(second._child.pid, signal.SIGKILL)
         second.begin(params, hyperparams)
         assert second.result() is None
 
@@ -61,7 +64,7 @@ def test_no_result_from_a_process_that_died(request_and_policy):
 def test_no_result_from_a_policy_that_cannot_be_played(request_and_policy):
     request, _, _, hyperparams = request_and_policy
     with SecondEvaluator(request) as second:
-        second.begin({"not": "the policy's"}, hyperparams)
+        second.begin({"not": np.zeros(1)}, hyperparams)
         assert second.result() is None
 
 
@@ -73,7 +76,7 @@ def test_no_process_where_it_is_not_worth_its_while(request_and_policy, monkeypa
     else:
         monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 1)
     with SecondEvaluator(request) as second:
-        assert second._process is None
+        assert second._child is None
         second.begin(params, hyperparams)
         assert second.result() is None
 
@@ -81,9 +84,9 @@ def test_no_process_where_it_is_not_worth_its_while(request_and_policy, monkeypa
 def test_the_process_ends_with_the_block(request_and_policy):
     request, *_ = request_and_policy
     with SecondEvaluator(request) as second:
-        process = second._process
-        assert process.poll() is None
-    assert process.poll() is not None
+        pid = second._child.pid
+        assert is_alive(pid)
+    assert not is_alive(pid)
 
 
 def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch, capsys):

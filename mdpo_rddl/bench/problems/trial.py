@@ -13,7 +13,7 @@ import numpy as np
 from mdpo_rddl.bench.common.full_training import train_fully
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.planner.baseline import build_baseline
 from mdpo_rddl.planner.build import build_planner
@@ -73,7 +73,7 @@ def try_all(records: Records, trials: Iterable[Trial], limits: Limits, work: Any
     missing = [t for t in trials if not records.has(t.problem, t.instance, t.planner)]
     for _, group in groupby(missing, key=lambda trial: (trial.problem, trial.instance)):
         for trial, outcome in run_guarded(work or run_trial, list(group), limits):
-            row = _row_of_death(outcome) if isinstance(outcome, Death) else outcome
+            row = _row_of_failure(outcome) if isinstance(outcome, ProcessFailure) else outcome
             values = [row.get(name, "") for name in COLUMNS[len(KEYS) :]]
             records.add(trial.problem, trial.instance, trial.planner, *values)
             label = f"{trial.problem} {trial.instance}, {trial.planner}"
@@ -105,9 +105,9 @@ class _NonFiniteError(Exception):
     """A return that is not a number."""
 
 
-def _row_of_death(death: Death) -> dict[str, Any]:
-    seconds, peak = round(death.seconds, 1), round(death.peak_mb)
-    return {"status": death.status, "cause": death.cause, "seconds": seconds, "peak_mb": peak}
+def _row_of_failure(failure: ProcessFailure) -> dict[str, Any]:
+    seconds, peak = round(failure.seconds, 1), round(failure.peak_mb)
+    return {"status": failure.status, "cause": failure.cause, "seconds": seconds, "peak_mb": peak}
 
 
 def _try(trial: Trial, row: dict[str, Any]) -> None:
