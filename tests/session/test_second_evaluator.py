@@ -3,11 +3,13 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 
 import jax
 import numpy as np
 import pytest
-from helpers.problems import ROOT, shipped
+from helpers.problems import ROOT, shipped, tiny_files
 from helpers.processes import is_alive
 
 from mdpo_rddl.cli import plan
@@ -42,9 +44,10 @@ def request_and_policy(tmp_path, monkeypatch):
     return request, planner, params, hyperparams
 
 
-def test_both_processes_find_the_same_returns(request_and_policy):
+def test_both_processes_find_the_same_returns(request_and_policy, monkeypatch):
     request, planner, params, hyperparams = request_and_policy
     here = Evaluator(request, planner, hyperparams, Silent()).run(params)
+    monkeypatch.setattr(second_evaluator, "evaluate", None)  # here, but not there
     with SecondEvaluator(request) as second:
         second.begin(params, hyperparams)
         there = second.result()
@@ -108,3 +111,42 @@ def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch,
     beside, alone = summaries
     assert beside["returns"] == alone["returns"]
     assert beside["last_iterate"] == alone["last_iterate"]
+
+
+COMMAND = """
+import sys
+from mdpo_rddl.cli import plan
+from mdpo_rddl.session import plan as session
+from mdpo_rddl.session import second_evaluator
+
+second_evaluator.usable_cores = lambda: 2
+second_evaluator._WORTH_STEPS = 1
+played = []
+
+class Noting(second_evaluator.SecondEvaluator):
+    def result(self):
+        played.append(super().result())
+        return played[-1]
+
+session.SecondEvaluator = Noting
+status = plan.main(sys.argv[1:])
+sys.exit(status or [one is None for one in played] != [False])
+"""
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_no_process_of_a_command_keeps_anything_unless_it_may(tmp_path, keeps):
+    domain, instance = tiny_files(tmp_path)
+    cache, home = tmp_path / "cache", tmp_path / "home"
+    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    variables = {"JAX_COMPILATION_CACHE_DIR": str(cache), "XDG_CACHE_HOME": str(home)}
+    arguments = [domain, instance, "--iterations", "2", "--episodes", "2", "--quiet"]
+    arguments += [] if keeps else ["--no-cache"]
+    subprocess.run(
+        [sys.executable, "-c", COMMAND, *arguments, "--out", str(tmp_path / "run")],
+        env={**os.environ, "PYTHONPATH": paths, **variables},
+        check=True,
+    )
+    assert (tmp_path / "run" / "summary.json").is_file()
+    assert cache.exists() == keeps
+    assert not (home / "mdpo-rddl").exists()
