@@ -1,4 +1,4 @@
-"""The one exception that a user's mistake raises, and errors told in one line."""
+"""The exceptions that all rooms share, and errors told in one line."""
 
 import re
 
@@ -12,6 +12,13 @@ class InputError(Exception):
 
     The message is one line that names what is wrong and where (the file and, where it
     is known, the line). The command line prints it and ends with status 2.
+    """
+
+
+class Cancelled(BaseException):
+    """Work was asked to end before its time.
+
+    Like `KeyboardInterrupt` it is no `Exception`: nobody handles it as a failure of the work.
     """
 
 

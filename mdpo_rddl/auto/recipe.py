@@ -33,7 +33,7 @@ from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_sca
 from mdpo_rddl.auto.judge import Choice
 from mdpo_rddl.auto.probing import Probe, probe, with_bias
 from mdpo_rddl.auto.sizes import plans_fit
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.machine.background import Work, run_until
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -127,7 +127,7 @@ def plan_automatically(
         try:
             recipe.run()
             recipe.alternative = alternatives.best(deadline + _LATE_SHARE * seconds)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Cancelled):
             if recipe.choice.best is None:
                 raise
             logger.warning("interrupted: the best policy so far is kept")

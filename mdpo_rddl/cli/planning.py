@@ -18,6 +18,7 @@ from mdpo_rddl.cli.options import preset_name
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
     keep_compiled_programs,
+    keep_no_programs,
     leave_out_of_collections,
     use_all_cores,
 )
@@ -47,7 +48,11 @@ def run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
       InputError: as the session does.
     """
     leave_out_of_collections()
-    traced_cache = None if options.no_cache else keep_compiled_programs()
+    traced_cache = None
+    if options.no_cache:
+        keep_no_programs()
+    else:
+        traced_cache = keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
     with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:

@@ -13,7 +13,7 @@ from mdpo_rddl.machine.files import write_atomically
 
 RESULTS = "entries"
 FINAL = ("timeout", "memory", "crash")
-"""How a process ends for good, see `mdpo_rddl.machine.guarded.Death`."""
+"""How a process ends for good, see `mdpo_rddl.machine.guarded.ProcessFailure`."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_result
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.trial import OK
 from mdpo_rddl.machine.executors import Executor
-from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 
 logger = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     with contextlib.closing(run_guarded(contestant, phases, _limits(rules))) as outcomes:
         for phase, outcome in outcomes:
             if phase == RESTORE:
-                if isinstance(outcome, Death) or outcome["status"] != OK:
+                if isinstance(outcome, ProcessFailure) or outcome["status"] != OK:
                     return EntryResult(result.entry, result.wanted)
                 continue
             if phase == PREPARE:
@@ -102,15 +102,15 @@ def _limits(rules: Rules) -> Callable[[int], Limits]:
     return lambda phase: planning if phase < 0 else playing
 
 
-def _preparation(outcome: dict[str, Any] | Death) -> Preparation:
-    if isinstance(outcome, Death):
+def _preparation(outcome: dict[str, Any] | ProcessFailure) -> Preparation:
+    if isinstance(outcome, ProcessFailure):
         seconds, peak = round(outcome.seconds, 3), round(outcome.peak_mb)
         return Preparation(outcome.status, outcome.cause, seconds, peak)
     return Preparation(**outcome)
 
 
-def _trial(number: int, outcome: dict[str, Any] | Death) -> Trial:
-    if isinstance(outcome, Death):
+def _trial(number: int, outcome: dict[str, Any] | ProcessFailure) -> Trial:
+    if isinstance(outcome, ProcessFailure):
         seconds = round(outcome.seconds, 3)
         return Trial(number, outcome.status, outcome.cause, None, 0, 0, seconds)
     return Trial(**outcome)

@@ -5,6 +5,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from mdpo_rddl.errors import Cancelled
+
 _SLICE_SECONDS = 0.1
 # after an interrupt, for what has been found so far
 _GRACE_SECONDS = 3.0
@@ -19,27 +21,27 @@ class Work:
 
     def __init__(self) -> None:
         self.is_abandoned = False
-        self._is_asked_to_end = False
+        self._is_cancelled = False
 
-    def go_on(self) -> None:
+    def raise_if_cancelled(self) -> None:
         """Called by the work now and then.
 
         Raises:
-          KeyboardInterrupt: if it should end.
+          Cancelled: if it should end.
         """
-        if self._is_asked_to_end or self.is_abandoned:
-            raise KeyboardInterrupt
+        if self._is_cancelled or self.is_abandoned:
+            raise Cancelled
 
-    def ask_to_end(self) -> None:
-        """Lets the next `go_on` raise."""
-        self._is_asked_to_end = True
+    def cancel(self) -> None:
+        """Lets the next `raise_if_cancelled` raise."""
+        self._is_cancelled = True
 
 
 def run_until(task: Callable[[Work], None], until: float) -> bool:
     """Runs a task in a thread of its own and waits for it, but no longer than that.
 
-    An interrupt is passed on to the task, which has a moment to end. A task that is abandoned
-    ends at its next `Work.go_on`; the process waits for it when it exits.
+    An interrupt cancels the task, which has a moment to end. A task that is abandoned ends at
+    its next `Work.raise_if_cancelled`; the process waits for it when it exits.
 
     Args:
       task: is given a `Work`.
@@ -66,7 +68,7 @@ def run_until(task: Callable[[Work], None], until: float) -> bool:
     try:
         _wait(thread, until)
     except KeyboardInterrupt:
-        work.ask_to_end()
+        work.cancel()
         with contextlib.suppress(KeyboardInterrupt):
             _wait(thread, time.monotonic() + _GRACE_SECONDS)
         raise

@@ -1,31 +1,223 @@
-"""Processes of this Python that end with the one that started them."""
+"""A child process: started, asked, answered, and ended with everything that it has started.
 
+All child processes of this package are these. What is asked and answered is JSON.
+"""
+
+import json
+import math
 import os
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
+from collections.abc import Callable
+from functools import partial
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.machine.process_tree import end_started, end_tree
+
+_POLL_SECONDS = 0.1
+_WATCH_SECONDS = 0.5
+# between the end of what a process sends and its own end
+_EXIT_SECONDS = 10.0
+_CACHE_FOLDER = "JAX_COMPILATION_CACHE_DIR"
+_CACHE_SECONDS = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
 
 
-def start_python(command: str) -> "subprocess.Popen[bytes]":
-    """Starts a process of this Python on the CPU, with pipes to and from it.
+class ChildEndedError(Exception):
+    """The process ended without an answer; the message says how, in one line."""
+
+
+class Messages:
+    """One end of the line between a process and its child: whatever JSON can hold."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+
+    def send(self, message: Any) -> None:
+        """Sends a message.
+
+        Raises:
+          OSError: if nobody is at the other end.
+        """
+        self.connection.send_bytes(json.dumps(message).encode())
+
+    def receive(self) -> Any:
+        """Waits for a message.
+
+        Raises:
+          EOFError, OSError: if nobody is at the other end.
+        """
+        return json.loads(self.connection.recv_bytes())
+
+
+class Child:
+    """A process of this Python; a context manager that ends it.
+
+    It leads a session of its own, so an interrupt at the terminal does not reach it. It ends
+    with this process, however that ends. It keeps compiled programs where this process does,
+    and none if this process keeps none.
+
+    Attributes:
+      pid: its number.
+      folder: for files to hand over; removed with the process.
+    """
+
+    def __init__(self, serve: Callable[[Messages], None], on_cpu: bool = False) -> None:
+        """Starts the process.
+
+        Args:
+          serve: what it does: a function at the top of a module that can be imported. What it
+            prints goes to a log, whose last line is told if it fails.
+          on_cpu: whether JAX must leave other devices alone.
+
+        Raises:
+          OSError: if no process can be started.
+        """
+        self._temporary = tempfile.TemporaryDirectory(prefix="mdpo-child-")
+        self.folder = Path(self._temporary.name)
+        self._log = self.folder / "log"
+        ours, theirs = Pipe()
+        self._messages = Messages(ours)
+        command = (
+            f"from {__name__} import begin, run; "
+            f"messages = begin({theirs.fileno()}, {os.getpid()}); "
+            f"from {serve.__module__} import {serve.__qualname__} as serve; "
+            "run(serve, messages)"
+        )
+        with self._log.open("wb") as log, theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", command],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=_environment(on_cpu),
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+        self.pid = self._process.pid
+
+    def __enter__(self) -> "Child":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+    def ask(self, message: Any) -> None:
+        """Sends what JSON can hold.
+
+        Raises:
+          ChildEndedError: if the process has ended.
+        """
+        try:
+            self._messages.send(message)
+        except OSError as error:
+            raise ChildEndedError(self._last_words()) from error
+
+    def answer(self, seconds: float = math.inf) -> Any:
+        """Waits for the next message.
+
+        Args:
+          seconds: how long to wait at most.
+
+        Raises:
+          ChildEndedError: if the process ended before.
+          TimeoutError: if there is no message in time.
+        """
+        connection, until = self._messages.connection, time.monotonic() + seconds
+        try:
+            while not connection.poll(min(_POLL_SECONDS, max(0.0, until - time.monotonic()))):
+                # somebody whom it has started may hold its end of the line open
+                if self._exit() is not None and not connection.poll(0):
+                    raise EOFError
+                if time.monotonic() >= until:
+                    raise TimeoutError
+            return self._messages.receive()
+        except TimeoutError:
+            raise
+        except (EOFError, OSError) as error:
+            raise ChildEndedError(self._last_words()) from error
+
+    def end(self) -> None:
+        """Kills the process and everything that it has started, and removes the folder."""
+        if self._process.returncode is None:
+            end_tree(self.pid)
+            self._process.wait()
+        self._messages.connection.close()
+        self._temporary.cleanup()
+
+    def _exit(self) -> Any:
+        """How the process ended; None if it has not. Its number stays its own till `end`."""
+        return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+
+    def _last_words(self) -> str:
+        until = time.monotonic() + _EXIT_SECONDS
+        while (ended := self._exit()) is None:
+            if time.monotonic() > until:
+                return "it sends no more"
+            time.sleep(0.01)
+        if ended.si_code == os.CLD_EXITED:
+            how = f"exit status {ended.si_status}"
+        else:
+            how = f"killed by {signal.Signals(ended.si_status).name}"
+        said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
+        lines = [" ".join(line.split()) for line in said if line.strip()]
+        return f"{how}: {lines[-1]}" if lines else how
+
+
+def begin(descriptor: int, parent: int) -> Messages:
+    """What a child process does first.
 
     Args:
-      command: one line of Python.
+      descriptor: of its end of the line.
+      parent: the process to end with.
     """
-    paths = os.pathsep.join(path for path in sys.path if path)
-    return subprocess.Popen(
-        [sys.executable, "-P", "-c", command],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": paths, "JAX_PLATFORMS": "cpu"},
-        start_new_session=True,  # an interrupt is for the first process
-    )
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    # the parent ends us. A cluster that wants the machine back signals all processes of a job;
+    # what we start stays killable
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2):
+        signal.signal(number, _ignore)
+        os.register_at_fork(after_in_child=partial(signal.signal, number, signal.SIG_DFL))
+    os.set_inheritable(descriptor, False)
+    return Messages(Connection(descriptor))
 
 
-def end_with(parent: int) -> None:
-    """Ends the process and its children once its parent is gone, as a killed one cannot."""
+def run(serve: Callable[[Messages], None], messages: Messages) -> None:
+    """What a child process does then; what it has started ends with it."""
+    try:
+        serve(messages)
+    finally:
+        end_started(os.getpid())
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process and all that it has started once its parent is gone."""
     while os.getppid() == parent:
-        time.sleep(1.0)
-    os.killpg(0, signal.SIGKILL)
+        time.sleep(_WATCH_SECONDS)
+    end_tree(os.getpid())
+
+
+def _ignore(number: int, frame: Any) -> None:
+    """Leaves a signal to the parent; unlike `SIG_IGN`, no program that we start inherits it."""
+
+
+def _environment(on_cpu: bool) -> dict[str, str]:
+    """The variables of a child: where its modules are, its devices, its cache."""
+    paths = [path or os.getcwd() for path in sys.path]
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    if on_cpu:
+        variables["JAX_PLATFORMS"] = "cpu"
+    jax: Any = sys.modules.get("jax")
+    if jax is not None:  # else the variables say what this process does
+        values = jax.config.values
+        folder = values["jax_compilation_cache_dir"]
+        if folder is None or not values["jax_enable_compilation_cache"]:
+            variables.pop(_CACHE_FOLDER, None)
+        else:
+            variables[_CACHE_FOLDER] = str(folder)
+            variables[_CACHE_SECONDS] = str(values["jax_persistent_cache_min_compile_time_secs"])
+    return variables

@@ -1,23 +1,18 @@
 """Work in a process of its own, within a time and a memory: however it ends, we go on."""
 
-import contextlib
-import json
-import multiprocessing
-import os
-import signal
-import tempfile
-import threading
+import base64
+import pickle
 import time
 from collections.abc import Callable, Generator, Sequence
-from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from mdpo_rddl.machine.child import end_with
+from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
+from mdpo_rddl.machine.process_tree import members, resident_bytes, shared_out_bytes
 
 _POLL_SECONDS = 0.1
+# looking through all processes takes longer than asking those that are known
+_MEMBERS_SECONDS = 0.5
 _MB = 2**20
-_READY = b"ready"
 _START_SECONDS = 300.0
 
 
@@ -26,21 +21,23 @@ class Limits(NamedTuple):
 
     Attributes:
       seconds: from the end of the one before it; the process's start is not counted.
-      memory_gb: resident memory of the process; on Linux only, elsewhere there is no limit.
+      memory_gb: resident memory of the process and all that it has started, in 1e9 bytes; on
+        Linux only, elsewhere there is no limit.
     """
 
     seconds: float
     memory_gb: float
 
 
-class Death(NamedTuple):
+class ProcessFailure(NamedTuple):
     """An end without a result.
 
     Attributes:
       status: "timeout", "memory" or "crash".
       cause: one line.
       seconds: since the item was begun.
-      peak_mb: largest resident memory seen.
+      peak_mb: largest resident memory seen, of the process and all that it has started, in
+        2**20 bytes.
     """
 
     status: str
@@ -53,8 +50,8 @@ def run_guarded(
     work: Callable[[Any], dict[str, Any]],
     items: Sequence[Any],
     limits: Limits | Callable[[Any], Limits],
-) -> Generator[tuple[Any, dict[str, Any] | Death], None, None]:
-    """Works on the items in turn, all in one fresh process, and in another after a death.
+) -> Generator[tuple[Any, dict[str, Any] | ProcessFailure], None, None]:
+    """Works on the items in turn, all in one fresh process, and in another after a failure.
 
     The process, and whatever it has started, ends with the iteration. Who leaves that before
     its end closes it.
@@ -66,108 +63,82 @@ def run_guarded(
       limits: for each item, or a function that tells an item's.
 
     Yields:
-      Each item with its result as soon as it is there, or with the death of its process.
+      Each item with its result as soon as it is there, or with the failure of its process.
     """
     left = list(items)
     while left:
-        with _Process(work, left) as process:
+        with Child(serve) as child:
+            worker = _Worker(child, work)
             while left:
                 limit = limits if isinstance(limits, Limits) else limits(left[0])
-                outcome = process.next_result(limit)
+                outcome = worker.result(left[0], limit)
                 yield left.pop(0), outcome
-                if isinstance(outcome, Death):
+                if isinstance(outcome, ProcessFailure):
                     break
 
 
-class _Process:
-    """A child that works on items and sends the results, one by one."""
+class _Worker:
+    """A child that works on one item after the other, watched."""
 
-    def __init__(self, work: Callable[[Any], dict[str, Any]], items: Sequence[Any]) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="mdpo-worker-")
-        self._log = Path(self._folder.name) / "log"
-        context = multiprocessing.get_context("spawn")
-        self._results, sender = context.Pipe(duplex=False)
-        arguments = (work, list(items), sender, str(self._log))
-        # not a daemon: the work may start processes of its own
-        self._process = context.Process(target=_serve, args=arguments)
+    def __init__(self, child: Child, work: Callable[[Any], dict[str, Any]]) -> None:
+        self._child, self._work = child, work
         self._is_ready = False
-        self._process.start()
-        sender.close()  # so that the child's death is the end of the pipe
+        self._members: set[int] = set()
+        self._listed = -_MEMBERS_SECONDS
 
-    def __enter__(self) -> "_Process":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._is_ready and self._process.pid is not None:  # it leads a group by then
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.kill()
-        self._process.join()
-        self._results.close()
-        self._folder.cleanup()
-
-    def next_result(self, limits: Limits) -> dict[str, Any] | Death:
+    def result(self, item: Any, limits: Limits) -> dict[str, Any] | ProcessFailure:
         if not self._is_ready:
             starting = limits._replace(seconds=max(limits.seconds, _START_SECONDS))
-            message = self._receive(starting)
-            if isinstance(message, Death):
-                return message
+            answer = self._answer(self._work, starting)
+            if isinstance(answer, ProcessFailure):
+                return answer
             self._is_ready = True
-        message = self._receive(limits)
-        return message if isinstance(message, Death) else json.loads(message)
+        return self._answer(item, limits)
 
-    def _receive(self, limits: Limits) -> bytes | Death:
+    def _answer(self, question: Any, limits: Limits) -> dict[str, Any] | ProcessFailure:
         started, peak = time.monotonic(), 0.0
+        try:
+            self._child.ask(_packed(question))
+        except ChildEndedError as error:
+            return ProcessFailure("crash", str(error), 0.0, peak)
         while True:
-            is_there = self._results.poll(_POLL_SECONDS)
-            seconds = time.monotonic() - started
-            if is_there:
-                try:
-                    return self._results.recv_bytes()
-                except EOFError:
-                    return Death("crash", self._last_words(), seconds, peak)
-            peak = max(peak, self._resident_mb())
-            if peak * _MB > limits.memory_gb * 1e9:
-                return Death("memory", f"over {limits.memory_gb:g} GB", seconds, peak)
+            try:
+                answer: dict[str, Any] = self._child.answer(_POLL_SECONDS)
+                return answer
+            except ChildEndedError as error:
+                return ProcessFailure("crash", str(error), time.monotonic() - started, peak)
+            except TimeoutError:
+                seconds = time.monotonic() - started
+            resident = self._resident_bytes(limits.memory_gb * 1e9)
+            peak = max(peak, resident / _MB)
+            if resident > limits.memory_gb * 1e9:
+                return ProcessFailure("memory", f"over {limits.memory_gb:g} GB", seconds, peak)
             if seconds > limits.seconds:
-                return Death("timeout", f"over {limits.seconds:g} s", seconds, peak)
+                return ProcessFailure("timeout", f"over {limits.seconds:g} s", seconds, peak)
 
-    def _resident_mb(self) -> float:
-        try:
-            pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
-        except (OSError, IndexError):
-            return 0.0
-        return pages * os.sysconf("SC_PAGE_SIZE") / _MB
-
-    def _last_words(self) -> str:
-        self._process.join()
-        code = self._process.exitcode or 0
-        end = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
-        try:
-            said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
-        except OSError:
-            said = []
-        lines = [" ".join(line.split()) for line in said if line.strip()]
-        return f"{end}: {lines[-1]}" if lines else end
+    def _resident_bytes(self, limit: float) -> int:
+        """Resident memory of the child and all that it has started."""
+        now = time.monotonic()
+        if now - self._listed >= _MEMBERS_SECONDS:
+            self._members, self._listed = members(self._child.pid), now
+        resident = resident_bytes(self._members)
+        if resident > limit and len(self._members) > 1:
+            return shared_out_bytes(self._members)  # forked processes share most of theirs
+        return resident
 
 
-def _ignore(number: int, frame: Any) -> None:
-    """Leaves a signal to the parent; unlike `SIG_IGN`, no program that we start inherits it."""
+def serve(messages: Messages) -> None:
+    """The child: reads the work, and then an item at a time, until it is ended."""
+    work = _unpacked(messages.receive())
+    messages.send(None)
+    while True:
+        messages.send(work(_unpacked(messages.receive())))
 
 
-def _serve(work: Callable[[Any], dict[str, Any]], items: list[Any], sender: Any, log: str) -> None:
-    os.setsid()  # whatever the work starts ends with us
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
-    # a cluster that wants the machine back signals us too; what the work starts stays killable
-    for number in (signal.SIGTERM, signal.SIGUSR2):
-        signal.signal(number, _ignore)
-        os.register_at_fork(after_in_child=partial(signal.signal, number, signal.SIG_DFL))
-    threading.Thread(target=end_with, args=(os.getppid(),), daemon=True).start()
-    # what native code prints is all that a crash leaves behind
-    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    os.dup2(file, 1)
-    os.dup2(file, 2)
-    sender.send_bytes(_READY)
-    for item in items:
-        sender.send_bytes(json.dumps(work(item)).encode())
-    sender.close()
+# from this process to its own child, which sends no such thing back
+def _packed(value: Any) -> str:
+    return base64.b64encode(pickle.dumps(value)).decode()
+
+
+def _unpacked(text: str) -> Any:
+    return pickle.loads(base64.b64decode(text))

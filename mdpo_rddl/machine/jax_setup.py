@@ -33,6 +33,17 @@ def keep_compiled_programs() -> Path:
     return cache_folder() / "traced"
 
 
+def keep_no_programs() -> None:
+    """Has JAX neither read nor write compiled programs, whatever its variables say."""
+    jax.config.update("jax_compilation_cache_dir", None)
+
+
+def kept_tables() -> Path | None:
+    """`grammar_tables` if this process keeps compiled programs, as a child is told to or not."""
+    folder: str | None = jax.config.values["jax_compilation_cache_dir"]
+    return None if folder is None else grammar_tables()
+
+
 def grammar_tables() -> Path:
     """Where the tables of RDDL's grammar are kept, which take longer to build than to read."""
     return cache_folder() / "grammar-tables"

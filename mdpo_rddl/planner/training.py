@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.missing import missing_package
@@ -107,7 +107,8 @@ def train(
 ) -> TrainingResult:
     """Trains until the iterations, the seconds or the planner's own stopping rule end it.
 
-    A keyboard interrupt after the first iteration ends it likewise, with what was found.
+    A keyboard interrupt or `Cancelled` after the first iteration ends it likewise, with what was
+    found.
 
     Args:
       built: the compiled planner; all its parallel updates are restarts of one search.
@@ -152,7 +153,7 @@ def _run(
             on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
             if callback["status"].is_terminal():
                 status = callback["status"].name.lower()
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Cancelled):
         # the iterates so far are worth keeping
         if not found.callback:
             raise

@@ -58,13 +58,18 @@ class Problem:
 
 
 def load_problem(
-    domain: str, instance: str, horizon: int | None = None, tables: Path | None = None
+    domain: str,
+    instance: str,
+    horizon: int | None = None,
+    tables: Path | None = None,
+    names_must_agree: bool = True,
 ) -> Problem:
     """Parse and check a problem given as two files, or as two names of rddlrepository.
 
     The arguments are those of `mdpo_rddl.problem.files.read_problem`. A `horizon` replaces the
     instance's own. `tables` is a file that keeps the grammar's tables for the next run, a pickle
-    that is trusted.
+    that is trusted. Two files of the user's must name the same domain and non-fluents, unless
+    `names_must_agree` is false.
 
     Raises `InputError` for whatever is wrong with the arguments or in the files.
     """
@@ -75,7 +80,8 @@ def load_problem(
     ast = _parse(_Parser(tables), files)
     if horizon is not None:
         ast.instance.horizon = horizon
-    if files.is_own:  # Some pairs of rddlrepository disagree in their names, and still work.
+    # Some pairs of rddlrepository disagree in their names, and still work.
+    if files.is_own and names_must_agree:
         _check_names(ast, domain_path, instance_path)
     _check_instance_block(ast, instance_path)
     with _guarded(domain_path, instance_path):

@@ -4,26 +4,26 @@ It starts when training does, so that it has compiled its policy by the time the
 play. Whatever happens to it, the first process can play both.
 """
 
-import contextlib
 import logging
-import os
-import pickle
-import subprocess
 import sys
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
-from typing import Any
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
-from mdpo_rddl.machine.child import start_python
+from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
 from mdpo_rddl.machine.cores import usable_cores
-from mdpo_rddl.machine.jax_setup import leave_out_of_collections
+from mdpo_rddl.machine.jax_setup import kept_tables, leave_out_of_collections
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.session.preparation import prepare
 from mdpo_rddl.session.requests import PlanRequest
 
@@ -31,7 +31,15 @@ logger = logging.getLogger(__name__)
 
 # with fewer steps to play, starting a process takes longer than playing them
 _WORTH_STEPS = 1000
-_COMMAND = "from mdpo_rddl.session.second_evaluator import serve; serve()"
+_POLICY = "policy.safetensors"
+
+
+class _Terms(NamedTuple):
+    """How the policy is played."""
+
+    problem: Problem
+    seed: int
+    episodes: int
 
 
 class SecondEvaluator:
@@ -46,81 +54,90 @@ class SecondEvaluator:
         Args:
           request: what is planned and how it is evaluated.
         """
-        self._process: subprocess.Popen[bytes] | None = None
-        self._threads = ThreadPoolExecutor(1)
-        self._evaluation: Future[Evaluation] | None = None
+        self._request = request
+        self._child: Child | None = None
+        self._is_asked = False
         steps = request.episodes * request.problem.horizon
         # another device than this process's could round otherwise
         is_alike = jax.default_backend() == "cpu"
         if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike or not sys.executable:
             return
-        self._process = start_python(_COMMAND)
-        self._threads.submit(self._send, request)
+        self._child = Child(serve, on_cpu=True)
+        self._ask(
+            {
+                "problem": asdict(ProblemSource.of(request.problem)),
+                "config": request.config.to_text(),
+                "seed": request.seed,
+                "episodes": request.episodes,
+            }
+        )
 
     def __enter__(self) -> "SecondEvaluator":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-        self._threads.shutdown()
-        for stream in self._streams():
-            with contextlib.suppress(OSError):  # what was not sent is sent to nobody
-                stream.close()
+    def __exit__(self, *error: object) -> None:
+        if self._child is not None:
+            self._child.end()
 
     def begin(self, params: Any, policy_hyperparams: Mapping[str, Any]) -> None:
         """Starts to play a policy as the request asks; `result` waits for its end.
 
         Args:
-          params: parameters of one policy, numpy arrays.
+          params: parameters of one policy, nested dictionaries of arrays.
           policy_hyperparams: JaxPlan's policy hyperparameters.
         """
-        if self._process is not None:
-            policy = (params, dict(policy_hyperparams))
-            self._evaluation = self._threads.submit(self._play, policy)
+        if self._child is None:
+            return
+        request = self._request
+        saved = SavedPolicy(
+            params=params,
+            policy_hyperparams=dict(policy_hyperparams),
+            config=request.config.to_text(),
+            problem=problem_identity(request.problem),
+            seed=request.seed,
+        )
+        path = self._child.folder / _POLICY
+        save_policy(path, saved)
+        self._ask(str(path))
+        self._is_asked = True
 
     def result(self) -> Evaluation | None:
         """What the policy earned; None if the process was not started or did not manage it."""
-        if self._evaluation is None:
+        if self._child is None or not self._is_asked:
             return None
         try:
-            return self._evaluation.result()
-        except (OSError, EOFError, pickle.UnpicklingError) as error:
-            logger.info("the second process gave no result: %r", error)
+            answer = self._child.answer()
+        except ChildEndedError as error:
+            logger.info("the second process: %s", error)
             return None
+        returns, lengths = np.array(answer.pop("returns")), np.array(answer.pop("lengths"))
+        return Evaluation(returns=returns, lengths=lengths, **answer)
 
-    def _streams(self) -> list[Any]:
-        return [] if self._process is None else [self._process.stdin, self._process.stdout]
-
-    def _send(self, message: Any) -> None:
-        messages, _ = self._streams()
-        pickle.dump(message, messages)
-        messages.flush()
-
-    def _play(self, policy: tuple[Any, dict[str, Any]]) -> Evaluation:
-        self._send(policy)
-        _, results = self._streams()
-        evaluation = pickle.load(results)
-        assert isinstance(evaluation, Evaluation)
-        return evaluation
+    def _ask(self, message: Any) -> None:
+        assert self._child is not None
+        try:
+            self._child.ask(message)
+        except ChildEndedError as error:  # then it does not answer either
+            logger.info("the second process: %s", error)
 
 
-def serve() -> None:
-    """The second process: reads a request and a policy, plays it, writes the evaluation."""
-    results = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what the libraries print is no result
-    request = pickle.load(sys.stdin.buffer)
-    planner = build_planner(request.problem, request.config).planner
-    prepare(planner, request)
+def serve(messages: Messages) -> None:
+    """The second process: is told a problem, and then a policy, which it plays."""
+    asked = messages.receive()
+    problem = ProblemSource(**asked["problem"]).load(kept_tables())
+    config = PlannerConfig.from_text(asked["config"])
+    seed, episodes = asked["seed"], asked["episodes"]
+    planner = build_planner(problem, config).planner
+    prepare(planner, _Terms(problem, seed, episodes))
     leave_out_of_collections()
-    params, hyperparams = pickle.load(sys.stdin.buffer)
-    env = make_environment(request.problem)
-    policy = playable(planner, params, hyperparams, request.seed)
-    pickle.dump(evaluate(env, policy, request.episodes, request.seed), results)
-    results.close()
+    saved = load_policy(Path(messages.receive()))
+    policy = playable(planner, saved.params, saved.policy_hyperparams, seed)
+    found = evaluate(make_environment(problem), policy, episodes, seed)
+    messages.send(
+        {
+            "returns": found.returns.tolist(),
+            "lengths": found.lengths.tolist(),
+            "illegal_actions": found.illegal_actions,
+            "fallback_actions": found.fallback_actions,
+        }
+    )

@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from typing import Any
 
@@ -46,3 +47,34 @@ class Counting:
             process.terminate()
             child = process.wait(10)
         return {"count": self.count, "child": child}
+
+
+_HOARD = "import time; hoard = b'x' * 10**9; time.sleep(600)"
+
+
+def spread(item: str) -> dict[str, Any]:
+    """Uses memory in processes that it starts."""
+    if item == "hoarding child":
+        subprocess.run([sys.executable, "-c", _HOARD], start_new_session=True, check=False)
+    if item == "sharing children":
+        hoard = bytearray(b"x" * (3 * 10**8))
+        forked = []
+        for _ in range(4):
+            number = os.fork()
+            if number == 0:
+                time.sleep(600)
+            forked.append(number)
+        time.sleep(3.0)
+        for number in forked:
+            os.kill(number, signal.SIGKILL)
+            os.waitpid(number, 0)
+        return {"bytes": len(hoard)}
+    return {}
+
+
+class Starting:
+    """Starts a process in a session of its own, and leaves it."""
+
+    def __call__(self, item: str) -> dict[str, Any]:
+        process = subprocess.Popen(["sleep", "600"], start_new_session=True)
+        return {"child": process.pid, "worker": os.getpid()}

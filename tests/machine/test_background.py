@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.machine import background
 from mdpo_rddl.machine.background import run_until
 
@@ -29,8 +30,8 @@ def test_work_that_takes_too_long_is_abandoned_and_ends_when_it_asks():
     def slow(work):
         deaf.wait(60.0)
         try:
-            work.go_on()
-        except KeyboardInterrupt:
+            work.raise_if_cancelled()
+        except Cancelled:
             if work.is_abandoned:
                 told.set()
             raise
@@ -49,9 +50,9 @@ def test_an_interrupt_lets_the_work_finish_what_it_has(monkeypatch):
         begun.set()
         try:
             while True:
-                work.go_on()
+                work.raise_if_cancelled()
                 time.sleep(0.01)
-        except KeyboardInterrupt:
+        except Cancelled:
             finished.set()
 
     wait, calls = background._wait, []

@@ -19,6 +19,7 @@ from helpers.trainings import (
     trained,
 )
 
+from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
@@ -220,19 +221,21 @@ def test_a_run_that_the_seconds_end_is_recorded_like_any_other():
 
 
 class Interrupt:
-    """Presses Ctrl-C when an iteration is reported."""
+    """Presses Ctrl-C, or cancels, when an iteration is reported."""
 
-    def __init__(self, iteration: int) -> None:
-        self.iteration = iteration
+    def __init__(self, iteration: int, kind: type[BaseException] = KeyboardInterrupt) -> None:
+        self.iteration, self.kind = iteration, kind
 
     def __call__(self, progress: Progress) -> None:
         if progress.iteration == self.iteration:
-            raise KeyboardInterrupt
+            raise self.kind
 
 
-@pytest.mark.parametrize("iteration", [0, 4])
-def test_an_interrupt_keeps_what_was_found(planner, iteration):
-    result, _ = trained(planner, 900, on_progress=Interrupt(iteration))
+@pytest.mark.parametrize(
+    ("iteration", "kind"), [(0, KeyboardInterrupt), (4, KeyboardInterrupt), (4, Cancelled)]
+)
+def test_an_interrupt_keeps_what_was_found(planner, iteration, kind):
+    result, _ = trained(planner, 900, on_progress=Interrupt(iteration, kind))
     whole, _ = trained(planner, iteration + 1)
     assert result.status == "interrupted"
     assert result.iterations == iteration + 1

@@ -1,11 +1,16 @@
 """A second process that plays one policy: the same returns, or none."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
 
 import jax
 import numpy as np
 import pytest
-from helpers.problems import ROOT, shipped
+from helpers.problems import ROOT, shipped, tiny_files
+from helpers.processes import is_alive
 
 from mdpo_rddl.cli import plan
 from mdpo_rddl.planner.build import build_planner
@@ -40,9 +45,10 @@ def request_and_policy(tmp_path, monkeypatch):
     return request, planner, params, hyperparams
 
 
-def test_both_processes_find_the_same_returns(request_and_policy):
+def test_both_processes_find_the_same_returns(request_and_policy, monkeypatch):
     request, planner, params, hyperparams = request_and_policy
     here = Evaluator(request, planner, hyperparams, Silent()).run(params)
+    monkeypatch.setattr(second_evaluator, "evaluate", None)  # here, but not there
     with SecondEvaluator(request) as second:
         second.begin(params, hyperparams)
         there = second.result()
@@ -54,7 +60,7 @@ def test_both_processes_find_the_same_returns(request_and_policy):
 def test_no_result_from_a_process_that_died(request_and_policy):
     request, _, params, hyperparams = request_and_policy
     with SecondEvaluator(request) as second:
-        second._process.kill()
+        os.kill(second._child.pid, signal.SIGKILL)
         second.begin(params, hyperparams)
         assert second.result() is None
 
@@ -62,7 +68,7 @@ def test_no_result_from_a_process_that_died(request_and_policy):
 def test_no_result_from_a_policy_that_cannot_be_played(request_and_policy):
     request, _, _, hyperparams = request_and_policy
     with SecondEvaluator(request) as second:
-        second.begin({"not": "the policy's"}, hyperparams)
+        second.begin({"not": np.zeros(1)}, hyperparams)
         assert second.result() is None
 
 
@@ -74,7 +80,7 @@ def test_no_process_where_it_is_not_worth_its_while(request_and_policy, monkeypa
     else:
         monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 1)
     with SecondEvaluator(request) as second:
-        assert second._process is None
+        assert second._child is None
         second.begin(params, hyperparams)
         assert second.result() is None
 
@@ -82,9 +88,9 @@ def test_no_process_where_it_is_not_worth_its_while(request_and_policy, monkeypa
 def test_the_process_ends_with_the_block(request_and_policy):
     request, *_ = request_and_policy
     with SecondEvaluator(request) as second:
-        process = second._process
-        assert process.poll() is None
-    assert process.poll() is not None
+        pid = second._child.pid
+        assert is_alive(pid)
+    assert not is_alive(pid)
 
 
 def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch, capsys):
@@ -106,3 +112,42 @@ def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch,
     beside, alone = summaries
     assert beside["returns"] == alone["returns"]
     assert beside["last_iterate"] == alone["last_iterate"]
+
+
+COMMAND = """
+import sys
+from mdpo_rddl.cli import plan
+from mdpo_rddl.session import plan as session
+from mdpo_rddl.session import second_evaluator
+
+second_evaluator.usable_cores = lambda: 2
+second_evaluator._WORTH_STEPS = 1
+played = []
+
+class Noting(second_evaluator.SecondEvaluator):
+    def result(self):
+        played.append(super().result())
+        return played[-1]
+
+session.SecondEvaluator = Noting
+status = plan.main(sys.argv[1:])
+sys.exit(status or [one is None for one in played] != [False])
+"""
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_no_process_of_a_command_keeps_anything_unless_it_may(tmp_path, keeps):
+    domain, instance = tiny_files(tmp_path)
+    cache, home = tmp_path / "cache", tmp_path / "home"
+    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    variables = {"JAX_COMPILATION_CACHE_DIR": str(cache), "XDG_CACHE_HOME": str(home)}
+    arguments = [domain, instance, "--iterations", "2", "--episodes", "2", "--quiet"]
+    arguments += [] if keeps else ["--no-cache"]
+    subprocess.run(
+        [sys.executable, "-c", COMMAND, *arguments, "--out", str(tmp_path / "run")],
+        env={**os.environ, "PYTHONPATH": paths, **variables},
+        check=True,
+    )
+    assert (tmp_path / "run" / "summary.json").is_file()
+    assert cache.exists() == keeps
+    assert not (home / "mdpo-rddl").exists()

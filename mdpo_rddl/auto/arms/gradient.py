@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.judge import Choice
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.machine.background import Work
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built
@@ -122,11 +122,11 @@ def descend(
       choice: is told of each phase's best and last iterate.
       key: JAX random key.
       deadline: when to end, by `time.monotonic`; compilation counts.
-      work: asks to go on after each call; once it is abandoned nothing is told any more.
+      work: asked after each call; once it is abandoned nothing is told any more.
       on_progress: called while training goes on.
 
     Raises:
-      KeyboardInterrupt: if interrupted, with what was found till then in `choice`.
+      Cancelled: if cancelled, with what was found till then in `choice`.
     """
     count = planner.parallel_updates
     guesses = [starts[number * len(starts) // count] for number in range(count)]
@@ -134,8 +134,8 @@ def descend(
     steps = [rate * factor for factor in _repeated(_FIRST_STEPS, count)]
     noise = _repeated(_FIRST_NOISE, count)
 
-    def go_on(progress: Progress) -> None:
-        work.go_on()
+    def tell(progress: Progress) -> None:
+        work.raise_if_cancelled()
         on_progress(progress)
 
     for phase in range(_PHASES):
@@ -150,7 +150,7 @@ def descend(
                 jax.random.fold_in(key, phase),
                 Budget(_ITERATIONS, seconds),
                 counts_compilation=True,
-                on_progress=go_on,
+                on_progress=tell,
             )
         except InputError as error:
             # the search has found a policy without the gradient
@@ -164,7 +164,7 @@ def descend(
         descent.results.append(result)
         descent.improved.append(better)
         if result.status == "interrupted":
-            raise KeyboardInterrupt
+            raise Cancelled
         step = steps[result.restart] if better else max(steps) * _SHRINK
         guesses = [choice.best] * count
         noise = [(noise[result.restart] if better else max(noise)) * _SHRINK] * count

@@ -19,7 +19,7 @@ from mdpo_rddl.bench.configs.candidates import MANY, candidates
 from mdpo_rddl.bench.configs.choice import BASELINE, NOOP, REFERENCES, choose
 from mdpo_rddl.bench.configs.names import PLANS
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline, build_planner
@@ -114,7 +114,7 @@ def run_config_sweep(
 def _run(records: Records, runs: Sequence[Run], limits: Limits) -> None:
     for _, group in groupby(runs, key=lambda run: (run.domain, run.instance, run.plan)):
         for run, outcome in run_guarded(train_and_play, list(group), limits):
-            row = {"status": outcome.cause} if isinstance(outcome, Death) else outcome
+            row = {"status": outcome.cause} if isinstance(outcome, ProcessFailure) else outcome
             key = (run.domain, run.instance, run.plan, run.candidate)
             records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))
             logger.info("%s: %s %s", " ".join(key), row["status"], row.get("return", ""))

@@ -13,7 +13,7 @@ import numpy as np
 from mdpo_rddl.bench.common.full_training import train_fully
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline, build_planner
@@ -75,7 +75,7 @@ def try_all(
     missing = [a for a in attempts if not records.has(a.problem, a.instance, a.planner)]
     for _, group in groupby(missing, key=lambda a: (a.problem, a.instance)):
         for attempt, outcome in run_guarded(work or run_attempt, list(group), limits):
-            row = _row_of_death(outcome) if isinstance(outcome, Death) else outcome
+            row = _row_of_failure(outcome) if isinstance(outcome, ProcessFailure) else outcome
             values = [row.get(name, "") for name in COLUMNS[len(KEYS) :]]
             records.add(attempt.problem, attempt.instance, attempt.planner, *values)
             label = f"{attempt.problem} {attempt.instance}, {attempt.planner}"
@@ -107,9 +107,9 @@ class _NonFiniteError(Exception):
     """A return that is not a number."""
 
 
-def _row_of_death(death: Death) -> dict[str, Any]:
-    seconds, peak = round(death.seconds, 1), round(death.peak_mb)
-    return {"status": death.status, "cause": death.cause, "seconds": seconds, "peak_mb": peak}
+def _row_of_failure(failure: ProcessFailure) -> dict[str, Any]:
+    seconds, peak = round(failure.seconds, 1), round(failure.peak_mb)
+    return {"status": failure.status, "cause": failure.cause, "seconds": seconds, "peak_mb": peak}
 
 
 def _try(attempt: Attempt, row: dict[str, Any]) -> None:

@@ -19,7 +19,7 @@ from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.speed.generate import hvac_instance, reservoir_instance
 from mdpo_rddl.bench.speed.names import AXES
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.jax_setup import use_all_cores
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
@@ -79,7 +79,7 @@ def run_growth(out: Path, axes: Iterable[str], seconds: float, limits: Limits) -
             if records.has(axis, size):
                 continue
             for _, outcome in run_guarded(measure, [Point(axis, size, seconds)], limits):
-                row = {"status": outcome.cause} if isinstance(outcome, Death) else outcome
+                row = {"status": outcome.cause} if isinstance(outcome, ProcessFailure) else outcome
                 records.add(axis, size, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))
                 logger.info("%s %d: %s", axis, size, row)
     draw_growth(records, out / "growth.png")

@@ -13,7 +13,7 @@ import numpy as np
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.ipc.registry import check_planner, make_planner
-from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import commit, versions
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
@@ -109,7 +109,7 @@ def run_tasks(
     limits = Limits(conditions.seconds + _PLAY_SECONDS, conditions.memory_gb)
     for trial in trials:
         for _, outcome in run_guarded(run_trial, [trial], limits):
-            row = _of_failure(outcome) if isinstance(outcome, Death) else outcome
+            row = _of_failure(outcome) if isinstance(outcome, ProcessFailure) else outcome
             key = (trial.task.problem, trial.task.instance, trial.planner, trial.seed)
             records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))
             logger.info("%s %s, %s, seed %d: %s %s", *key, row["status"], row.get("mean", ""))
@@ -156,7 +156,7 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     return evaluation
 
 
-def _of_failure(failure: Death) -> dict[str, Any]:
+def _of_failure(failure: ProcessFailure) -> dict[str, Any]:
     return {
         "status": failure.status,
         "cause": failure.cause,
