@@ -9,10 +9,10 @@ plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
 
 test: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow'
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow" --durations=30
 
 test-all: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist worksteal --durations=30
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
