@@ -6,8 +6,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from helpers.caches import use_own_caches  # noqa: E402
-from hypothesis import settings  # noqa: E402
+from helpers.caches import use_own_caches
+from hypothesis import settings
 
 # as fast to compile as can be; children inherit it
 os.environ.setdefault(
