@@ -3,16 +3,26 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
+.PHONY: plan test test-all test-random test-lowest lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
 
 test: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist loadfile -m 'not slow'
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow" --durations=30
 
 test-all: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist worksteal --durations=30
+
+# one process, so that a test that needs what another one did is seen
+test-random: $(VENV)/.installed
+	$(BIN)/pytest -p randomly -m "not slow"
+
+# a smoke set on the oldest versions that pyproject.toml allows
+SMOKE := tests/noise tests/policy tests/planner/programs tests/planner/test_exact.py \
+  tests/cli/test_plan_run.py
+test-lowest: .venv-lowest/.installed
+	.venv-lowest/bin/pytest -m "not slow" --durations=30 $(SMOKE)
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -82,6 +92,14 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	  --constraint constraints.txt --editable '.[dev,tuning,slurm]'
 	touch $@
 
+.venv-lowest/.installed: pyproject.toml tools/lowest.py
+	$(PYTHON) -m venv --clear .venv-lowest
+	$(PYTHON) tools/lowest.py > .venv-lowest/lowest.txt
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check \
+	  --requirement .venv-lowest/lowest.txt
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	touch $@
+
 # PPO's packages
 $(VENV)/.installed-paper: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
@@ -92,4 +110,4 @@ $(VENV)/.installed-paper: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .venv-lowest build *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -209,11 +209,16 @@ def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
         plan_automatically(lake, preset(3.0), seed=0)
 
 
-def test_an_enum_action_has_its_own_unit():
+def test_an_enum_action_is_boxed_by_its_own_values():
     problem = load_problem("Sokoban_arcade", "0")
     planner = build_planner(problem, without_scales(preset(1.0))).planner
     found = probing.probe(planner, seed=0)
+    # it has a box, so that none is probed; its unit is the box's width
     assert found.units == {}
+    (name,) = planner.action_specs
+    values = len(problem.model.type_to_objects[problem.model.action_ranges[name]])
+    assert values > 2
+    np.testing.assert_array_equal(planner.plan.units[name], values - 1)
 
 
 def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch):

@@ -150,6 +150,7 @@ def test_the_table_of_growth_worked_by_hand(tmp_path):
 
 
 def test_compiled_programs_are_kept_where_the_user_says(monkeypatch, tmp_path):
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_folder() == tmp_path / "mdpo-rddl" / "jax"
     monkeypatch.delenv("XDG_CACHE_HOME")
@@ -171,7 +172,8 @@ print(len(jax.devices()))
 
 @pytest.mark.parametrize("given", [{}, {"JAX_NUM_CPU_DEVICES": "3"}])
 def test_the_cache_is_filled_and_every_core_is_a_device(tmp_path, given):
-    kept = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_NUM_CPU_DEVICES")}
+    ours = ("XLA_FLAGS", "JAX_NUM_CPU_DEVICES", "JAX_COMPILATION_CACHE_DIR")
+    kept = {k: v for k, v in os.environ.items() if k not in ours}
     environment = {**kept, "XDG_CACHE_HOME": str(tmp_path), **given}
     command = [sys.executable, "-c", CACHED]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""MDPOPlanner against JaxPlan: equal bit for bit without noise, legal and live with it."""
+"""MDPOPlanner: its analysis, what its noise reaches, and rules of a user's own."""
 
 from dataclasses import dataclass
 
@@ -7,74 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from helpers.problems import assert_same_bits, make_plan, make_planner, optimize, shipped
+from helpers.problems import make_plan, make_planner, optimize, shipped
 
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
-from mdpo_rddl.planner.upstream import JaxBackpropPlanner
-
-EPOCHS = 12
-
-
-SETTINGS = [
-    ("hvac10", "drp", NoNoise(), {}),
-    ("hvac10", "slp", ConstantNoise(0.0), {"batch_size_train": 3}),
-    ("powergen7", "drp", AdaptiveNoise(0.0, 0.0), {"parallel_updates": 2, "batch_size_train": 2}),
-    ("reservoir15", "slp", NoNoise(), {"parallel_updates": 2, "clip_grad": 1.0, "ema_decay": 0.9}),
-]
-
-
-@pytest.mark.parametrize(("instance", "kind", "noise", "arguments"), SETTINGS)
-def test_without_noise_parameters_equal_jaxplans_bit_for_bit(instance, kind, noise, arguments):
-    problem = shipped(instance, horizon=30)
-    base = make_planner(JaxBackpropPlanner, problem, make_plan(kind), **arguments)
-    theirs = optimize(base, EPOCHS)
-    planner = make_planner(MDPOPlanner, problem, make_plan(kind), noise=noise, **arguments)
-    ours = optimize(planner, EPOCHS)
-    assert_same_bits(ours["params"], theirs["params"])
-    assert_same_bits(ours["best_params"], theirs["best_params"])
-    assert_same_bits(ours["train_return"], theirs["train_return"])
-    assert set(theirs) | {"sigma", "sensitivity"} == set(ours)
-    assert not np.any(ours["sigma"])
-
-
-@pytest.mark.parametrize(
-    ("instance", "kind", "arguments"),
-    [
-        ("hvac10", "slp", {"batch_size_train": 3}),
-        ("powergen7", "drp", {"parallel_updates": 2, "batch_size_train": 2}),
-    ],
-)
-def test_vanishing_noise_vanishes_in_the_perturbed_rollouts_too(instance, kind, arguments):
-    problem = shipped(instance, horizon=30)
-    base = make_planner(JaxBackpropPlanner, problem, make_plan(kind), **arguments)
-    noise = AdaptiveNoise(0.0, 1e-30)
-    planner = make_planner(MDPOPlanner, problem, make_plan(kind), noise=noise, **arguments)
-    theirs, ours = next(iter_callbacks(base, 2)), next(iter_callbacks(planner, 2))
-    np.testing.assert_allclose(ours["train_return"], theirs["train_return"], rtol=1e-6)
-    # the order of summation over a batch of rollouts may differ
-    largest = max(np.abs(leaf).max() for leaf in jax.tree.leaves(theirs["grad"]))
-    assert largest > 0.0
-    for mine, other in zip(*map(jax.tree.leaves, (ours["grad"], theirs["grad"])), strict=True):
-        np.testing.assert_allclose(mine, other, rtol=1e-4, atol=1e-5 * largest)
-
-
-def test_pgpe_default_is_jaxplans_but_not_shared():
-    problem = shipped("reservoir15", horizon=8)
-    arguments = {"batch_size_train": 2, "compiler_kwargs": {"print_warnings": False}}
-    planners = [
-        MDPOPlanner(problem.model, make_plan("slp"), noise=NoNoise(), **arguments) for _ in range(2)
-    ]
-    assert planners[0].pgpe is not planners[1].pgpe
-    # PGPE is annealed with the share of the time used, which must not depend on the machine
-    base = JaxBackpropPlanner(problem.model, make_plan("slp"), **arguments)
-    theirs = optimize(base, 5, train_seconds=1e300)
-    for planner in planners:
-        ours = optimize(planner, 5, train_seconds=1e300)
-        assert_same_bits(ours["params"], theirs["params"])
-        assert_same_bits(ours["pgpe_params"], theirs["pgpe_params"])
 
 
 def rollout_arguments(planner, seed=0):
