@@ -15,6 +15,7 @@ from mdpo_rddl.bench.presets.auto import PLANNERS, auto_table, run_auto
 from mdpo_rddl.bench.presets.noise_sweep import sweep, sweep_table
 from mdpo_rddl.bench.presets.paper_preset import NOISES, paper_preset_table, run_paper_preset
 from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
+from mdpo_rddl.bench.problems.exactness import exactness_table, run_exactness
 from mdpo_rddl.bench.problems.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.bench.speed.growth import AXES, growth_table, run_growth
 from mdpo_rddl.bench.speed.profile import profile_table, run_profile
@@ -141,6 +142,13 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     )
     everything.set_defaults(run=_compatibility, out=Path("results/compatibility"), timeout=900)
 
+    exactness = commands.add_parser(
+        "exactness", help="the compiled exact model against the environment, on every problem"
+    )
+    exactness.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
+    exactness.add_argument("--max-horizon", type=positive_int, default=40)
+    exactness.set_defaults(run=_exactness, out=Path("results/exactness"), timeout=600)
+
     smoke = commands.add_parser("ipc-smoke", help="the eight IPC 2023 domains with ours")
     smoke.add_argument("--domains", nargs="+", choices=DOMAINS, default=list(DOMAINS))
     smoke.add_argument("--instances", nargs="+", metavar="NAME", default=list(INSTANCES))
@@ -172,7 +180,7 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     growth.add_argument("--seconds", type=number(above=0), default=5)
     growth.set_defaults(run=_growth, out=Path("results/growth"), timeout=900)
 
-    for command in (everything, smoke, configs, growth):
+    for command in (everything, exactness, smoke, configs, growth):
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
@@ -187,7 +195,7 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             default=8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, smoke, configs, growth]
+    return [everything, exactness, smoke, configs, growth]
 
 
 def _auto(options: argparse.Namespace) -> str:
@@ -206,6 +214,12 @@ def _compatibility(options: argparse.Namespace) -> str:
         Limits(options.timeout, options.memory_gb),
     )
     return compatibility_table(records)
+
+
+def _exactness(options: argparse.Namespace) -> str:
+    limits = Limits(options.timeout, options.memory_gb)
+    records = run_exactness(options.out, options.problems, options.max_horizon, limits)
+    return exactness_table(records)
 
 
 def _ipc_smoke(options: argparse.Namespace) -> str:

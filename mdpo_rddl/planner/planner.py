@@ -142,9 +142,8 @@ class MDPOPlanner(ActingPlanner):
         if limits:
             self.plan.train_policy, self.plan.test_policy = limited_policies(self.plan, limits)
             self.train_policy = jax.jit(self.plan.train_policy)
-        self.legal_policy = self.plan.test_policy
-        if self.keep_group_limits:
-            self.legal_policy = legal_policy(self.plan, self.test_compiled, limits)
+        plain, exact, legal = self.plan.test_policy, self.test_compiled, self.keep_group_limits
+        self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
         self.test_policy = jax.jit(self.legal_policy)
         self.action_specs = action_specs(self.plan, self.compiled)
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)

@@ -1,5 +1,6 @@
 """Single changes of the no-op, as vectors that a search for a legal action goes through."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -36,7 +37,7 @@ class Changes:
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = {
             name: slice(*pair)
-            for name, pair in zip(self._kinds, zip(ends, ends[1:], strict=False), strict=True)
+            for name, pair in zip(self._kinds, itertools.pairwise(ends), strict=True)
         }
         self.size = ends[-1]
         self.noop = np.concatenate([np.ravel(noop[n]).astype(np.float32) for n in self._kinds])

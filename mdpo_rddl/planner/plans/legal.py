@@ -181,9 +181,7 @@ class LegalActions:
         return changes.tree(found.base, actions)
 
 
-def legal_policy(
-    plan: Any, compiled: Any, limits: Sequence[GroupLimit]
-) -> Callable[..., Actions]:
+def legal_policy(plan: Any, compiled: Any, limits: Sequence[GroupLimit]) -> Callable[..., Actions]:
     """A compiled plan's test policy, made legal.
 
     Args:
@@ -207,7 +205,7 @@ def legal_policy(
 
 def _compile_rule(compiled: Any, rule: Implication) -> Callable[[Any, Any], Array]:
     """A function of fluents and non-fluents: which components may be true [*action shape]."""
-    aux = {"params": {}, "overriden": {}, "exact": set()}
+    aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
     compile_one = [compiled._jax(e, aux, dtype=jnp.bool_) for e in (*rule.given, rule.condition)]
     model, unused = dict(aux["params"]), set(range(len(rule.sizes))) - set(rule.axes)
     kept = sorted(rule.axes)
