@@ -9,6 +9,7 @@ from mdpo_rddl.bench.presets.auto import auto_table, run_auto
 from mdpo_rddl.bench.presets.noise_sweep import NoisePoint, sweep, sweep_table
 from mdpo_rddl.bench.presets.paper_preset import paper_preset_table, run_paper_preset
 from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
+from mdpo_rddl.bench.problems.exactness import exactness_table, run_exactness
 from mdpo_rddl.bench.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.bench.speed.growth import growth_table, run_growth
 from mdpo_rddl.bench.speed.profile import profile_table, run_profile
@@ -36,6 +37,12 @@ def _compatibility(options: argparse.Namespace) -> str:
         Limits(options.timeout, options.memory_gb),
     )
     return compatibility_table(records)
+
+
+def _exactness(options: argparse.Namespace) -> str:
+    limits = Limits(options.timeout, options.memory_gb)
+    records = run_exactness(options.out, options.problems, options.max_horizon, limits)
+    return exactness_table(records)
 
 
 def _ipc_smoke(options: argparse.Namespace) -> str:
@@ -110,6 +117,7 @@ COMMANDS = {
     "speed": _speed,
     "auto": _auto,
     "compatibility": _compatibility,
+    "exactness": _exactness,
     "ipc-smoke": _ipc_smoke,
     "configs": _configs,
     "growth": _growth,

@@ -100,6 +100,13 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     )
     everything.set_defaults(run="compatibility", out=Path("results/compatibility"), timeout=900)
 
+    exactness = commands.add_parser(
+        "exactness", help="the compiled exact model against the environment, on every problem"
+    )
+    exactness.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
+    exactness.add_argument("--max-horizon", type=positive_int, default=40)
+    exactness.set_defaults(run="exactness", out=Path("results/exactness"), timeout=600)
+
     smoke = commands.add_parser("ipc-smoke", help="the eight IPC 2023 domains with ours")
     smoke.add_argument("--domains", nargs="+", choices=DOMAINS, default=list(DOMAINS))
     smoke.add_argument("--instances", nargs="+", metavar="NAME", default=list(INSTANCES))
@@ -131,7 +138,7 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     growth.add_argument("--seconds", type=number(above=0), default=5)
     growth.set_defaults(run="growth", out=Path("results/growth"), timeout=900)
 
-    for command in (everything, smoke, configs, growth):
+    for command in (everything, exactness, smoke, configs, growth):
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
@@ -146,4 +153,4 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             default=8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, smoke, configs, growth]
+    return [everything, exactness, smoke, configs, growth]

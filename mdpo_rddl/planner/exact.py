@@ -14,7 +14,6 @@ from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
-from mdpo_rddl.problem.limits import group_limits
 
 
 def compile_exact_returns(
@@ -22,8 +21,9 @@ def compile_exact_returns(
 ) -> Callable[[Array, Any], Array]:
     """Compiles rollouts of the planner's policy on the exact model.
 
-    A reward after termination does not count, whatever the planner's own switch says; where an
-    action breaks a precondition the no-op is played.
+    These are the exact environment's rules: no reward counts after a termination condition or a
+    broken invariant has ended the episode, whatever the planner's own switch says, and an action
+    that breaks a rule is replaced as in play (`mdpo_rddl.planner.plans.legal`).
 
     Args:
       planner: the compiled planner.
@@ -73,18 +73,16 @@ def _compile_play(
     planner: MDPOPlanner, rollouts: int, with_states: bool
 ) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
     compiled = planner.test_compiled
-    stopping = bool(planner.rddl.terminations)
+    stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
     fluents, nonfluents = initial_values(planner).test
-    policy = planner.plan.test_policy
-    if group_limits(planner.rddl)[1]:
-        policy = _legal(policy, compiled, nonfluents)
     options = RolloutOptions(
         check_constraints=stopping, cache_path_info=with_states, differentiated=False
     )
-    rollout = compile_rollouts(compiled, policy, planner.horizon, rollouts, options)
+    rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
     if stopping:
         rollout = stop_at_termination(rollout)
     start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
+    ends_at_once = _ends_at_once(compiled)
     model = compiled.model_aux["params"]
     hyperparams = unit_hyperparams(planner)
     seen = observed_fluents(planner.rddl)
@@ -93,29 +91,17 @@ def _compile_play(
     def play(key: Array, params: Any) -> tuple[Array, dict[str, Array]]:
         log, _ = rollout(key, params, hyperparams, start, nonfluents, model)
         states = {name: log["fluents"][name] for name in seen} if with_states else {}
-        return jnp.sum(discounts * log["reward"], axis=-1), states
+        total = jnp.sum(discounts * log["reward"], axis=-1)
+        return jnp.zeros_like(total) if ends_at_once else total, states
 
     return play
 
 
-def _legal(policy: Callable[..., Any], compiled: Any, nonfluents: Any) -> Callable[..., Any]:
-    """The policy, with the no-op where its action breaks a precondition.
-
-    That is the first that the exact environment's referee tries.
-    """
-    holds, model = compiled._jax_preconditions(), compiled.model_aux["params"]
-    noop = {name: compiled.init_values[name] for name in compiled.rddl.action_fluents}
-
-    def legal_policy(key, params, hyperparams, step, fluents, history):
-        actions = policy(key, params, hyperparams, step, fluents, history)
-        no_errors = jnp.zeros((), jnp.int32)
-        is_legal, *_ = holds(key, no_errors, {**fluents, **actions}, nonfluents, model)
-        return {
-            name: jnp.where(is_legal, action, jnp.asarray(noop[name], jnp.asarray(action).dtype))
-            for name, action in actions.items()
-        }
-
-    return legal_policy
+def _ends_at_once(compiled: Any) -> bool:
+    """Whether the initial state ends the episode: the environment then plays no step."""
+    fluents, nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)
+    model, key = compiled.model_aux["params"], jax.random.PRNGKey(0)
+    return any(bool(ends(fluents, nonfluents, model, key)[0]) for ends in compiled.terminations)
 
 
 def _repeat_first(leaf: Any, count: int) -> Array:

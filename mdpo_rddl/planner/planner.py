@@ -13,6 +13,7 @@ from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
 from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
 from mdpo_rddl.planner.calling import CallingPlanner
+from mdpo_rddl.planner.plans.legal import legal_policy
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.update.analysis import (
@@ -66,7 +67,7 @@ class MDPOPlanner(CallingPlanner):
           stop_at_termination: whether rewards after a termination condition do not count, as
             in the exact environment; JaxPlan counts them.
           keep_group_limits: whether preconditions of the form "at most k of these bools" hold
-            in training and in play (`mdpo_rddl.problem.limits`); JaxPlan ignores them.
+            in training and in play, and the others in play; JaxPlan ignores them.
 
         Raises:
           TypeError: if `noise` is not an `ActionNoise`.
@@ -128,7 +129,9 @@ class MDPOPlanner(CallingPlanner):
         if limits:
             self.plan.train_policy, self.plan.test_policy = limited_policies(self.plan, limits)
             self.train_policy = jax.jit(self.plan.train_policy)
-            self.test_policy = jax.jit(self.plan.test_policy)
+        plain, exact, legal = self.plan.test_policy, self.test_compiled, self.keep_group_limits
+        self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
+        self.test_policy = jax.jit(self.legal_policy)
         self.action_specs = action_specs(self.plan, self.compiled)
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(

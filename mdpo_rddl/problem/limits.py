@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.problem.implications import is_box
+
 
 @dataclass(frozen=True)
 class GroupLimit:
@@ -47,7 +49,7 @@ def group_limits(rddl: Any) -> tuple[list[GroupLimit], int]:
         try:
             found.append(_read(rddl, precondition))
         except _NotALimitError:
-            others += not _is_box(rddl, precondition)
+            others += not is_box(rddl, precondition)
     return found, others
 
 
@@ -127,28 +129,3 @@ def _number(rddl: Any, expression: Any, free: Sequence[str]) -> Any:
         raise _NotALimitError
     shape = tuple(len(rddl.type_to_objects[kind]) for kind in rddl.variable_params[name])
     return np.reshape(rddl.non_fluents[name], shape)
-
-
-def _is_box(rddl: Any, expression: Any) -> bool:
-    """Whether a precondition only compares one action fluent with what no action changes."""
-    while expression.etype == ("aggregation", "forall"):
-        expression = expression.args[-1]
-    if expression.etype[0] == "boolean" and expression.etype[1] in ("^", "&"):
-        return all(_is_box(rddl, argument) for argument in expression.args)
-    if expression.etype[0] != "relational" or expression.etype[1] not in ("<=", "<", ">=", ">"):
-        return False
-    sides = [_pvars(argument) for argument in expression.args]
-    for (one, other), argument in zip((sides, sides[::-1]), expression.args, strict=True):
-        is_action = argument.etype[0] == "pvar" and one & set(rddl.action_fluents)
-        if is_action and other <= set(rddl.non_fluents):
-            return True
-    return False
-
-
-def _pvars(expression: Any) -> set[str]:
-    if not hasattr(expression, "etype"):
-        return set()
-    if expression.etype[0] == "pvar":
-        return {expression.args[0]}
-    arguments = expression.args if isinstance(expression.args, (list, tuple)) else []
-    return set().union(*map(_pvars, arguments))

@@ -103,7 +103,7 @@ def test_the_end_and_the_discount_count(tmp_path):
     assert float(returns[0, 0]) == pytest.approx(0.5)
 
 
-def test_an_illegal_action_is_not_played(tmp_path):
+def test_an_illegal_action_is_replaced_as_in_play(tmp_path):
     domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
     rule = "action-preconditions { push >= 0.0; push <= 1.0; x + push <= 1.0; };"
     text = CAR_DOMAIN.replace("action-preconditions { push >= 0.0; push <= 1.0; };", rule)
@@ -117,4 +117,4 @@ def test_an_illegal_action_is_not_played(tmp_path):
     params = jax.tree.map(lambda leaf: leaf[0], policies)
     played = evaluate(make_environment(problem), playable(planner, params, {}, 0), 1, 0)
     assert played.mean == pytest.approx(5.0)
-    assert played.fallback_actions == 5
+    assert played.illegal_actions == 0

@@ -36,13 +36,13 @@ def run_compatibility(
     Raises:
       InputError: for an unknown problem.
     """
-    names = _known_problems() if problems is None else _checked(list(problems))
+    names = checked_problems(problems)
     conditions = {"iterations": iterations, "max_horizon": max_horizon, "versions": versions()}
     records = Records(out / "rows.csv", COLUMNS, KEYS, conditions)
     attempts = [
         Attempt(
             name,
-            _first_instance(name) if instance is None else instance,
+            first_instance(name) if instance is None else instance,
             planner,
             iterations,
             episodes=1,
@@ -56,18 +56,22 @@ def run_compatibility(
     return records
 
 
-def _known_problems() -> list[str]:
-    return sorted(RDDLRepoManager().list_problems())
+def checked_problems(problems: Iterable[str] | None) -> list[str]:
+    """Names of rddlrepository's problems; all of them if None.
 
-
-def _checked(names: list[str]) -> list[str]:
-    unknown = sorted(set(names) - set(_known_problems()))
+    Raises:
+      InputError: for an unknown problem.
+    """
+    known = sorted(RDDLRepoManager().list_problems())
+    names = known if problems is None else list(problems)
+    unknown = sorted(set(names) - set(known))
     if unknown:
         raise InputError(f"rddlrepository has no problem {unknown[0]!r}")
     return names
 
 
-def _first_instance(name: str) -> str:
+def first_instance(name: str) -> str:
+    """The first instance of a problem of rddlrepository."""
     return RDDLRepoManager().get_problem(name).list_instances()[0]
 
 

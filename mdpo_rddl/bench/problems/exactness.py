@@ -1,0 +1,111 @@
+"""Every problem of rddlrepository: does the compiled exact model obey the environment's rules?"""
+
+import logging
+import os
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.problems.agreement import compare, steps_per_second
+from mdpo_rddl.bench.problems.compatibility import checked_problems, first_instance
+from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
+from mdpo_rddl.machine.memory import peak_mb
+from mdpo_rddl.machine.versions import versions
+from mdpo_rddl.planner.missing import missing_package
+from mdpo_rddl.problem.load import load_problem
+
+logger = logging.getLogger(__name__)
+
+_KEYS = ("problem", "instance")
+_FIGURES = ("horizon", "chance", "illegal", "steps", "steps_per_second", "seconds", "peak_mb")
+_COLUMNS = (*_KEYS, "status", "cause", *_FIGURES)
+
+
+class Item(NamedTuple):
+    """One problem to compare on.
+
+    Attributes:
+      problem, instance: names of rddlrepository.
+      max_horizon: a longer horizon is cut to it.
+    """
+
+    problem: str
+    instance: str
+    max_horizon: int
+
+
+def run_exactness(
+    out: Path, problems: Iterable[str] | None, max_horizon: int, limits: Limits
+) -> Records:
+    """Compares on the first instance of each problem, each in a process of its own.
+
+    Rows that `out/rows.csv` holds already are skipped.
+
+    Args:
+      out: results folder.
+      problems: names of rddlrepository; all of it if None.
+      max_horizon: a longer horizon is cut to it.
+      limits: for each problem.
+
+    Raises:
+      InputError: for an unknown problem.
+    """
+    conditions = {"max_horizon": max_horizon, "versions": versions()}
+    records = Records(out / "rows.csv", _COLUMNS, _KEYS, conditions)
+    for name in checked_problems(problems):
+        item = Item(name, first_instance(name), max_horizon)
+        if records.has(item.problem, item.instance):
+            continue
+        for _, outcome in run_guarded(check, [item], limits):
+            row = outcome._asdict() if isinstance(outcome, ProcessFailure) else outcome
+            values = [row.get(column, "") for column in _COLUMNS[len(_KEYS) :]]
+            records.add(item.problem, item.instance, *values)
+            logger.info("%s: %s %s", name, row["status"], row["cause"])
+    return records
+
+
+def check(item: Item) -> dict[str, Any]:
+    """Compares on one problem; an error becomes the status and its one-line cause."""
+    started = time.perf_counter()
+    if hasattr(os, "sched_setaffinity"):  # speeds are those of one core
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
+    row: dict[str, Any] = {"status": "ok", "cause": ""}
+    try:
+        problem = load_problem(item.problem, item.instance)
+        if problem.horizon > item.max_horizon:
+            problem = load_problem(item.problem, item.instance, item.max_horizon)
+        row["horizon"] = problem.horizon
+        row["steps_per_second"] = round(steps_per_second(problem))
+        found = compare(problem)
+        row.update(chance=found.chance, illegal=found.illegal, steps=found.steps)
+        if found.difference:
+            row.update(status="differs", cause=found.difference)
+        elif found.illegal:
+            row.update(status="illegal", cause="the environment refused a legalised action")
+    except Exception as error:  # whatever it is, it is the finding
+        row.update(status="error", cause=missing_package(error) or one_line_cause(error))
+    row["seconds"] = round(time.perf_counter() - started, 1)
+    row["peak_mb"] = round(peak_mb())
+    return row
+
+
+def exactness_table(records: Records) -> str:
+    """Markdown: per problem the finding, what was illegal, and the speed."""
+    good = sum(row["status"] == "ok" for row in records.rows)
+    lines = [
+        f"The compiled model and the environment agree on {good} of {len(records.rows)} problems.",
+        "",
+        "| problem | instance | horizon | chance | result | illegal | million steps a second |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in sorted(records.rows, key=lambda row: row["problem"]):
+        result = row["status"] + (f": {row['cause']}" if row["cause"] else "")
+        speed = row["steps_per_second"] and f"{float(row['steps_per_second']) / 1e6:.3f}"
+        cells = [row["problem"], row["instance"], row["horizon"], row["chance"]]
+        illegal = f"{row['illegal']} of {row['steps']}" if row["steps"] else ""
+        cells += [result.replace("|", "\\|").replace("<", "\\<"), illegal, speed]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"

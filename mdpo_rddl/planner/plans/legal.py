@@ -1,0 +1,237 @@
+"""Legal actions: the last layer of a policy, the same in rollouts and in play.
+
+What a policy proposes may break a precondition or `max-nondef-actions`. Here it becomes a legal
+action near it, as a pure function of the policy's probabilities and of the state:
+
+1. integers are clipped to the whole numbers in their box;
+2. bools that an implication forbids are false, and the limits on groups choose among the others;
+3. if that is still illegal, the no-op takes its changes one by one, the most probable first, each
+   only if the action stays legal; where the no-op itself is illegal, the most probable legal change
+   of it comes first, and after the single ones a change of all bools of a fluent.
+
+Where no legal action is found like that, the proposal stands.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from mdpo_rddl.planner.plans.changes import Changes
+from mdpo_rddl.planner.plans.limits import choose_within_limits
+from mdpo_rddl.problem.implications import Implication, Rules, read_rules
+from mdpo_rddl.problem.limits import GroupLimit, group_limits
+
+Actions = dict[str, Array]
+
+
+# what a search tries next
+_PROPOSAL, _NOOP, _START, _ADDITION, _ENDED = range(5)
+
+
+class _Search(NamedTuple):
+    """The search for a legal action.
+
+    Attributes:
+      mode: what is tried next.
+      base: the best so far [D].
+      starts: ranks of the changes of an illegal no-op that were not tried yet [K].
+      additions: scores of the proposed changes that were not tried yet [D].
+    """
+
+    mode: Array
+    base: Array
+    starts: Array
+    additions: Array
+
+
+class LegalActions:
+    """Makes proposals legal, as far as the exact model's compiled preconditions tell.
+
+    Attributes:
+      is_needed: whether a proposal can be illegal at all; whoever asks may skip the rest if not.
+    """
+
+    def __init__(self, compiled: Any, limits: Sequence[GroupLimit]) -> None:
+        """Reads the preconditions.
+
+        Args:
+          compiled: the exact model as JaxPlan compiles it.
+          limits: all limits on groups of bools that the policy keeps, `max-nondef-actions`
+            among them if it is one.
+        """
+        rddl = compiled.rddl
+        self._compiled, self._limits = compiled, list(limits)
+        self._rules: Rules = read_rules(rddl)
+        self._masks = [(rule, _compile_rule(compiled, rule)) for rule in self._rules.implications]
+        self._others = [compiled.preconditions[place] for place in self._rules.others]
+        self._fluents, self._nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)
+        self._changes = Changes(compiled)
+        self._integer_boxes = _integer_boxes(compiled)
+        # the groups' limits are kept as they are, unless something is to be done everywhere
+        unread = len(self._others) - len(group_limits(rddl)[0])
+        self._is_checked = unread > 0 or any(limit.exact for limit in self._limits)
+        if rddl.max_allowed_actions < self._changes.size:
+            self._is_checked |= self._changes.has_numbers or bool(np.any(self._changes.noop))
+        self.is_needed = bool(self._masks or self._is_checked or self._integer_boxes)
+
+    def __call__(
+        self, proposal: Mapping[str, Array], probabilities: Mapping[str, Array], state: Any
+    ) -> Actions:
+        """A legal action.
+
+        Args:
+          proposal: per action fluent [*shape].
+          probabilities: per bool action fluent that of true [*shape].
+          state: the fluents that are known, each of its shape or, as the environment gives one
+            without parameters, [1]; the others count with their initial values.
+        """
+        shapes = {name: np.shape(value) for name, value in self._fluents.items()}
+        known = {name: jnp.reshape(value, shapes[name]) for name, value in state.items()}
+        state = {**self._fluents, **known}
+        actions = {name: jnp.asarray(value) for name, value in proposal.items()}
+        for name, (lower, upper) in self._integer_boxes.items():
+            actions[name] = jnp.clip(actions[name], lower, upper)
+        allowed = self._allowed(state)
+        if allowed:
+            actions = self._masked(actions, probabilities, allowed)
+        if not self._is_checked:
+            return actions
+        return self._repaired(actions, probabilities, state, allowed)
+
+    def _masked(
+        self,
+        actions: Actions,
+        probabilities: Mapping[str, Array],
+        allowed: Mapping[str, Array],
+    ) -> Actions:
+        actions = actions | {name: actions[name] & mask for name, mask in allowed.items()}
+        grouped = {name for limit in self._limits for name in limit.groups}
+        if not grouped & set(allowed):
+            return actions
+        left = {
+            name: jnp.where(allowed[name], probabilities[name], 0.0)
+            if name in allowed
+            else probabilities[name]
+            for name in grouped
+        }
+        return actions | choose_within_limits(left, self._limits)
+
+    def _allowed(self, state: Any) -> Actions:
+        """Per bool fluent with implications, which components may be true [*shape]."""
+        allowed: Actions = {}
+        for rule, holds in self._masks:
+            mask = holds(state, self._nonfluents)
+            allowed[rule.action] = allowed[rule.action] & mask if rule.action in allowed else mask
+        return allowed
+
+    def _is_legal(self, actions: Actions, state: Any, allowed: Mapping[str, Array]) -> Array:
+        fluents, key = {**state, **actions}, jax.random.PRNGKey(0)
+        params = self._compiled.model_aux["params"]
+        legal = jnp.array(True)
+        for holds in self._others:
+            value, key, _, _ = holds(fluents, self._nonfluents, params, key)
+            legal &= jnp.all(value)
+        for name, mask in allowed.items():
+            legal &= jnp.all(mask | ~actions[name])
+        return legal
+
+    def _repaired(
+        self,
+        actions: Actions,
+        probabilities: Mapping[str, Array],
+        state: Any,
+        allowed: Mapping[str, Array],
+    ) -> Actions:
+        """The actions, if they are illegal a legal action near them.
+
+        One loop, so that the preconditions are compiled once; it ends with the first check
+        where all rollouts of a batch are legal.
+        """
+        changes, most = self._changes, self._compiled.rddl.max_allowed_actions
+        proposed = changes.flat(actions)
+        scores = changes.scores(proposed, probabilities)
+        candidates, ranks = changes.candidates(proposed, scores)
+        idle = jnp.asarray(changes.noop)
+
+        def try_next(search: _Search) -> _Search:
+            start, addition = jnp.argmax(search.starts), jnp.argmax(search.additions)
+            more = search.base.at[addition].set(proposed[addition])
+            options = jnp.stack([proposed, idle, candidates[start], more])
+            tried = options[search.mode]
+            few = changes.count(tried) <= most
+            legal = few & self._is_legal(changes.tree(tried, actions), state, allowed)
+            starts = jnp.where(search.mode == _START, search.starts.at[start].set(-jnp.inf), ranks)
+            exhausted = (search.mode == _START) & ~jnp.any(starts > -jnp.inf)
+            adding = search.mode == _ADDITION
+            base = jnp.where(legal, tried, jnp.where(exhausted, proposed, search.base))
+            left = search.additions.at[addition].set(-jnp.inf)
+            additions = jnp.where(adding, left, jnp.where(proposed != base, scores, -jnp.inf))
+            full = ~jnp.any(additions > -jnp.inf) | (changes.count(base) >= most)
+            ended = exhausted | ((legal | adding) & (full | (search.mode == _PROPOSAL)))
+            mode = jnp.where(legal | adding, _ADDITION, jnp.minimum(search.mode + 1, _START))
+            return _Search(jnp.where(ended, _ENDED, mode), base, starts, additions)
+
+        nowhere = jnp.full(changes.size, -jnp.inf, jnp.float32)
+        first = _Search(jnp.array(_PROPOSAL), proposed, ranks, nowhere)
+        found = lax.while_loop(lambda search: search.mode != _ENDED, try_next, first)
+        return changes.tree(found.base, actions)
+
+
+def legal_policy(plan: Any, compiled: Any, limits: Sequence[GroupLimit]) -> Callable[..., Actions]:
+    """A compiled plan's test policy, made legal.
+
+    Args:
+      plan: the compiled plan.
+      compiled: the exact model as JaxPlan compiles it.
+      limits: on groups of bools, which the plan's policy keeps.
+    """
+    policy = plan.test_policy
+    # a plan's own limit on all bools must hold together with the groups'
+    legal = LegalActions(compiled, [*limits, *getattr(plan, "concurrency", [])])
+    if not legal.is_needed:
+        return policy
+    probabilities_of = getattr(plan, "probabilities", None) or plan.train_policy
+
+    def legalised(key, params, hyperparams, step, state, history):
+        arguments = key, params, hyperparams, step, state, history
+        return legal(policy(*arguments), probabilities_of(*arguments), state)
+
+    return legalised
+
+
+def _compile_rule(compiled: Any, rule: Implication) -> Callable[[Any, Any], Array]:
+    """A function of fluents and non-fluents: which components may be true [*action shape]."""
+    aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
+    compile_one = [compiled._jax(e, aux, dtype=jnp.bool_) for e in (*rule.given, rule.condition)]
+    model, unused = dict(aux["params"]), set(range(len(rule.sizes))) - set(rule.axes)
+    kept = sorted(rule.axes)
+    order = [kept.index(axis) for axis in rule.axes]
+
+    def holds(fluents: Any, nonfluents: Any) -> Array:
+        key = jax.random.PRNGKey(0)
+        *given, condition = (one(fluents, nonfluents, model, key)[0] for one in compile_one)
+        for value in given:
+            condition = condition | ~value
+        whole = jnp.broadcast_to(condition, rule.sizes)
+        return jnp.transpose(jnp.all(whole, axis=tuple(unused)), order)
+
+    return holds
+
+
+def _integer_boxes(compiled: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The smallest and largest whole number in the box of each bounded integer action."""
+    largest = float(np.iinfo(np.int32).max - 128)
+    boxes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for name in compiled.rddl.action_fluents:
+        if compiled.rddl.variable_ranges[name] != "int":
+            continue
+        lower, upper = (np.asarray(b, float) for b in compiled.constraints.bounds[name])
+        lower, upper = np.ceil(lower), np.floor(upper)
+        if np.any(np.abs(lower) < largest) or np.any(np.abs(upper) < largest):
+            ends = (np.clip(end, -largest, largest).astype(np.int32) for end in (lower, upper))
+            boxes[name] = tuple(ends)
+    return boxes

@@ -1,0 +1,136 @@
+"""Action preconditions that forbid single bools: "if this is done, that must hold".
+
+Logistics' rule, for one,
+
+    forall_{?t : truck, ?c : city} [doDockAt(?t, ?c) => truckAt(?t, ?c)]
+
+says of each bool on its own in which states it may be true, whatever the other actions are.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Implication:
+    """One part of a precondition: where `action` is true, `condition` must hold.
+
+    Attributes:
+      action: a bool action fluent.
+      axes: for each axis of the action, the place of its variable among those of the `forall`s.
+      sizes: number of objects of each variable of the `forall`s.
+      condition: the expression on the right.
+      given: expressions on the left beside the action; where one is false nothing must hold.
+    """
+
+    action: str
+    axes: tuple[int, ...]
+    sizes: tuple[int, ...]
+    condition: Any
+    given: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What the preconditions of a problem ask of an action.
+
+    Attributes:
+      implications: those that forbid single bools.
+      others: places in `rddl.preconditions` of those that name an action and are neither a box
+        nor made of implications.
+    """
+
+    implications: tuple[Implication, ...]
+    others: tuple[int, ...]
+
+
+def read_rules(rddl: Any) -> Rules:
+    """Reads the preconditions of pyRDDLGym's lifted model."""
+    implications: list[Implication] = []
+    others = []
+    for place, precondition in enumerate(rddl.preconditions):
+        names = set(rddl.action_fluents)
+        if not _fluents(precondition) & names or is_box(rddl, precondition):
+            continue
+        parts = list(_parts(precondition, {}))
+        found = [_read(rddl, expression, variables) for variables, expression in parts]
+        if all(found):
+            implications += [one for one in found if one is not None]
+        else:
+            others.append(place)
+    return Rules(tuple(implications), tuple(others))
+
+
+def is_box(rddl: Any, expression: Any) -> bool:
+    """Whether a precondition only compares a numeric action with what never changes."""
+    while expression.etype == ("aggregation", "forall"):
+        expression = expression.args[-1]
+    if expression.etype[0] == "boolean" and expression.etype[1] in ("^", "&"):
+        return all(is_box(rddl, argument) for argument in expression.args)
+    if expression.etype[0] != "relational" or expression.etype[1] not in ("<=", "<", ">=", ">"):
+        return False
+    numbers = {n for n in rddl.action_fluents if rddl.variable_ranges[n] in ("int", "real")}
+    sides = [_fluents(argument) for argument in expression.args]
+    for (one, other), argument in zip((sides, sides[::-1]), expression.args, strict=True):
+        is_number = argument.etype[0] == "pvar" and one <= numbers
+        if is_number and other <= set(rddl.non_fluents):
+            return True
+    return False
+
+
+def reads_state(rddl: Any, expression: Any) -> bool:
+    """Whether an expression reads anything but action fluents and non-fluents."""
+    return not _fluents(expression) <= {*rddl.action_fluents, *rddl.non_fluents}
+
+
+def _parts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:
+    """The parts that must all hold, each with the variables of the `forall`s around it."""
+    if expression.etype == ("aggregation", "forall"):
+        *typed, body = expression.args
+        yield from _parts(body, variables | dict(variable for _, variable in typed))
+    elif _is_and(expression):
+        for argument in expression.args:
+            yield from _parts(argument, variables)
+    else:
+        yield variables, expression
+
+
+def _read(rddl: Any, expression: Any, variables: dict[str, str]) -> Implication | None:
+    if expression.etype != ("boolean", "=>"):
+        return None
+    left, condition = expression.args
+    actions = set(rddl.action_fluents)
+    if _fluents(condition) & actions:
+        return None
+    sides = left.args if _is_and(left) else [left]
+    done = [side for side in sides if _fluents(side) & actions]
+    if len(done) != 1 or done[0].etype[0] != "pvar":
+        return None
+    name, arguments = done[0].args
+    order = list(variables)
+    if rddl.variable_ranges[name] != "bool" or not set(arguments or []) <= set(order):
+        return None
+    axes = tuple(order.index(argument) for argument in arguments or [])
+    if len(set(axes)) != len(axes):
+        return None
+    sizes = tuple(len(rddl.type_to_objects[kind]) for kind in variables.values())
+    given = tuple(side for side in sides if side is not done[0])
+    return Implication(name, axes, sizes, condition, given)
+
+
+def _is_and(expression: Any) -> bool:
+    return expression.etype in (("boolean", "^"), ("boolean", "&"))
+
+
+def _fluents(expression: Any) -> set[str]:
+    """Names of the fluents and non-fluents that an expression reads."""
+    if isinstance(expression, tuple | list):
+        return set().union(*map(_fluents, expression))
+    if not hasattr(expression, "etype"):
+        return set()
+    if expression.etype[0] == "pvar":
+        name, arguments = expression.args
+        own = set() if name[0] in "?@" else {name}  # an object stands here too
+        return own | _fluents(arguments or [])
+    return _fluents(expression.args) if isinstance(expression.args, tuple | list) else set()

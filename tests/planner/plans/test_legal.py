@@ -1,0 +1,145 @@
+"""Proposals made legal: the same action in compiled rollouts as in play."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.legal import LegalActions
+from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.limits import group_limits
+from mdpo_rddl.problem.load import load_problem, make_environment
+
+DOMAIN = """
+domain picks {
+    types { item : object; };
+    pvariables {
+        PRICE(item) : { non-fluent, real, default = 1.0 };
+        free(item) : { state-fluent, bool, default = true };
+        bag : { state-fluent, real, default = 0.0 };
+        pick(item) : { action-fluent, bool, default = false };
+        stay : { action-fluent, bool, default = false };
+        gear : { action-fluent, int, default = 0 };
+    };
+    cpfs {
+        free'(?i) = if (stay) then free(?i) else free(?i) ^ ~pick(?i);
+        bag' = bag + (sum_{?i : item} [PRICE(?i) * pick(?i)]) + gear;
+    };
+    reward = bag - stay;
+    action-preconditions { RULES };
+}
+"""
+INSTANCE = """
+non-fluents nf {
+    domain = picks; objects { item : {a, b, c}; };
+    non-fluents { PRICE(a) = 1.0; PRICE(b) = 2.0; PRICE(c) = 4.0; };
+}
+instance one {
+    domain = picks; non-fluents = nf; max-nondef-actions = MOST; horizon = 4; discount = 1.0;
+}
+"""
+IS_FREE = "forall_{?i : item} [pick(?i) => free(?i)];"
+EXACTLY_ONE = "stay + (sum_{?i : item} [pick(?i)]) == 1;"
+CHEAP = "(sum_{?i : item} [PRICE(?i) * pick(?i)]) <= 4;"
+# where nobody stays everything is picked, which no single change does
+ALL_OR_STAY = "~stay => forall_{?i : item} [pick(?i)];"
+
+
+def problem(folder, rules, most="pos-inf"):
+    (folder / "d.rddl").write_text(DOMAIN.replace("RULES", rules))
+    (folder / "i.rddl").write_text(INSTANCE.replace("MOST", most))
+    return load_problem(str(folder / "d.rddl"), str(folder / "i.rddl"))
+
+
+def make(problem):
+    plan = FeedbackPlan(topology=None, plan=True)
+    return MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
+
+
+def legalised(planner, pick, free=(1, 1, 1), stay=0.0, gear=0):
+    """What becomes of a proposal of the bools above 1/2."""
+    legal = LegalActions(planner.test_compiled, group_limits(planner.rddl)[0])
+    probabilities = {"pick": jnp.array(pick, float), "stay": jnp.array(stay)}
+    proposal = {name: value > 0.5 for name, value in probabilities.items()}
+    state = {"free": np.array(free, bool), "bag": np.zeros(1)}
+    actions = legal({**proposal, "gear": jnp.array(gear)}, probabilities, state)
+    return (
+        np.asarray(actions["pick"]).astype(int).tolist(),
+        bool(actions["stay"]),
+        int(actions["gear"]),
+    )
+
+
+@pytest.mark.parametrize(
+    ("rules", "pick", "free", "picked"),
+    [
+        (IS_FREE, [0.9, 0.9, 0.1], [1, 0, 1], [1, 0, 0]),
+        # within the weighted sum, the most probable first
+        (CHEAP, [0.7, 0.8, 0.9], [1, 1, 1], [0, 0, 1]),
+        (CHEAP, [0.7, 0.9, 0.8], [1, 1, 1], [1, 1, 0]),
+        # the limit chooses among those that the implication allows
+        (IS_FREE + "(sum_{?i : item} [pick(?i)]) <= 1;", [0.7, 0.9, 0.8], [1, 0, 1], [0, 0, 1]),
+        # the no-op is illegal: the most probable legal change of it
+        (IS_FREE + EXACTLY_ONE, [0.2, 0.4, 0.3], [1, 0, 1], [0, 0, 1]),
+        (IS_FREE + EXACTLY_ONE, [0.6, 0.9, 0.8], [1, 0, 1], [0, 0, 1]),
+        # a legal proposal stays as it is
+        (CHEAP + IS_FREE, [0.9, 0.9, 0.2], [1, 1, 1], [1, 1, 0]),
+    ],
+)
+def test_a_legal_action_near_the_proposal(tmp_path, rules, pick, free, picked):
+    assert legalised(make(problem(tmp_path, rules)), pick, free)[0] == picked
+
+
+def test_all_bools_of_a_fluent_where_no_single_change_is_legal(tmp_path):
+    planner = make(problem(tmp_path, ALL_OR_STAY + "~stay;"))
+    assert legalised(planner, [0.9, 0.2, 0.2]) == ([1, 1, 1], False, 0)
+
+
+def test_where_nothing_legal_is_found_the_proposal_stands(tmp_path):
+    planner = make(problem(tmp_path, "(sum_{?i : item} [PRICE(?i) * pick(?i)]) == 3;"))
+    assert legalised(planner, [0.1, 0.2, 0.9])[0] == [0, 0, 1]
+
+
+def test_whole_numbers_keep_their_box_and_count(tmp_path):
+    rules = "gear >= -0.5; gear <= 2.5;"
+    assert legalised(make(problem(tmp_path, rules)), [0.9, 0.9, 0.1], gear=3) == (
+        [1, 1, 0],
+        False,
+        2,
+    )
+    assert legalised(make(problem(tmp_path, rules, "1")), [0.9, 0.8, 0.1], gear=2) == (
+        [0, 0, 0],
+        False,
+        2,
+    )
+
+
+def test_nothing_is_computed_where_the_policy_is_legal_as_it_is(tmp_path):
+    limit = "(sum_{?i : item} [pick(?i)]) <= 1;"
+    compiled = make(problem(tmp_path, limit)).test_compiled
+    assert not LegalActions(compiled, group_limits(compiled.rddl)[0]).is_needed
+
+
+@pytest.mark.parametrize("most", ["pos-inf", "1", "2"])
+@pytest.mark.parametrize(
+    "rules", [IS_FREE + "gear >= 0; gear <= 1;", CHEAP, IS_FREE + EXACTLY_ONE, ALL_OR_STAY]
+)
+def test_judged_as_played(tmp_path, rules, most):
+    loaded = problem(tmp_path, rules, most)
+    planner = make(loaded)
+    random, count = np.random.default_rng(0), 6
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    policies = jax.tree.map(
+        lambda leaf: random.normal(size=(count, *leaf.shape)).astype(np.float32), params
+    )
+    returns = np.asarray(compile_exact_returns(planner, 1)(jax.random.PRNGKey(0), policies))[:, 0]
+    env = make_environment(loaded)
+    for number in range(count):
+        one = jax.tree.map(lambda leaf, n=number: leaf[n], policies)
+        played = evaluate(env, playable(planner, one, {}, 0), 1, 0)
+        assert played.illegal_actions == 0
+        assert played.mean == pytest.approx(returns[number], abs=1e-4)
