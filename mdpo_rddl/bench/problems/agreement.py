@@ -12,8 +12,9 @@ from jax import Array
 
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
-from mdpo_rddl.planner.rollouts.compiled import compile_rollouts
+from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import steps_alive
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import episode_seeds, evaluate
@@ -152,7 +153,7 @@ def random_actions(problem: Problem, random: np.random.Generator) -> dict[str, n
 
 
 def _make_planner(problem: Problem) -> MDPOPlanner:
-    plan = FeedbackPlan(topology=None, plan=True)
+    plan = FeedbackPlan(FeedbackShape(topology=(), plan=True))
     quiet = {"print_warnings": False}
     return MDPOPlanner(
         problem.model,
@@ -177,7 +178,11 @@ def _compile_sequences(
 
     rollout = jax.jit(
         compile_rollouts(
-            model, policy, planner.horizon, _ROLLOUTS, check_constraints=True, differentiated=False
+            model,
+            policy,
+            planner.horizon,
+            _ROLLOUTS,
+            RolloutOptions(check_constraints=True, differentiated=False),
         )
     )
     fluents, nonfluents = model.split_fluent_nonfluent(model.init_values)
