@@ -1,5 +1,6 @@
 """The measurements of speed and growth, and what a command sets up in JAX for them."""
 
+import itertools
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from helpers.problems import ROOT, make_plan, make_planner, tiny_files
 from mdpo_rddl import AdaptiveNoise
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.speed import growth, profile, speed
+from mdpo_rddl.bench.speed import rates as measuring
 from mdpo_rddl.bench.speed.bare import PARTS, SCALE, compile_part
 from mdpo_rddl.bench.speed.generate import hvac_instance, reservoir_instance
 from mdpo_rddl.bench.speed.growth import draw_growth, growth_table, run_growth
@@ -20,6 +22,7 @@ from mdpo_rddl.bench.speed.speed import Case, run_speed, speed_table
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.jax_setup import cache_folder
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.load import load_problem, make_environment
 
 
@@ -66,28 +69,67 @@ def test_the_table_of_speeds_worked_by_hand(tmp_path):
     ]
 
 
+class Clock:
+    """A clock that stands still unless it is moved, in seconds."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+
+def test_a_rate_is_iterations_of_all_seeds_by_the_clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(measuring, "time", clock)
+
+    class Planner:
+        def optimize_generator(self, **arguments):
+            for iteration in itertools.count(step=5):
+                clock.now += 0.25
+                yield {"iteration": iteration}
+
+    found = measuring.rates(Planner(), seeds=2, seconds=1.0)
+    assert [next(found), next(found)] == [2 * 5 / 0.25] * 2
+
+    def call(iterations):
+        clock.now += 0.02 * iterations
+
+    found = measuring.rates_of_calls(call, seeds=3, seconds=2.0, iterations=10)
+    assert [next(found), next(found)] == [pytest.approx(3 / 0.02)] * 2
+
+
 def test_speeds_are_measured_in_turn_and_once(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    cases = (Case("adaptive", 2, 1, speed.JAXPLAN, 1.0), Case("adaptive", 2, 50, speed.BARE, 0.9))
+    problem = load_problem(*tiny_files(tmp_path, spread=0.3))
+    monkeypatch.setattr(speed, "load_setting", lambda name: problem)
+    cases = (Case("adaptive", 2, 1, speed.JAXPLAN, 1.0), Case("adaptive", 3, 50, speed.BARE, 0.9))
     monkeypatch.setattr(speed, "CASES", cases)
     asked = []
 
-    def side(name):
-        def rates(seconds):
-            for rate in (10.0, 30.0, 20.0):
-                asked.append((name, seconds))
-                yield rate * (2.0 if name == "ours" else 1.0)
+    def shown(side, scale, seeds, seconds):
+        for rate in (10.0, 30.0, 20.0):
+            asked.append((side, seeds, seconds))
+            yield scale * rate
 
-        return rates
+    def rates(planner, seeds, seconds):
+        assert planner.parallel_updates == seeds
+        return shown(type(planner), 2.0 if type(planner) is MDPOPlanner else 1.0, seeds, seconds)
 
-    monkeypatch.setattr(speed, "_theirs", lambda *_: side("theirs"))
-    monkeypatch.setattr(speed, "_ours", lambda *_: side("ours"))
-    records = run_speed(tmp_path, ["powergen7"], turns=3, seconds=0.5, command_turns=0)
-    assert asked == 2 * [("theirs", 0.5), ("ours", 0.5)] * 3
+    def rates_of_calls(call, seeds, seconds, iterations):
+        assert np.shape(call(1)) == (seeds,)
+        return shown("bare", 1.0, seeds, seconds)
+
+    monkeypatch.setattr(speed, "rates", rates)
+    monkeypatch.setattr(speed, "rates_of_calls", rates_of_calls)
+    records = run_speed(tmp_path, ["tiny"], turns=3, seconds=0.5, command_turns=0)
+    assert asked == [
+        *[(JaxBackpropPlanner, 2, 0.5), (MDPOPlanner, 2, 0.5)] * 3,
+        *[("bare", 3, 0.5), (MDPOPlanner, 3, 0.5)] * 3,
+    ]
     assert [(row["theirs"], row["ours"], row["ratio"]) for row in records.rows] == 2 * [
         ("20.0", "40.0", "2.0")
     ]
-    run_speed(tmp_path, ["powergen7"], turns=3, seconds=0.5, command_turns=0)
+    run_speed(tmp_path, ["tiny"], turns=3, seconds=0.5, command_turns=0)
     assert len(asked) == 12
 
 

@@ -41,6 +41,24 @@ def test_it_happens_once_and_has_ended_with_the_block(monkeypatch):
     assert len(done) == 1
 
 
+def test_it_goes_on_beside_the_block(monkeypatch):
+    is_begun, may_end, ended = threading.Event(), threading.Event(), []
+
+    def wait(*arguments):
+        is_begun.set()
+        ended.append(may_end.wait(20.0))
+
+    monkeypatch.setattr(preparation, "prepare", wait)
+    with preparing("planner", "request") as begin:
+        begin()
+        # it has begun, and this goes on all the same
+        assert is_begun.wait(20.0)
+        assert ended == []
+        may_end.set()
+    # done in turn, it would have waited for what comes after it
+    assert ended == [True]
+
+
 def test_its_mistakes_are_left_to_the_evaluation(monkeypatch):
     asked, said = [], []
 
