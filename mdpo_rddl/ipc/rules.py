@@ -16,7 +16,7 @@ class Rules:
       trials: number of trials on each instance.
       plan_seconds: preparation time on each instance; the process's start is not counted.
       trial_seconds: time of each trial; the two timers do not lend to each other.
-      memory_gb: resident memory of a planner's process.
+      memory_gb: resident memory of a planner's process and all that it has started, in 1e9 bytes.
       lenient: whether a trial goes on after an action that breaks a precondition; such actions
         are counted either way.
       seed: of the run; each trial has an environment seed derived from it, the same for every
