@@ -242,3 +242,11 @@ def test_nothing_unpickles_what_may_come_from_anyone():
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
                 assert isinstance(node.value, ast.Constant), path
                 assert node.value.value is False, path
+
+
+def test_no_file_chooses_how_a_notebook_draws():
+    # pyplot picks a backend for the whole process; `Figure` objects do not
+    assert violations(FILES, "matplotlib.pyplot", "matplotlib.use", "pylab") == []
+    assert {name for path in FILES for name in imports(path)} >= {"matplotlib.figure.Figure"}
+    using = [path for path in FILES if "matplotlib" in imports(path) and "use" in calls(path)]
+    assert using == []
