@@ -19,14 +19,16 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.machine.child import end_with, start_python
 from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.machine.jax_setup import keep_compiled_programs
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
-from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import TrainingResult, train
 from mdpo_rddl.problem.load import Problem
 
@@ -63,10 +65,6 @@ class Alternative:
     training: TrainingResult
     mean: float
     error: float
-
-    def planner(self, problem: Problem) -> MDPOPlanner:
-        """A planner that plays it."""
-        return build_planner(problem, self.config)[0]
 
 
 class Alternatives:
@@ -105,6 +103,11 @@ class Alternatives:
                 with contextlib.suppress(OSError):
                     stream.close()
 
+    @property
+    def started(self) -> bool:
+        """Whether there is such a process, at work or done."""
+        return self._process is not None
+
     def stop(self) -> None:
         """Ends the process; there is no alternative then."""
         if self._process is not None:
@@ -132,6 +135,41 @@ class Alternatives:
         found = pickle.load(self._process.stdout)
         assert isinstance(found, list)
         return found
+
+
+class JaxPlanArm(Arm):
+    """Offers the best policy of JaxPlan's default planners, once they have been trained."""
+
+    def __init__(self, alternatives: Alternatives, clock: Clock) -> None:
+        """The second process is at work already.
+
+        Args:
+          alternatives: the second process.
+          clock: what `until` of a slice is by.
+        """
+        super().__init__("JaxPlan", clock)
+        self._alternatives = alternatives
+
+    def _work(self, until: float) -> None:
+        best = self._alternatives.best(time.monotonic() + until - self._clock())
+        if best is None:
+            return
+        training = best.training
+        self._log.iterations += training.iterations
+        # beside the other arms: none of the race's own time
+        self._log.seconds += training.train_seconds + training.compile_seconds
+        self._offer(
+            Candidate(
+                arm=self.name,
+                label=best.name,
+                config=best.config,
+                planner=None,
+                params=training.best_params,
+                policy_hyperparams=dict(training.policy_hyperparams),
+                mean=best.mean,
+                error=best.error,
+            )
+        )
 
 
 def serve() -> None:
