@@ -209,6 +209,26 @@ def test_the_measurements_rooms_share_only_what_is_common():
     assert ends == {"common"}
 
 
+def test_arms_see_each_other_only_through_their_interface():
+    folder = PACKAGE / "auto" / "arms"
+    arms = {path.stem for path in folder.glob("*.py")} - {"__init__", "base"}
+    assert {"gradient", "plan_search", "jaxplan"} <= arms
+    assert {end for _, end in edges_inside(folder)} == {"base"}
+    # what several of them search with are no arms, and know none
+    assert violations(room("auto.search"), "mdpo_rddl.auto.arms", "mdpo_rddl.auto.arena") == []
+
+
+def test_a_race_asks_one_clock_for_the_time():
+    # two threads of the machine's own are waited for by the machine's clock
+    asking = {
+        module_name(path)
+        for path in room("auto")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("time.")
+    }
+    assert asking == {"mdpo_rddl.auto.arms.gradient", "mdpo_rddl.auto.arms.jaxplan"}
+
+
 def test_executors_know_nothing_of_the_work():
     names = {name for path in room("machine.executors") for name in imports(path)}
     ours = {name for name in names if is_of(name, "mdpo_rddl")}
@@ -241,3 +261,11 @@ def test_nothing_unpickles_what_may_come_from_anyone():
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
                 assert isinstance(node.value, ast.Constant), path
                 assert node.value.value is False, path
+
+
+def test_no_file_chooses_how_a_notebook_draws():
+    # pyplot picks a backend for the whole process; `Figure` objects do not
+    assert violations(FILES, "matplotlib.pyplot", "matplotlib.use", "pylab") == []
+    assert {name for path in FILES for name in imports(path)} >= {"matplotlib.figure.Figure"}
+    using = [path for path in FILES if "matplotlib" in imports(path) and "use" in calls(path)]
+    assert using == []

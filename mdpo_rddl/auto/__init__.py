@@ -1,5 +1,6 @@
 """The preset `auto`: a good policy from the RDDL alone."""
 
-from mdpo_rddl.auto.recipe import AutoResult, plan_automatically
+from mdpo_rddl.auto.outcome import RaceOutcome
+from mdpo_rddl.auto.race import RaceOptions, plan_automatically
 
-__all__ = ["AutoResult", "plan_automatically"]
+__all__ = ["RaceOptions", "RaceOutcome", "plan_automatically"]

@@ -24,14 +24,14 @@ def without_plan(config: PlannerConfig) -> PlannerConfig:
     return config.with_values("Noise", analysis_samples=1)
 
 
-def scaled(config: PlannerConfig, found: Probe) -> PlannerConfig:
+def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
     """The configuration with the scales that probing found."""
     # a centre is as exact as its scale makes a difference
     scales = {
         name: [float(np.round(center / scale, 3) * _short(scale)), _short(scale)]
-        for name, (center, scale) in found.state_scales.items()
+        for name, (center, scale) in probe.state_scales.items()
     }
-    units = {name: _short(value) for name, value in found.units.items()}
+    units = {name: _short(value) for name, value in probe.units.items()}
     return config.with_policy_arguments(state_scales=scales, units=units)
 
 

@@ -1,5 +1,6 @@
-"""Which policy is the best, by rollouts on the exact model that are the same for all."""
+"""Which candidate is the best, by rollouts on the exact model that are the same for all."""
 
+import dataclasses
 import logging
 from typing import Any
 
@@ -7,57 +8,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
+# of the standard error of the difference: what a candidate of another planner, which does not
+# meet the same random numbers, must be better by
+_MARGIN = 2.0
 
-class Choice:
-    """The best policy so far.
 
-    Attributes:
-      best: its parameters; None before the first.
-      best_mean, best_error: mean return and standard error.
-      name: where it came from.
-      means: of all that were added, by name.
-    """
+class MeanReturn:
+    """Mean return of single policies and its standard error, on the exact model."""
 
     def __init__(self, planner: MDPOPlanner, rollouts: int, seed: int) -> None:
         """Compiles nothing yet.
 
         Args:
-          planner: whose policies are compared.
+          planner: whose policies are played.
           rollouts: of each policy.
-          seed: of the rollouts, which no search sees.
+          seed: of the rollouts; searches and training draw other numbers from the same one.
         """
-        self._mean_and_error = MeanReturn(planner, rollouts, seed)
-        self.best: Any = None
-        self.best_mean, self.best_error = -np.inf, np.inf
-        self.name = ""
-        self.means: dict[str, float] = {}
-
-    def add(self, name: str, params: Any) -> bool:
-        """Plays a policy; whether it is better than all before it."""
-        return self.take(name, params, *self._mean_and_error(params))
-
-    def take(self, name: str, params: Any, mean: float, error: float) -> bool:
-        """As `add`, for a policy whose return is known; what is not finite is worst."""
-        mean, error = (mean, error) if np.isfinite(mean) else (-np.inf, 0.0)
-        self.means[name] = mean
-        logger.info("%s: %.6g", name, mean)
-        if self.best is not None and not mean > self.best_mean:
-            return False
-        self.best, self.name = params, name
-        self.best_mean, self.best_error = mean, error
-        return True
-
-
-class MeanReturn:
-    """Mean return of one policy and its standard error, on the exact model."""
-
-    def __init__(self, planner: MDPOPlanner, rollouts: int, seed: int) -> None:
-        """Compiles nothing yet."""
         self._returns = compile_exact_returns(planner, rollouts)
         # a seed that training does not use
         self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
@@ -67,3 +40,90 @@ class MeanReturn:
         one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[jnp.newaxis], params)
         returns = np.asarray(self._returns(self._key, one), float)[0]
         return float(np.mean(returns)), float(np.std(returns) / np.sqrt(len(returns)))
+
+
+class Judge:
+    """Plays candidates and remembers the best.
+
+    Attributes:
+      incumbent: the best candidate so far, with its mean and error; None before the first.
+      judged: all candidates, in the order in which they came.
+    """
+
+    def __init__(self, rollouts: int, seed: int, clock: Clock, began: float) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          rollouts: of each candidate.
+          seed: of the rollouts, which no search sees.
+          clock: what dates the candidates.
+          began: when the race began, by the clock.
+        """
+        self._rollouts, self._seed = rollouts, seed
+        self._clock, self._began = clock, began
+        self._players: list[tuple[MDPOPlanner, Timed[[Any], tuple[float, float]]]] = []
+        self.incumbent: Candidate | None = None
+        self.judged: list[Judged] = []
+
+    @property
+    def best_mean(self) -> float:
+        """Mean return of the incumbent; minus infinity before the first."""
+        return -np.inf if self.incumbent is None else self.incumbent.known_mean
+
+    @property
+    def compile_seconds(self) -> float:
+        """Of the rollouts of all planners so far."""
+        return sum(play.compile_seconds for _, play in self._players)
+
+    def record(self, candidate: Candidate) -> bool:
+        """Plays a candidate unless its return is known; whether it is the new incumbent.
+
+        A mean that is not finite is worst. A candidate of the incumbent's planner meets the same
+        random numbers and must be better; one of another planner must be so by two standard
+        errors of the difference.
+
+        Args:
+          candidate: with a planner, or with its mean and error.
+        """
+        mean, error = candidate.mean, candidate.error
+        if mean is None:
+            mean, error = self._play(candidate)
+        mean, error = (mean, error) if np.isfinite(mean) else (-np.inf, 0.0)
+        candidate = dataclasses.replace(candidate, mean=mean, error=error)
+        best = self.incumbent
+        if best is None:
+            is_better = True
+        else:
+            is_paired = candidate.planner is not None and candidate.planner is best.planner
+            margin = 0.0 if is_paired else _MARGIN * float(np.hypot(error, best.error))
+            is_better = mean > best.known_mean + margin
+        logger.info("%s: %.6g", candidate.label, mean)
+        self.judged.append(Judged(candidate, self._clock() - self._began, is_better))
+        if is_better:
+            self.incumbent = candidate
+        return is_better
+
+    def best_of(self, planner: MDPOPlanner) -> Candidate | None:
+        """The best candidate of one planner, the first of equals; None if there is none."""
+        own = [j.candidate for j in self.judged if j.candidate.planner is planner]
+        return max(own, key=lambda candidate: candidate.known_mean, default=None)
+
+    def became_incumbent(self, label: str) -> bool:
+        """Whether a candidate of that label was ever the best so far."""
+        return any(j.became_incumbent for j in self.judged if j.candidate.label == label)
+
+    def latest(self, label: str) -> Candidate | None:
+        """The latest candidate of that label, whatever it was worth."""
+        of_label = (j.candidate for j in reversed(self.judged) if j.candidate.label == label)
+        return next(of_label, None)
+
+    def _play(self, candidate: Candidate) -> tuple[float, float]:
+        planner = candidate.planner
+        if planner is None:
+            raise ValueError(f"{candidate.label}: there is no planner to play it")
+        for known, play in self._players:
+            if known is planner:
+                return play(candidate.params)
+        play = Timed(MeanReturn(planner, self._rollouts, self._seed), self._clock)
+        self._players.append((planner, play))
+        return play(candidate.params)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.sizes import is_large
+from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.exact import compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -27,7 +28,7 @@ _SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
 _STARTS, _FEW_STARTS = 32, 4
 _ROLLOUTS = 4
 _WIDE_UNITS = 1.5
-# a constant action is better than doing nothing if it gains so much of the return
+# a constant action is better than the no-op if it gains so much of the return
 _GAIN = 0.005
 # and still harmless if it loses no more than that
 _LOSS = 0.1
@@ -40,29 +41,32 @@ class Probe:
     Attributes:
       units: per action fluent without a box, the size at which the return answers.
       state_scales: per observed fluent its median and its spread over what was seen.
-      nothing: mean return of doing nothing.
-      start: the constant raw action that earned most, per fluent [*shape].
-      start_return: what it earned.
-      deterministic: whether all rollouts of each constant earned the same.
+      noop_return: mean return of the no-op.
+      start: the constant raw action of the largest return, per fluent [*shape].
+      start_return: its mean return.
+      deterministic: whether all rollouts of each constant had the same return.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
     """
 
     units: dict[str, float]
     state_scales: dict[str, tuple[float, float]]
-    nothing: float
+    noop_return: float
     start: dict[str, np.ndarray]
     start_return: float
     deterministic: bool
     policy_seconds: float | None
 
 
-def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
+def probe(
+    planner: MDPOPlanner, seed: int, until: float = math.inf, clock: Clock = time.monotonic
+) -> Probe:
     """Plays constant actions on the exact model.
 
     Args:
       planner: with a `FeedbackPlan` without scales, whose units are 1 where there is no box.
       seed: of the actions and of the model.
-      until: when to end at the latest, by `time.monotonic`, once two were played.
+      until: when to end at the latest, by the clock, once two were played.
+      clock: what is asked for the time.
     """
     large = is_large(planner)
     count, rollouts = (_FEW_STARTS, 1) if large else (_STARTS, _ROLLOUTS)
@@ -78,41 +82,48 @@ def probe(planner: MDPOPlanner, seed: int, until: float = math.inf) -> Probe:
         batch = jax.tree.map(
             lambda *leaves: jnp.stack(leaves), *[with_bias(params, s) for s in starts]
         )
-        found, states = play(key, batch)
-        each = np.asarray(found, float)
+        played, states = play(key, batch)
+        each = np.asarray(played, float)
         spreads.append(float(np.max(np.ptp(each, axis=1))))
         means = np.mean(each, axis=1)
         return np.where(np.isfinite(means), means, -np.inf), states
 
-    nothing = {name: np.zeros(shape) for name, shape in shapes.items()}
+    noop = {name: np.zeros(shape) for name, shape in shapes.items()}
     units = {}
     for name in numbers:
         if box_width(*planner.feedback_plan.bounds[name]) is None:
             sizes = [0.0, *_SIZES, *-_SIZES]
-            scan = [{**nothing, name: np.full(shapes[name], size)} for size in sizes]
+            scan = [{**noop, name: np.full(shapes[name], size)} for size in sizes]
             units[name] = _unit(np.array(sizes), returns(scan)[0])
             logger.info("unit of %s: %g", name, units[name])
     random = np.random.default_rng(seed)
-    boxes = _boxes(planner, units)
+    places = boxes(planner, units)
     full = {name: np.ones(shape) for name, shape in shapes.items()}
-    starts = [nothing, full, *(_random_start(random, boxes) for _ in range(count - 2))]
+    starts = [noop, full, *(_random_start(random, places) for _ in range(count - 2))]
     # the planner's units are 1 where there is no box
     scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
-    earned, states = returns(scaled[:1] if large else scaled)
+    means, states = returns(scaled[:1] if large else scaled)
     seconds = 0.0
     for start in scaled[1:] if large else []:
-        if seconds and time.monotonic() + seconds > until:
+        if seconds and clock() + seconds > until:
             break
-        began = time.monotonic()
+        began = clock()
         more, states = returns([start])
-        earned, seconds = np.append(earned, more), time.monotonic() - began
-    best = int(np.argmax(earned))
+        means, seconds = np.append(means, more), clock() - began
+    best = int(np.argmax(means))
     scales = {
         name: (0.5, 0.5) if planner.rddl.variable_ranges[name] == "bool" else _scale(values)
         for name, values in states.items()
     }
-    returned = float(earned[0]), starts[best], float(earned[best])
-    return Probe(units, scales, *returned, not any(spreads), seconds if large else None)
+    return Probe(
+        units=units,
+        state_scales=scales,
+        noop_return=float(means[0]),
+        start=starts[best],
+        start_return=float(means[best]),
+        deterministic=not any(spreads),
+        policy_seconds=seconds if large else None,
+    )
 
 
 def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
@@ -124,19 +135,19 @@ def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
     return {**params, "own": own}
 
 
-def _unit(sizes: np.ndarray, earned: np.ndarray) -> float:
-    """The best size where that is better than nothing, else the largest harmless one."""
-    nothing, best = earned[0], int(np.argmax(earned))
-    margin = abs(nothing) if np.isfinite(nothing) else 0.0
-    if earned[best] > nothing + _GAIN * margin:
+def _unit(sizes: np.ndarray, returns: np.ndarray) -> float:
+    """The best size where that is better than the no-op, else the largest harmless one."""
+    noop, best = returns[0], int(np.argmax(returns))
+    margin = abs(noop) if np.isfinite(noop) else 0.0
+    if returns[best] > noop + _GAIN * margin:
         return float(abs(sizes[best]))
-    harmless = np.abs(sizes[1:])[earned[1:] >= nothing - _LOSS * margin]
+    harmless = np.abs(sizes[1:])[returns[1:] >= noop - _LOSS * margin]
     return float(np.max(harmless, initial=_SIZES[0]))
 
 
-def _boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.ndarray]:
+def boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Where to draw each raw action from: its box, or a unit to either side [2, *shape]."""
-    values, boxes = planner.compiled.init_values, {}
+    values, ends_of = planner.compiled.init_values, {}
     for name in planner.rddl.action_fluents:
         shape = np.shape(values[name])
         box = np.stack([np.full(shape, -1.0), np.full(shape, 1.0)])
@@ -145,16 +156,16 @@ def _boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.nda
             bounds = planner.feedback_plan.bounds[name]
             ends = np.stack([np.broadcast_to(bound, shape) for bound in bounds]) - values[name]
             box = np.where(np.isfinite(ends), ends / unit, box * _WIDE_UNITS)
-        boxes[name] = box
-    return boxes
+        ends_of[name] = box
+    return ends_of
 
 
 def _random_start(
-    random: np.random.Generator, boxes: Mapping[str, np.ndarray]
+    random: np.random.Generator, places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Per fluent nothing, one place in the box for all objects, or one for each."""
+    """Per fluent the no-op, one place in the box for all objects, or one for each."""
     start = {}
-    for name, (lower, upper) in boxes.items():
+    for name, (lower, upper) in places.items():
         place = random.random(lower.shape) if random.random() < 0.5 else random.random()
         start[name] = (lower + (upper - lower) * place) * (random.random() < 0.75)
     return start

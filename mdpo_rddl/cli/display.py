@@ -82,8 +82,9 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
     table.add_column("", no_wrap=True)
     table.add_column("", justify="right")
     table.add_row("policy", summary["policy"])
-    numbers = ", ".join(f"{key} {value}" for key, value in summary["noise_parameters"].items())
-    table.add_row("action noise", summary["noise"] + (f" ({numbers})" if numbers else ""))
+    if "auto" not in summary or summary["noise"] != "none":
+        numbers = ", ".join(f"{key} {value}" for key, value in summary["noise_parameters"].items())
+        table.add_row("action noise", summary["noise"] + (f" ({numbers})" if numbers else ""))
     table.add_row("seed", str(summary["seed"]))
     table.add_section()
     table.add_row("episodes, exact environment", str(summary["episodes"]))
@@ -104,6 +105,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         table.add_row("best iterate", f"{summary['best_iteration']:,}")
         table.add_row("training", f"{summary['train_seconds']:.1f} s")
         table.add_row("compilation", f"{summary['compile_seconds']:.1f} s")
+    if "auto" in summary:
+        _add_race(table, summary)
     if summary.get("mode") == "replan":
         table.add_section()
         table.add_row("decisions", f"{summary['decisions']:,}, {summary['lookahead']} steps ahead")
@@ -115,6 +118,25 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
     console.print(table)
     if where is not None:
         console.print(f"written to {where}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _add_race(table: Table, summary: Mapping[str, Any]) -> None:
+    """Adds a row for each arm of a race, and which of them the result is from."""
+    race = summary["auto"]
+    table.add_section()
+    result = race["chosen"]
+    if race["parents"]:
+        result += f", from {' and '.join(race['parents'])}"
+    table.add_row("result", result)
+    table.add_row("return of the no-op", _number(race["noop_return"]))
+    for name, arm in race["arms"].items():
+        best = "none" if arm["best_return"] is None else _number(arm["best_return"])
+        mark = " *" if name == race["arm"] else ""
+        figures = f"{arm['seconds']:.1f} s  {arm['iterations']:,} iterations  best {best}"
+        table.add_row(f"{name}{mark}", figures)
+    seconds = summary["train_seconds"] + summary["compile_seconds"]
+    compiling = f"{summary['compile_seconds']:.1f} s of it compilation"
+    table.add_row("in all", f"{seconds:.1f} s, {compiling} ({summary['status']})")
 
 
 def _number(value: float | None) -> str:

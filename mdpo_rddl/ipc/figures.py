@@ -2,12 +2,8 @@
 
 import io
 
-import matplotlib
-
-matplotlib.use("Agg")  # files only: no display is needed
-
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.score import Scores
@@ -19,7 +15,8 @@ def draw_domains(scores: Scores) -> bytes:
     """Bars: the mean normalised score of each domain and planner, as a PNG."""
     domains, planners = list(scores.domains), _drawn(scores)
     width = 0.8 / len(planners)
-    figure, axes = plt.subplots(figsize=(max(6.0, 1.4 * len(domains)), 3.8), layout="constrained")
+    figure = Figure(figsize=(max(6.0, 1.4 * len(domains)), 3.8), layout="constrained")
+    axes = figure.subplots()
     for number, name in enumerate(planners):
         places = np.arange(len(domains)) + (number - (len(planners) - 1) / 2) * width
         heights = [scores.domains[domain].get(name, 0.0) for domain in domains]
@@ -33,7 +30,8 @@ def draw_domains(scores: Scores) -> bytes:
 
 def draw_profiles(scores: Scores) -> bytes:
     """Performance profiles: the share of instances with at least a given score, as a PNG."""
-    figure, axes = plt.subplots(figsize=(6.0, 3.8), layout="constrained")
+    figure = Figure(figsize=(6.0, 3.8), layout="constrained")
+    axes = figure.subplots()
     levels = np.linspace(0.0, 1.0, 201)
     for number, name in enumerate(_drawn(scores)):
         found = [row[name].normalised for row in scores.cells.values() if name in row]
@@ -61,8 +59,7 @@ def _short(domain: str) -> str:
     return domain.removesuffix("_ippc2023")
 
 
-def _png(figure: plt.Figure) -> bytes:
+def _png(figure: Figure) -> bytes:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=130)
-    plt.close(figure)
     return content.getvalue()

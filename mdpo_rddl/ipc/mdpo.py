@@ -37,10 +37,9 @@ class MDPO(GradientPlanner):
     def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
         config = PRESETS[DEFAULT_PRESET](problem.domain_name)
         config = config.with_values("Optimize", train_seconds=seconds)
-        result = plan_automatically(problem, config, seed=seed)
-        training = result.training
-        hyperparams = dict(training.policy_hyperparams)
-        return Found(result.planner, result.config, training.best_params, hyperparams)
+        policy = plan_automatically(problem, config, seed).policy
+        hyperparams = dict(policy.policy_hyperparams)
+        return Found(policy.planner, policy.config, policy.params, hyperparams)
 
     def _build(self, problem: Problem, config: PlannerConfig) -> Any:
         return build_planner(problem, config).planner

@@ -1,18 +1,13 @@
 """Evaluate what an earlier session saved."""
 
 import contextlib
-from pathlib import Path
 from typing import Any
-
-import jax
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.versions import package_versions
-from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity
-from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.policy.file import load_policy
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import identity, return_figures
@@ -34,23 +29,26 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
     saved = load_policy(path)
     horizon = saved.problem["horizon"] if request.horizon is None else request.horizon
     problem = load_problem(request.domain, request.instance, horizon)
-    _require_same_problem(path, saved, problem)
-    config = PlannerConfig.from_text(saved.config, str(path))
     seed = saved.seed if request.seed is None else request.seed
 
     with contextlib.ExitStack() as stack:
         folder = None if request.out is None else stack.enter_context(RunFolder(request.out))
         reporter.stage("compiling")
-        planner = build_planner(problem, config).planner
-        _require_params(path, planner, saved)
-        played = PlanRequest(
-            problem, config, str(path), seed, request.episodes, request.out or request.folder
-        )
+        policy = Policy.from_saved(saved, problem, str(path))
         reporter.stage("evaluating")
-        evaluator = Evaluator(played, planner, saved.policy_hyperparams, reporter)
+        out = request.out or request.folder
+        played = PlanRequest(problem, policy.config, str(path), seed, request.episodes, out)
+        evaluator = Evaluator(played, policy.planner, policy.policy_hyperparams, reporter)
         summary = {
-            **identity(played, planner),
-            **return_figures(evaluator.run(saved.params)),
+            **identity(
+                problem,
+                policy.config,
+                policy.planner,
+                config_name=str(path),
+                seed=seed,
+                episodes=request.episodes,
+            ),
+            **return_figures(evaluator.run(policy.params)),
             "loaded_from": str(request.folder),
             "versions": package_versions(),
         }
@@ -59,24 +57,3 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
                 write_json(folder.staging / SUMMARY, summary)
             folder.commit()
     return summary
-
-
-def _require_same_problem(path: Path, saved: SavedPolicy, problem: Problem) -> None:
-    here = problem_identity(problem)
-    if saved.problem.get("digest") != here["digest"]:
-        raise InputError(
-            f"{path}: saved for {saved.problem.get('label')} "
-            f"({saved.problem.get('domain')}/{saved.problem.get('instance')}), "
-            f"not for {here['label']} ({here['domain']}/{here['instance']}) as its files are now"
-        )
-
-
-def _require_params(path: Path, planner: MDPOPlanner, saved: SavedPolicy) -> None:
-    expected = planner.params_structure(saved.policy_hyperparams)
-    wanted = jax.tree.map(lambda leaf: leaf.shape, expected)
-    found = jax.tree.map(lambda leaf: leaf.shape, saved.params)
-    if wanted != found:
-        raise InputError(
-            f"{path}: damaged policy file, or saved for another horizon: its tensors are "
-            f"{found}, expected {wanted}"
-        )

@@ -1,7 +1,6 @@
-"""Train a policy once, then evaluate it."""
+"""Find a policy once, by one training or by the race of the preset `auto`, then evaluate it."""
 
 import contextlib
-import dataclasses
 import logging
 from typing import TYPE_CHECKING, Any
 
@@ -13,22 +12,24 @@ from mdpo_rddl.planner.config.search_section import read_search
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
-from mdpo_rddl.policy.file import SavedPolicy, problem_identity
+from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.preparation import preparing
-from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, write_json, write_training
-from mdpo_rddl.session.report.summary import identity, return_figures, title, training_figures
+from mdpo_rddl.session.report.race import race_figures, write_race
+from mdpo_rddl.session.report.run_folder import RunFolder, write_summary
+from mdpo_rddl.session.report.summary import identity, return_figures, training_figures
+from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto import AutoResult
+    from mdpo_rddl.auto import RaceOutcome
 
 logger = logging.getLogger(__name__)
 
 
 def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
-    """Trains a policy, evaluates it exactly and writes the run folder.
+    """Finds a policy, evaluates it exactly and writes the run folder.
 
     Returns:
       The summary, as `summary.json` holds it.
@@ -37,48 +38,63 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
         is left behind then.
     """
-    auto = read_search(request.config.sections) is not None
-    with RunFolder(request.out) as folder, contextlib.ExitStack() as stack:
-        found: dict[str, Any] = {}
-        second = None
-        if auto:
-            chosen = _plan_automatically(request, reporter)
-            planner, result, found = chosen.planner, chosen.training, {"auto": chosen.diagnostics}
-            request = dataclasses.replace(request, config=chosen.config)
-        else:
-            second = stack.enter_context(SecondEvaluator(request))
-            planner, result = _train(request, reporter)
-        saved = SavedPolicy(
-            params=result.best_params,
-            policy_hyperparams=dict(result.policy_hyperparams),
-            config=request.config.to_text(),
-            problem=problem_identity(request.problem),
-            seed=request.seed,
+    with RunFolder(request.out) as folder:
+        is_race = read_search(request.config.sections) is not None
+        return (_race if is_race else _train_once)(request, reporter, folder)
+
+
+def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[str, Any]:
+    with contextlib.ExitStack() as stack:
+        second = stack.enter_context(SecondEvaluator(request))
+        planner, result = _train(request, reporter)
+        hyperparams, seed = dict(result.policy_hyperparams), request.seed
+        policy = Policy(
+            request.problem, request.config, planner, result.best_params, hyperparams, seed
         )
         reporter.stage("evaluating")
-        evaluator = Evaluator(request, planner, result.policy_hyperparams, reporter)
-        if second is not None:
-            second.begin(result.best_params, result.policy_hyperparams)
+        evaluator = Evaluator(request, planner, hyperparams, reporter)
+        second.begin(policy.params, hyperparams)
         last = evaluator.run(result.last_params)
-        best = (second and second.result()) or evaluator.run(result.best_params)
-        summary = {
-            **identity(request, planner),
-            **return_figures(best),
-            "last_iterate": return_figures(last),
-            **training_figures(planner, result),
-            **found,
-        }
-        config = {
-            "source": request.config_name,
-            "sections": request.config.sections,
-            "seed": request.seed,
-            "episodes": request.episodes,
-        }
-        with folder.writing():
-            write_training(folder.staging, result, saved, config, title(summary))
-            write_json(folder.staging / SUMMARY, summary)
-        folder.commit()
+        best = second.result() or evaluator.run(policy.params)
+    summary = {
+        **_identity(policy, request),
+        **return_figures(best),
+        "last_iterate": return_figures(last),
+        **training_figures(planner, result),
+    }
+    with folder.writing():
+        write_training(folder.staging, result, policy, summary)
+        write_summary(folder.staging, policy.config, summary)
+    folder.commit()
     return summary
+
+
+def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[str, Any]:
+    outcome = _plan_automatically(request, reporter)
+    policy = outcome.policy
+    reporter.stage("evaluating")
+    evaluator = Evaluator(request, policy.planner, policy.policy_hyperparams, reporter)
+    summary = {
+        **_identity(policy, request),
+        **return_figures(evaluator.run(policy.params)),
+        **race_figures(outcome),
+    }
+    with folder.writing():
+        write_race(folder.staging, outcome, summary)
+        write_summary(folder.staging, policy.config, summary)
+    folder.commit()
+    return summary
+
+
+def _identity(policy: Policy, request: PlanRequest) -> dict[str, Any]:
+    return identity(
+        policy.problem,
+        policy.config,
+        policy.planner,
+        config_name=request.config_name,
+        seed=policy.seed,
+        episodes=request.episodes,
+    )
 
 
 def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, TrainingResult]:
@@ -97,7 +113,8 @@ def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, Train
                 begin_preparing()
                 reporter.training(progress)
 
-            result = train(built, jax.random.PRNGKey(request.seed), on_progress=on_progress)
+            key = jax.random.PRNGKey(request.seed)
+            result = train(built, key, on_progress=on_progress)
     except InputError as error:
         raise InputError(
             f"{request.problem.instance_path}: {error} (configured by {request.config.source})"
@@ -105,15 +122,9 @@ def _train(request: PlanRequest, reporter: Reporter) -> tuple[MDPOPlanner, Train
     return planner, result
 
 
-def _plan_automatically(request: PlanRequest, reporter: Reporter) -> "AutoResult":
+def _plan_automatically(request: PlanRequest, reporter: Reporter) -> "RaceOutcome":
     # the search's package takes long to import, which other presets need not wait for
-    from mdpo_rddl.auto import plan_automatically
+    from mdpo_rddl.auto import RaceOptions, plan_automatically
 
-    return plan_automatically(
-        request.problem,
-        request.config,
-        seed=request.seed,
-        programs=request.programs,
-        on_stage=reporter.stage,
-        on_progress=reporter.training,
-    )
+    options = RaceOptions(request.programs, reporter.stage, reporter.training)
+    return plan_automatically(request.problem, request.config, request.seed, options)

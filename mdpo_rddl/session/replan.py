@@ -50,7 +50,14 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         )
         seconds = [decision.seconds for decision in policy.decisions]
         summary = {
-            **identity(request, planner),
+            **identity(
+                request.problem,
+                request.config,
+                planner,
+                config_name=request.config_name,
+                seed=request.seed,
+                episodes=request.episodes,
+            ),
             **return_figures(found),
             "mode": "replan",
             "lookahead": planner.horizon,

@@ -1,62 +1,34 @@
-"""The recipe of the preset `auto` on problems that compile fast."""
+"""The recipe of the preset `auto` on problems that compile fast, by a clock that does not wait."""
 
-import dataclasses
 import json
-import math
 import threading
+from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
-from helpers.plan_command import refuse, run, write_problem
-from helpers.problems import tiny_files, write_corridor
+from helpers.clocks import Ticking
+from helpers.lakes import preset, write_lake
+from helpers.problems import write_corridor
 
-from mdpo_rddl.auto import plan_automatically, probing, recipe, sizes
-from mdpo_rddl.auto.arms import gradient as descent
-from mdpo_rddl.auto.arms import jaxplan as alternatives
-from mdpo_rddl.auto.fitting import scaled, without_scales
-from mdpo_rddl.auto.judge import Choice
-from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.presets.auto import COLUMNS, KEYS, auto_table, run_auto
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS
+from mdpo_rddl import evaluate, make_environment
+from mdpo_rddl.auto import RaceOptions, plan_automatically, probing, race, recipe, sizes
+from mdpo_rddl.auto.arms import gradient, jaxplan
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.background import run_until
-from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
-from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.planner.config.jaxplan_configs import own_config
 
-# a lake whose pump has no bound: its unit must be found
-LAKE_DOMAIN = """
-domain lake {
-    pvariables {
-        depth : { state-fluent, real, default = 500.0 };
-        pump : { action-fluent, real, default = 0.0 };
-    };
-    cpfs { depth' = depth + pump + Normal(0.0, 25.0); };
-    reward = -abs[depth - 800.0] - 0.001 * pow[pump, 2];
-}
-"""
-LAKE_INSTANCE = """
-non-fluents nf { domain = lake; }
-instance one {
-    domain = lake; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 8; discount = 1.0;
-}
-"""
+NOOP, CONSTANT = "no-op", "constant"
 
 
-def preset(seconds: float, **search: object):
-    config = auto_preset("toy").with_values("Optimize", train_seconds=seconds)
-    config = config.with_values("Search", **{"alternatives": False, **search})
-    return config.with_values("Planner", batch_size_train=2, batch_size_test=2, parallel_updates=2)
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    return write_lake(tmp_path_factory.mktemp("lake"))
 
 
-@pytest.fixture
-def lake(tmp_path):
-    domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
-    domain.write_text(LAKE_DOMAIN)
-    instance.write_text(LAKE_INSTANCE)
-    return load_problem(str(domain), str(instance))
+@pytest.fixture(scope="module")
+def corridor(tmp_path_factory):
+    return write_corridor(tmp_path_factory.mktemp("corridor"))
 
 
 @pytest.fixture
@@ -64,236 +36,281 @@ def no_gradient(monkeypatch):
     def refuse_to_train(*arguments, **keywords):
         raise InputError("this model has no gradient")
 
-    monkeypatch.setattr(descent, "train", refuse_to_train)
-    # however slow the machine
-    monkeypatch.setattr(descent, "_SHORTEST_SECONDS", -1e9)
-    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)
+    monkeypatch.setattr(gradient, "train", refuse_to_train)
 
 
-def test_probing_finds_units_and_scales(lake):
-    found = probing.probe(build_planner(lake, without_scales(preset(1.0))).planner, seed=0)
-    # 300 above, in a few steps
-    assert 10.0 <= found.units["pump"] <= 320.0
-    center, scale = found.state_scales["depth"]
-    assert 200.0 < center < 1200.0
-    assert 1.0 < scale < 5000.0
-    assert found.start_return >= found.nothing
-    assert found.policy_seconds is None
-    plan = build_planner(lake, scaled(preset(1.0), found)).planner.plan
-    assert isinstance(plan, FeedbackPlan)
-    assert plan.units["pump"] == pytest.approx(found.units["pump"], rel=1e-3)
+CLOCK = Ticking()
 
 
-def test_the_recipe_finds_a_good_policy(lake, monkeypatch):
-    # however slow the machine
-    monkeypatch.setattr(descent, "_SHORTEST_SECONDS", -1e9)
-    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)
-    monkeypatch.setattr(recipe, "run_until", lambda task, until: run_until(task, math.inf))
-    result = plan_automatically(lake, preset(20.0, shared_until=0.4, own_until=0.5), seed=0)
-    returns = result.diagnostics["returns"]
-    best = returns[result.diagnostics["chosen"]]
-    # 300 below at all 8 steps; a constant halves it, and feedback does better
-    assert returns["nothing"] == pytest.approx(-2400.0, rel=0.05)
-    assert best >= returns["constant"] > -1500.0
-    assert result.training.iterations > 0
-    assert result.training.sigma.shape == (len(result.training.history), 8)
-    assert "Search" not in result.config.sections
-    json.dumps(result.diagnostics, allow_nan=False)
+def raced(problem, ticks: float, **search):
+    """A race of so many ticks of the clock, which an iteration of a search takes three of."""
+    options = RaceOptions(clock=CLOCK, most_iterations=60)
+    return plan_automatically(problem, preset(ticks, **search), 0, options)
 
 
-def test_without_a_gradient_the_search_has_to_do(lake, no_gradient, caplog):
-    result = plan_automatically(lake, preset(5.0), seed=0)
-    assert result.diagnostics["phases"] == []
-    assert result.training.status == "no_gradient"
-    returns = result.diagnostics["returns"]
-    assert returns[result.diagnostics["chosen"]] > returns["nothing"]
+@pytest.fixture(scope="module")
+def compiled(lake):
+    """An arena whose programs are compiled once for all tests that look at the order of arms."""
+    options = RaceOptions(clock=CLOCK, most_iterations=60)
+    return race._arena(lake, preset(1000.0), 0, CLOCK(), options)
+
+
+@pytest.fixture
+def in_one_arena(compiled, monkeypatch):
+    def as_new(problem, config, seed, began, options):
+        judge = Judge(128, seed, CLOCK, began)
+        judge._players = compiled.judge._players
+        deadline = began + config.section("Optimize")["train_seconds"]
+        arena = replace(compiled, judge=judge, deadline=deadline)
+        arena.__dict__.update(population=compiled.population, plans=compiled.plans)
+        return arena
+
+    monkeypatch.setattr(race, "_arena", as_new)
+
+
+def means(outcome) -> dict[str, float]:
+    """The mean return of the latest candidate of each label."""
+    return {judged.candidate.label: judged.candidate.mean for judged in outcome.judged}
+
+
+def arm(outcome, name: str) -> dict:
+    return outcome.diagnostics()["arms"][name]
+
+
+@pytest.fixture(scope="module")
+def outcome(lake):
+    return raced(lake, 2000.0)
+
+
+def test_every_part_of_the_recipe_improves_on_what_it_begins_with(outcome):
+    found = means(outcome)
+    # 300 below at all 8 steps; a constant halves it
+    assert found[NOOP] == pytest.approx(-2400.0, rel=0.05)
+    assert found[CONSTANT] > -1500.0
+    # feedback does better, and the chance that is left costs about 8 x 20
+    assert found["shared weights"] > max(found[CONSTANT], found["random rule"]) + 50.0
+    assert found["shared weights"] > -700.0
+    assert outcome.chosen.mean == max(found.values())
+    assert outcome.chosen.mean >= found["shared weights"]
+    assert arm(outcome, "shared weights")["iterations"] > 50
+
+
+def test_the_gradient_alone_improves_on_the_best_constant(lake, in_one_arena):
+    # searches end at once
+    outcome = raced(lake, 2500.0, shared_until=0.001, own_until=0.001, gradient_until=0.95)
+    phases = [name for name in means(outcome) if name.startswith("phase 1")]
+    start = max(means(outcome)[name] for name in (CONSTANT, "shared weights", "random rule"))
+    assert max(means(outcome)[name] for name in phases) > start
+    assert arm(outcome, "gradient")["phases"][0]["improved"]
+    assert arm(outcome, "gradient")["iterations"] == 180
+    assert outcome.chosen.uses_noise
+    assert "gradient" in (outcome.chosen.arm, *outcome.chosen.parents)
+    assert outcome.policy.config.section("Noise")["method"] == "AdaptiveNoise"
+    log = outcome.noise_log
+    assert log.sigma.shape == (len(log.records), 8)
+    assert [record.iteration for record in log.records] == sorted(
+        {record.iteration for record in log.records}
+    )
+
+
+def test_the_outcome_says_what_each_arm_was_given_and_found(outcome):
+    diagnostics = outcome.diagnostics()
+    json.dumps(diagnostics, allow_nan=False)
+    assert diagnostics["chosen"] == outcome.chosen.label
+    assert diagnostics["arm"] == outcome.chosen.arm
+    assert diagnostics["noop_return"] == outcome.probe.noop_return
+    assert diagnostics["random_return"] < means(outcome)[CONSTANT]
+    names = ["constants and rules", "shared weights", "plan"]
+    assert list(diagnostics["arms"])[:3] == names
+    for name, log in diagnostics["arms"].items():
+        best = max(c["mean_return"] for c in diagnostics["candidates"] if c["arm"] == name)
+        assert log["best_return"] == best
+        assert log["slices"] >= 1
+        assert 0.0 < log["seconds"] <= outcome.seconds
+    seconds = [judged.seconds for judged in outcome.judged]
+    assert seconds == sorted(seconds)
+    incumbents = [j.candidate.mean for j in outcome.judged if j.became_incumbent]
+    assert incumbents == sorted(incumbents)
+    assert incumbents[-1] == outcome.chosen.mean
+    assert "Search" not in outcome.policy.config.sections
+    assert 0.0 <= outcome.compile_seconds <= outcome.seconds
+    assert not outcome.interrupted
+
+
+def test_the_policy_is_the_chosen_candidate(outcome, lake):
+    played = evaluate(make_environment(lake), outcome.policy, episodes=40, seed=0)
+    error = played.std / np.sqrt(40)
+    assert played.mean == pytest.approx(outcome.chosen.mean, abs=5.0 * error)
+
+
+def test_without_a_gradient_the_search_has_to_do(lake, in_one_arena, no_gradient, caplog):
+    outcome = raced(lake, 600.0)
+    assert arm(outcome, "gradient")["phases"] == []
     assert "this model has no gradient" in caplog.text
+    assert outcome.chosen.mean > means(outcome)[CONSTANT]
+    # it has seen no noise, and says so
+    assert outcome.noise_log is None
+    assert outcome.policy.config.section("Noise") == {"method": "NoNoise"}
 
 
-def test_where_nothing_earns_anything_it_explores(tmp_path, monkeypatch):
-    rules = []
-
-    def shared(self, until):
-        rules.append(until)
-        return self._params
-
-    monkeypatch.setattr(recipe.FeedbackSearch, "shared", shared)
-    problem = write_corridor(tmp_path)
-    for seconds in (8.0, 60.0):  # however slow the machine
-        rules.clear()
-        result = plan_automatically(problem, preset(seconds), seed=0)
-        if result.diagnostics["returns"]["plan"] > 90.0:
-            break
-    # a rule is not needed once a plan has earned something that does not depend on chance
-    assert not rules
-    assert result.diagnostics["returns"]["constant"] <= 0.0
-    assert result.diagnostics["returns"]["plan"] > 90.0
-    assert result.diagnostics["chosen"] in {"plan", "polished"}
-    assert result.diagnostics["search_iterations"]["plan"] > 10
+def test_where_nothing_beats_the_no_op_it_explores(corridor):
+    outcome = raced(corridor, 3000.0)
+    found = means(outcome)
+    assert found[CONSTANT] <= 0.0
+    assert found["plan"] > 90.0
+    assert outcome.chosen.label in {"plan", "polished"}
+    assert arm(outcome, "exploration")["iterations"] > 10
+    assert arm(outcome, "exploration")["cells"] > 3
+    # a rule is not needed once a plan's return does not depend on chance
+    assert "shared weights" not in outcome.diagnostics()["arms"]
+    assert outcome.diagnostics()["parents"] == (
+        [] if outcome.chosen.label == "plan" else ["exploration"]
+    )
 
 
-def test_where_exploring_finds_nothing_feedback_is_tried(tmp_path, monkeypatch):
-    monkeypatch.setattr(recipe.PlanSearch, "search", lambda self, params, **arguments: params)
-    result = plan_automatically(write_corridor(tmp_path), preset(6.0), seed=0)
-    returns = result.diagnostics["returns"]
-    assert {"plan", "shared weights", "polished"} <= set(returns)
+def test_where_exploring_finds_nothing_feedback_is_tried(corridor, monkeypatch):
+    monkeypatch.setattr(
+        "mdpo_rddl.auto.search.plan_population.PlanPopulation.evolved",
+        lambda self, params, goal, archive=None: params,
+    )
+    outcome = raced(corridor, 300.0)
+    assert {"plan", "shared weights", "polished"} <= set(means(outcome))
+    assert arm(outcome, "exploration")["slices"] == 2
 
 
 def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch):
-    bare = build_planner(lake, without_scales(preset(1.0))).planner
-    assert sizes.plans_fit(bare)
     monkeypatch.setattr(sizes, "_PLANS_BYTES", 8 * 4 * sizes.PLANS - 1)
-    result = plan_automatically(lake, preset(4.0), seed=0)
-    assert "plan" not in result.diagnostics["returns"]
-    # then nothing but rollouts can say how the return answers to an action
-    assert result.config.section("Noise")["analysis_samples"] == 1
-    assert result.config.section("Planner")["method_kwargs"]["plan"] is False
+    outcome = raced(lake, 300.0)
+    assert "plan" not in outcome.diagnostics()["arms"]
+    assert outcome.random_return is None
+    assert outcome.policy.config.section("Planner")["method_kwargs"]["plan"] is False
+    assert "own weights" in means(outcome)
 
 
-def test_a_gradient_that_takes_too_long_is_given_up(lake, monkeypatch, caplog):
+def test_a_gradient_that_takes_too_long_is_given_up(lake, in_one_arena, monkeypatch, caplog):
     released = threading.Event()
 
-    def slow(*arguments, work, **keywords):
+    def slow(*arguments, on_progress, **keywords):
         released.wait(120.0)
-        work.raise_if_cancelled()
+        on_progress(None)
 
-    monkeypatch.setattr(recipe, "descend", slow)
-    monkeypatch.setattr(recipe._Recipe, "_has_time_for_the_gradient", lambda *arguments: True)
+    monkeypatch.setattr(gradient, "train", slow)
+    monkeypatch.setattr(recipe, "_OVERRUN", -1e9)
     try:
-        result = plan_automatically(lake, preset(6.0), seed=0)
+        outcome = raced(lake, 600.0)
     finally:
         released.set()
     assert "the gradient is given up" in caplog.text
-    assert result.diagnostics["returns"]["polished"] > result.diagnostics["returns"]["nothing"]
+    assert arm(outcome, "gradient")["slices"] == 1
+    assert means(outcome)["polished"] > means(outcome)[NOOP]
 
 
-def test_a_better_alternative_is_taken(lake, no_gradient, monkeypatch):
-    config = alternatives.own_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
-    training = descent.Descent().result(*[{"pump": np.zeros((8,))}] * 2, 8, 0.0)
-    better = alternatives.Alternative("JaxPlan's default slp", config, training, 1e6, 1.0)
-    worse = dataclasses.replace(better, mean=-1e6)
-    for given, is_taken in ((better, True), (worse, False), (None, False)):
-        monkeypatch.setattr(recipe.Alternatives, "best", lambda self, until, one=given: one)
-        result = plan_automatically(lake, preset(3.0), seed=0)
-        assert (result.diagnostics["chosen"] == better.name) == is_taken
-        assert (result.config is config) == is_taken
+def test_too_little_time_for_the_gradient_is_said(lake, in_one_arena, caplog):
+    outcome = raced(lake, 300.0, own_until=0.84)
+    assert "too little time for the gradient" in caplog.text
+    assert "gradient" not in outcome.diagnostics()["arms"]
 
 
-def test_an_interrupt_keeps_the_best_policy_so_far(lake, monkeypatch):
+class Alternatives:
+    """In place of the second process: what it would have found."""
+
+    started = True
+    alternative: jaxplan.Alternative | None = None
+
+    def __init__(self, *arguments: object) -> None:
+        """Starts nothing."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *arguments: object) -> None:
+        """Ends nothing."""
+
+    def best(self, until: float):
+        return self.alternative
+
+
+@pytest.mark.parametrize(("mean", "is_taken"), [(1e6, True), (-1e6, False), (None, False)])
+def test_a_better_alternative_is_taken(
+    lake, in_one_arena, no_gradient, monkeypatch, mean, is_taken
+):
+    config = own_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
+    training = gradient.TrainingResult(
+        best_params={"pump": np.zeros(8)},
+        last_params_by_restart={"pump": np.zeros((1, 8))},
+        policy_hyperparams={"pump": 1.0},
+        iterations=5,
+        best_iteration=2,
+        restart=0,
+        status="iter_budget_reached",
+        history=(),
+        sigma=np.zeros((1, 8)),
+        compile_seconds=1.0,
+        train_seconds=2.0,
+    )
+    name = "JaxPlan's default slp"
+    if mean is not None:
+        Alternatives.alternative = jaxplan.Alternative(name, config, training, mean, 1.0)
+    monkeypatch.setattr(race, "Alternatives", Alternatives)
+    outcome = raced(lake, 200.0)
+    Alternatives.alternative = None
+    assert (outcome.chosen.label == name) is is_taken
+    assert (outcome.chosen.arm == "JaxPlan") is is_taken
+    if is_taken:
+        assert outcome.policy.config.sections == config.sections
+        assert outcome.policy(0, {"depth": np.array(500.0)})["pump"] == 0.0
+        assert arm(outcome, "JaxPlan")["iterations"] == 5
+    assert outcome.noise_log is None
+
+
+def test_an_interrupt_keeps_the_best_policy_so_far(lake, in_one_arena, monkeypatch):
     def interrupted(*arguments, **keywords):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(recipe, "FeedbackSearch", interrupted)
-    result = plan_automatically(lake, preset(3.0), seed=0)
-    assert result.diagnostics["chosen"] in {"nothing", "constant"}
-    monkeypatch.setattr(recipe._Recipe, "run", interrupted)
+    monkeypatch.setattr(recipe.SharedWeightsArm, "_work", interrupted)
+    outcome = raced(lake, 300.0)
+    assert outcome.interrupted
+    assert outcome.chosen.arm == "constants and rules"
+    monkeypatch.setattr(recipe.Recipe, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        plan_automatically(lake, preset(3.0), seed=0)
+        raced(lake, 300.0)
 
 
-def test_a_return_that_is_no_number_loses(lake):
-    planner = build_planner(lake, without_scales(preset(1.0))).planner
-    choice = Choice(planner, 2, seed=0)
-    assert choice.take("broken", "a", float("nan"), float("nan"))
-    assert choice.take("bad", "b", -5.0, 1.0)
-    assert not choice.take("broken", "c", float("nan"), 0.0)
-    assert (choice.name, choice.best_mean, choice.best_error) == ("bad", -5.0, 1.0)
+def test_an_interrupted_phase_is_judged(lake, in_one_arena, monkeypatch):
+    def interrupted(planner, *, key, iterations, **keywords):
+        result = gradient_train(planner, key=key, iterations=20, **keywords)
+        return replace(result, status="interrupted")
+
+    gradient_train = gradient.train
+    monkeypatch.setattr(gradient, "train", interrupted)
+    outcome = raced(lake, 2500.0)
+    assert outcome.interrupted
+    assert outcome.judged[-1].candidate.label == "phase 1, last iterate"
 
 
 def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
     def broken(*arguments, **keywords):
         raise AttributeError("module has no attribute\n'distributions'")
 
-    monkeypatch.setattr(recipe, "probe", broken)
+    monkeypatch.setattr(race, "probe", broken)
     with pytest.raises(InputError, match=r"i\.rddl: cannot be planned: .*no attribute 'dist"):
-        plan_automatically(lake, preset(3.0), seed=0)
-
-
-def test_an_enum_action_is_boxed_by_its_own_values():
-    problem = load_problem("Sokoban_arcade", "0")
-    planner = build_planner(problem, without_scales(preset(1.0))).planner
-    found = probing.probe(planner, seed=0)
-    # it has a box, so that none is probed; its unit is the box's width
-    assert found.units == {}
-    (name,) = planner.action_specs
-    values = len(problem.model.type_to_objects[problem.model.action_ranges[name]])
-    assert values > 2
-    np.testing.assert_array_equal(planner.plan.units[name], values - 1)
+        raced(lake, 300.0)
 
 
 def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch):
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
     monkeypatch.setattr(recipe, "_FEWEST_POLICIES", 10**9)
-    result = plan_automatically(lake, preset(5.0), seed=0)
-    assert result.diagnostics["chosen"] == "constant"
-    assert result.diagnostics["search_iterations"] == {"shared": 0, "own": 0, "plan": 0}
-    assert result.diagnostics["returns"]["constant"] >= result.diagnostics["returns"]["nothing"]
+    outcome = raced(lake, 300.0)
+    assert outcome.chosen.label == CONSTANT
+    assert outcome.arms == []
+    assert outcome.chosen.mean >= outcome.probe.noop_return
 
 
-# --- the command ---------------------------------------------------------------------------
-
-
-def test_mdpo_plan_has_it_by_default_and_plays_it_again(tmp_path, monkeypatch, capsys):
-    write_problem(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mdpo_rddl.auto.arms.jaxplan.usable_cores", lambda: 1)
-    options = "tanks.rddl two.rddl --episodes 3 --json --quiet"
-    summary = run(f"{options} --seconds 8 --out run", capsys).summary
-    assert summary["config"] == "auto"
-    assert summary["policy"] == "feedback"
-    assert summary["auto"]["returns"]["nothing"] < summary["mean_return"]
-    again = run(f"{options} --load run", capsys).summary
-    assert again["returns"] == summary["returns"]
-
-
-@pytest.mark.parametrize("option", ["--policy slp", "--noise none", "--iterations 5", "--replan"])
-def test_options_for_one_training_do_not_go_with_it(option, tmp_path, monkeypatch, capsys):
-    write_problem(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    said = f"{option.split()[0]} does not go with --preset auto, which chooses it"
-    refuse(f"tanks.rddl two.rddl --preset auto {option}", said, tmp_path, capsys)
-
-
-# --- the measurement -----------------------------------------------------------------------
-
-
-def test_the_measurement_goes_on_and_its_table_compares(tmp_path, monkeypatch):
-    out = tmp_path / "auto"
-    records = run_auto(out, ["powergen7"], ["expert"], seeds=2, seconds=1.0, episodes=2)
-    assert [row["planner"] for row in records.rows] == ["expert"]
-    monkeypatch.setattr("mdpo_rddl.bench.presets.auto.expert", None)  # nothing is played again
-    again = run_auto(out, ["powergen7"], ["expert"], seeds=2, seconds=1.0, episodes=2)
-    assert again.rows == records.rows
-    with pytest.raises(InputError, match="unknown problem 'powergen8'"):
-        run_auto(out, ["powergen8"], ["expert"], seeds=1, seconds=1.0, episodes=2)
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_every_variant_is_a_configuration_of_its_own(variant, lake):
-    config = VARIANTS[variant](auto_preset("toy")).without_section("Search")
-    found = probing.Probe({"pump": 1.0}, {"depth": (0.0, 1.0)}, 0.0, {}, 0.0, False, None)
-    planner = build_planner(lake, scaled(config, found)).planner
-    assert isinstance(planner.plan, FeedbackPlan)
-    others = [change(auto_preset("toy")) for name, change in VARIANTS.items() if name != variant]
-    assert VARIANTS[variant](auto_preset("toy")) not in others
-
-
-def test_the_table_worked_by_hand(tmp_path):
-    records = Records(tmp_path / "runs.csv", COLUMNS, KEYS)
-    records.add("p", "expert", 0, 2.0, "", 0.0, "", "[1.0, 3.0]")
-    records.add("p", "auto", 0, 4.0, 4.0, 9.0, "polished", "[3.0, 5.0]")
-    records.add("p", "auto", 1, 6.0, 6.0, 9.0, "polished", "[5.0, 7.0]")
-    expert, auto = auto_table(records).splitlines()[2:]
-    # 3 on both episodes, over two seeds
-    assert expert == "| p | expert | 1 | 2.00 | 2.00 | 2.00 | 3.00 [3.00, 3.00] | yes |"
-    assert auto == "| p | auto | 2 | 5.00 | 4.00 | 5.00 |  |  |"
-
-
-def test_the_same_seed_starts_the_same_search(tmp_path):
-    problem = load_problem(*tiny_files(tmp_path))
-    one, two = (
-        probing.probe(build_planner(problem, without_scales(preset(1.0))).planner, seed=0)
-        for _ in range(2)
-    )
-    assert one.state_scales == two.state_scales
-    jax.tree.map(np.testing.assert_array_equal, one.start, two.start)
+def test_a_child_knows_whom_it_was_made_from():
+    config = preset(1.0)
+    first = Candidate("plan", "plan", config, None, {}, mean=1.0)
+    child = replace(first.child("gradient", "phase 1", {}), uses_noise=True, mean=2.0)
+    last = child.child("plan", "polished", {}).child("own weights", "polished", {})
+    assert last.parents == ("plan", "gradient")
+    assert last.uses_noise
+    assert last.mean is None

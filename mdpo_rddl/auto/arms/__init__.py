@@ -1,1 +1,1 @@
-"""The parts of the recipe, each a way to find a policy."""
+"""The arms of `auto`: ways to find a policy, one to a file, behind the interface of `base`."""

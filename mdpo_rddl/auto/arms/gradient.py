@@ -1,18 +1,21 @@
-"""The part of the recipe that follows the gradient: MDPO in phases, each from the best so far."""
+"""The arm that follows the relaxed model's gradient: MDPO in phases, each from the best so far."""
 
+import dataclasses
 import logging
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.auto.judge import Choice
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import ArenaArm, ArmLog
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.errors import Cancelled, InputError
-from mdpo_rddl.machine.background import Work
+from mdpo_rddl.machine.background import Work, run_until
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
@@ -23,152 +26,163 @@ from mdpo_rddl.planner.update.restarts import PerRestart
 
 logger = logging.getLogger(__name__)
 
-_PHASES = 3
 # of the optimiser's learning rate
 _FIRST_STEPS = (0.3, 1.0, 1.0, 3.0)
 _FIRST_NOISE = (0.3, 0.3, 1.0, 1.0)
 _LATER_STEPS = (1.0, 0.3)
 # of the step size after a phase that found nothing better
 _SHRINK = 0.3
-# of the time left: the first phase compiles the program of all
-_FIRST_SHARE = 0.5
-_SHORTEST_SECONDS = 0.5
-_ITERATIONS = 10**6
 
 
-@dataclass
-class Descent:
-    """What the phases did.
+@dataclass(frozen=True, eq=False)
+class PhaseLog:
+    """What one phase did.
 
     Attributes:
-      steps: each phase's step sizes, one for each restart.
-      results: each phase's training.
-      improved: whether each phase found a better policy.
+      steps: step sizes, one for each restart.
+      noise: factors of the noise's scale, one for each restart.
+      result: the training.
+      candidates: labels of what it found.
     """
 
-    steps: list[list[float]] = field(default_factory=list)
-    results: list[TrainingResult] = field(default_factory=list)
-    improved: list[bool] = field(default_factory=list)
+    steps: Sequence[float]
+    noise: Sequence[float]
+    result: TrainingResult
+    candidates: Sequence[str]
 
-    def summary(self) -> list[dict[str, Any]]:
-        """A line for each phase, as JSON can hold it."""
-        return [
-            {
-                "iterations": result.iterations,
-                "step": steps[result.restart],
-                "seconds": round(result.train_seconds, 2),
-                "improved": improved,
-            }
-            for steps, result, improved in zip(self.steps, self.results, self.improved, strict=True)
-        ]
 
-    def result(self, best: Params, last: Params, horizon: int, seconds: float) -> TrainingResult:
-        """All phases as one training that found `best`.
+class GradientArm(ArenaArm):
+    """Trains with MDPO; each slice is a phase.
+
+    The first goes from the best policy so far and from the best constant, with several step
+    sizes each; the later ones from the best policy so far, with the step size that found it and
+    a smaller one.
+
+    Attributes:
+      phases: what was done.
+      has_failed: whether there is no use in another slice: the problem has no gradient, or its
+        program takes too long to compile.
+    """
+
+    def __init__(self, arena: Arena, given_up_at: float) -> None:
+        """Compiles nothing yet.
 
         Args:
-          best: the chosen parameters.
-          last: the recipe's last ones.
-          horizon: number of steps H.
-          seconds: that everything took.
+          arena: what all arms have in common; its planner has several parallel updates and an
+            optimiser with a `learning_rate`.
+          given_up_at: when a phase that is late is abandoned, by the clock: nothing interrupts
+            a compilation.
         """
-        best = jax.tree.map(np.asarray, best)
-        one = jax.tree.map(lambda leaf: np.asarray(leaf)[np.newaxis], last)
-        if not self.results:
-            nothing = (Record(0, float("nan"), float("nan"), 0.0),)
-            return TrainingResult(
-                best, one, {}, 0, 0, 0, "no_gradient", nothing, np.zeros((1, horizon)), 0.0, seconds
-            )
-        history: list[Record] = []
-        done, best_iteration = 0, 0
-        for result, improved in zip(self.results, self.improved, strict=True):
-            history += [r._replace(iteration=r.iteration + done) for r in result.history]
-            best_iteration = done + result.best_iteration if improved else best_iteration
-            done += result.iterations
-        return TrainingResult(
-            best_params=best,
-            last_params_by_restart=one,
-            policy_hyperparams=self.results[-1].policy_hyperparams,
-            iterations=done,
-            best_iteration=best_iteration,
-            restart=0,
-            status=self.results[-1].status,
-            history=tuple(history),
-            sigma=np.concatenate([result.sigma for result in self.results]),
-            compile_seconds=sum(result.compile_seconds for result in self.results),
-            train_seconds=seconds,
-        )
+        super().__init__("gradient", arena)
+        self._given_up_at = given_up_at
+        self.phases: list[PhaseLog] = []
+        self.has_failed = False
 
+    @property
+    def log(self) -> ArmLog:
+        """With the recorded iterations of all phases, one after the other."""
+        log, done = self._log, 0
+        records: list[Record] = []
+        for phase in self.phases:
+            records += [r._replace(iteration=r.iteration + done) for r in phase.result.history]
+            done += phase.result.iterations
+        log.records = tuple(records)
+        if self.phases:
+            log.sigma = np.concatenate([phase.result.sigma for phase in self.phases])
+        log.details = {"phases": [self._summary(phase) for phase in self.phases]}
+        return log
 
-def descend(
-    planner: MDPOPlanner,
-    descent: Descent,
-    starts: Sequence[Params],
-    choice: Choice,
-    *,
-    key: Any,
-    deadline: float,
-    work: Work,
-    on_progress: Callable[[Progress], None],
-) -> None:
-    """Trains in phases.
+    def _work(self, until: float) -> None:
+        """One phase; it is abandoned where it is too late, and offers nothing then.
 
-    The first goes from all starts, with several step sizes each; the later ones from the best
-    policy so far, with the step size that found it and a smaller one.
+        Raises:
+          KeyboardInterrupt: if interrupted; what was found till then is offered.
+        """
+        # the thread is waited for by the machine's clock
+        patience = time.monotonic() + self._given_up_at - self._clock()
+        if not run_until(lambda work: self._phase(until, work), patience):
+            logger.warning("the gradient is given up: its program takes too long to compile")
+            self.has_failed = True
 
-    Args:
-      planner: compiled, with several parallel updates and an optimiser with a `learning_rate`.
-      descent: takes note of each phase as it ends.
-      starts: parameters of single policies.
-      choice: is told of each phase's best and last iterate.
-      key: JAX random key.
-      deadline: when to end, by `time.monotonic`; compilation counts.
-      work: asked after each call; once it is abandoned nothing is told any more.
-      on_progress: called while training goes on.
-
-    Raises:
-      Cancelled: if cancelled, with what was found till then in `choice`.
-    """
-    count = planner.parallel_updates
-    guesses = [starts[number * len(starts) // count] for number in range(count)]
-    rate = planner.optimizer_kwargs["learning_rate"]
-    steps = [rate * factor for factor in _repeated(_FIRST_STEPS, count)]
-    noise = _repeated(_FIRST_NOISE, count)
-
-    def tell(progress: Progress) -> None:
-        work.raise_if_cancelled()
-        on_progress(progress)
-
-    for phase in range(_PHASES):
-        left = deadline - time.monotonic()
-        seconds = left / (_PHASES - phase) if phase else _FIRST_SHARE * left
-        if seconds < _SHORTEST_SECONDS:
-            break
+    def _phase(self, until: float, work: Work) -> None:
+        arena, number = self._arena, len(self.phases)
+        planner, best = arena.planner, arena.incumbent
+        starts = [best.params] if number else [best.params, arena.constant]
+        guesses = _spread(starts, planner.parallel_updates)
+        steps, noise = self._steps_and_noise(planner)
         planner.vary_restarts(learning_rate=steps, noise=_scaled_noise(planner, noise))
+
+        def go_on(progress: Progress) -> None:
+            work.raise_if_cancelled()
+            arena.on_progress(progress)
+
         try:
             result = train(
                 Built(planner, arguments={"guess": _stack(guesses), "test_rolling_window": 1}),
-                jax.random.fold_in(key, phase),
-                Budget(_ITERATIONS, seconds),
+                jax.random.fold_in(jax.random.PRNGKey(arena.seed), number),
+                Budget(arena.most_iterations, until - self._clock()),
                 counts_compilation=True,
-                on_progress=tell,
+                on_progress=go_on,
             )
         except InputError as error:
-            # the search has found a policy without the gradient
+            # other arms find a policy without the gradient
             logger.warning("the gradient is of no use: %s", error)
-            break
+            self.has_failed = True
+            return
         if work.is_abandoned:
             return
-        better = choice.add(f"phase {phase + 1}", result.best_params)
-        better |= choice.add(f"phase {phase + 1}, last iterate", result.last_params)
-        descent.steps.append(steps)
-        descent.results.append(result)
-        descent.improved.append(better)
+        labels = f"phase {number + 1}", f"phase {number + 1}, last iterate"
+        self.phases.append(PhaseLog(steps, noise, result, labels))
+        self._log.iterations += result.iterations
+        self._log.compile_seconds += result.compile_seconds
+        for label, params in zip(labels, (result.best_params, result.last_params), strict=True):
+            self._offer(self._trained(best, label, params, result))
         if result.status == "interrupted":
             raise Cancelled
-        step = steps[result.restart] if better else max(steps) * _SHRINK
-        guesses = [choice.best] * count
-        noise = [(noise[result.restart] if better else max(noise)) * _SHRINK] * count
+
+    def _trained(
+        self, parent: Candidate, label: str, params: Params, result: TrainingResult
+    ) -> Candidate:
+        child = parent.child(self.name, label, params)
+        parents = tuple(name for name in child.parents if name)
+        noisy = child.uses_noise or not self._arena.planner.noise.silent
+        hyperparams = result.policy_hyperparams
+        return dataclasses.replace(
+            child, parents=parents, uses_noise=noisy, policy_hyperparams=hyperparams
+        )
+
+    def _steps_and_noise(self, planner: MDPOPlanner) -> tuple[list[float], list[float]]:
+        """Step sizes and factors of the noise, one for each restart."""
+        count = planner.parallel_updates
+        if not self.phases:
+            rate = planner.optimizer_kwargs["learning_rate"]
+            steps = [rate * factor for factor in _repeated(_FIRST_STEPS, count)]
+            return steps, _repeated(_FIRST_NOISE, count)
+        last = self.phases[-1]
+        restart = last.result.restart
+        if self._improved(last):
+            step, noise = last.steps[restart], last.noise[restart]
+        else:
+            step, noise = max(last.steps) * _SHRINK, max(last.noise)
         steps = [step * factor for factor in _repeated(_LATER_STEPS, count)]
+        return steps, [noise * _SHRINK] * count
+
+    def _improved(self, phase: PhaseLog) -> bool:
+        """Whether a phase found a better policy than all before it."""
+        return any(self._arena.judge.became_incumbent(label) for label in phase.candidates)
+
+    def _summary(self, phase: PhaseLog) -> dict[str, Any]:
+        return {
+            "iterations": phase.result.iterations,
+            "step": phase.steps[phase.result.restart],
+            "seconds": round(phase.result.train_seconds, 2),
+            "improved": self._improved(phase),
+        }
+
+
+def _spread(starts: Sequence[Params], count: int) -> list[Params]:
+    """So many of the starts, each as often."""
+    return [starts[number * len(starts) // count] for number in range(count)]
 
 
 def _repeated(values: Sequence[float], count: int) -> list[float]:

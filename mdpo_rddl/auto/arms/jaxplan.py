@@ -7,6 +7,7 @@ straight-line plan or a plain net may still.
 import logging
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
 from mdpo_rddl.machine.cores import usable_cores
@@ -23,8 +27,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import own_config
-from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import Record, TrainingResult, train
+from mdpo_rddl.planner.training import train
 from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
@@ -35,9 +38,6 @@ METHODS = ("slp", "drp")
 _ROLLOUTS = 128
 # of the recipe's time, for each of the two: the process must start and compile as well
 _SHARE = 0.35
-_BEST, _LAST = "best", "last"
-# what the answer holds of a training beside its policies
-_FIGURES = ("iterations", "best_iteration", "status", "compile_seconds", "train_seconds")
 
 
 @dataclass(frozen=True)
@@ -64,19 +64,20 @@ class Alternative:
     Attributes:
       name: for people.
       config: its configuration.
-      training: how it was found.
+      params, policy_hyperparams: of the policy.
+      iterations: of its training.
+      seconds: that its training took, compilation included.
       mean, error: of its return on the exact model.
     """
 
     name: str
     config: PlannerConfig
-    training: TrainingResult
+    params: Any
+    policy_hyperparams: Mapping[str, Any]
+    iterations: int
+    seconds: float
     mean: float
     error: float
-
-    def planner(self, problem: Problem) -> MDPOPlanner:
-        """A planner that plays it."""
-        return build_planner(problem, self.config).planner
 
 
 class Alternatives:
@@ -110,6 +111,11 @@ class Alternatives:
     def __exit__(self, *error: object) -> None:
         self.stop()
 
+    @property
+    def started(self) -> bool:
+        """Whether there is such a process, at work or done."""
+        return self._child is not None
+
     def stop(self) -> None:
         """Ends the process; there is no alternative then."""
         if self._child is not None:
@@ -139,6 +145,40 @@ class Alternatives:
         return max(ready, key=lambda one: one.mean, default=None)
 
 
+class JaxPlanArm(Arm):
+    """Offers the best policy of JaxPlan's default planners, once they have been trained."""
+
+    def __init__(self, alternatives: Alternatives, clock: Clock) -> None:
+        """The second process is at work already.
+
+        Args:
+          alternatives: the second process.
+          clock: what `until` of a slice is by.
+        """
+        super().__init__("JaxPlan", clock)
+        self._alternatives = alternatives
+
+    def _work(self, until: float) -> None:
+        best = self._alternatives.best(time.monotonic() + until - self._clock())
+        if best is None:
+            return
+        self._log.iterations += best.iterations
+        # beside the other arms: none of the race's own time
+        self._log.seconds += best.seconds
+        self._offer(
+            Candidate(
+                arm=self.name,
+                label=best.name,
+                config=best.config,
+                planner=None,
+                params=best.params,
+                policy_hyperparams=dict(best.policy_hyperparams),
+                mean=best.mean,
+                error=best.error,
+            )
+        )
+
+
 def serve(messages: Messages) -> None:
     """The second process: is told what is wanted, trains, and answers for each method."""
     request = ChildRequest(**messages.receive())
@@ -155,12 +195,12 @@ def _config(method: str) -> PlannerConfig:
     return own_config("default", method).with_section("Noise", {"method": "NoNoise"})
 
 
-def _file(folder: Path, method: str, which: str) -> Path:
-    return folder / f"{method}-{which}.safetensors"
+def _file(folder: Path, method: str) -> Path:
+    return folder / f"{method}.safetensors"
 
 
 def _train(problem: Problem, request: ChildRequest, method: str) -> dict[str, Any]:
-    """Trains, and writes the best and the last policy.
+    """Trains, and writes the best policy.
 
     Raises:
       InputError: if there is no policy with a finite return.
@@ -174,38 +214,30 @@ def _train(problem: Problem, request: ChildRequest, method: str) -> dict[str, An
     mean, error = MeanReturn(built.planner, _ROLLOUTS, request.seed)(result.best_params)
     if not np.isfinite(mean):
         raise InputError("the return is not finite")
-    for which, params in ((_BEST, result.best_params), (_LAST, result.last_params)):
-        hyperparams = dict(result.policy_hyperparams)
-        identity = problem_identity(problem)
-        saved = SavedPolicy(params, hyperparams, config.to_text(), identity, request.seed)
-        save_policy(_file(Path(request.folder), method, which), saved)
-    return {
-        "mean": mean,
-        "error": error,
-        "history": result.history,
-        **{name: getattr(result, name) for name in _FIGURES},
-    }
+    hyperparams, identity = dict(result.policy_hyperparams), problem_identity(problem)
+    saved = SavedPolicy(result.best_params, hyperparams, config.to_text(), identity, request.seed)
+    save_policy(_file(Path(request.folder), method), saved)
+    seconds = time.monotonic() - started
+    return {"mean": mean, "error": error, "iterations": result.iterations, "seconds": seconds}
 
 
 def _received(answer: dict[str, Any], folder: Path, problem: Problem) -> Alternative:
-    """An answer with its policies.
+    """An answer with its policy.
 
     Raises:
-      InputError: if a file is not a policy of the problem.
+      InputError: if the file is not a policy of the problem.
     """
     method = answer["method"]
-    best, last = (load_policy(_file(folder, method, which)) for which in (_BEST, _LAST))
-    if best.problem != problem_identity(problem):
+    saved = load_policy(_file(folder, method))
+    if saved.problem != problem_identity(problem):
         raise InputError(f"the policy of {method} is one for another problem")
-    history = tuple(Record(*record) for record in answer["history"])
-    training = TrainingResult(
-        best_params=best.params,
-        last_params_by_restart=jax.tree.map(lambda leaf: leaf[np.newaxis], last.params),
-        policy_hyperparams=best.policy_hyperparams,
-        restart=0,
-        history=history,
-        sigma=np.zeros((len(history), problem.horizon)),  # it was trained without noise
-        **{name: answer[name] for name in _FIGURES},
+    return Alternative(
+        name=f"JaxPlan's default {method}",
+        config=_config(method),
+        params=saved.params,
+        policy_hyperparams=saved.policy_hyperparams,
+        iterations=answer["iterations"],
+        seconds=answer["seconds"],
+        mean=answer["mean"],
+        error=answer["error"],
     )
-    name = f"JaxPlan's default {method}"
-    return Alternative(name, _config(method), training, answer["mean"], answer["error"])

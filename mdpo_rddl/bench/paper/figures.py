@@ -3,13 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")  # files only: no display is needed
-
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from mdpo_rddl.bench.common.names import DOMAIN_FILES
@@ -32,9 +28,8 @@ _LARGEST = ("powergen11", "hvac20", "reservoir30")
 def draw_landscapes(path: Path, landscape: Landscape) -> None:
     """Draws the return over two constant actions, one picture per model."""
     names = list(landscape.returns)
-    figure, row = plt.subplots(
-        1, len(names), figsize=(4.0 * len(names), 3.6), layout="constrained", squeeze=False
-    )
+    figure = Figure(figsize=(4.0 * len(names), 3.6), layout="constrained")
+    row = figure.subplots(1, len(names), squeeze=False)
     for axes, name in zip(row[0], names, strict=True):
         values = landscape.returns[name]
         mesh = axes.pcolormesh(
@@ -62,9 +57,8 @@ def draw_learning_curves(path: Path, measured: Mapping[Key, Measured], over_time
     settings = [s for s in DOMAIN_FILES if any(setting == s for setting, _ in measured)]
     columns = min(3, len(settings))
     rows = -(-len(settings) // columns)
-    figure, grid = plt.subplots(
-        rows, columns, figsize=(5.0 * columns, 3.4 * rows), layout="constrained", squeeze=False
-    )
+    figure = Figure(figsize=(5.0 * columns, 3.4 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(settings) :]:
         axes.set_visible(False)
     for axes, setting in zip(grid.flat, settings, strict=False):
@@ -110,9 +104,8 @@ def draw_noise(path: Path, measured: Mapping[Key, Measured]) -> None:
     settings = [s for s in _LARGEST if s in cells] or list(cells)
     if not settings:
         return
-    figure, grid = plt.subplots(
-        2, len(settings), figsize=(5.0 * len(settings), 6.4), layout="constrained", squeeze=False
-    )
+    figure = Figure(figsize=(5.0 * len(settings), 6.4), layout="constrained")
+    grid = figure.subplots(2, len(settings), squeeze=False)
     for (profile, heat), setting in zip(grid.T, settings, strict=True):
         trained = cells[setting].trained
         assert trained.sigma is not None
@@ -138,6 +131,5 @@ def _draw_profile(axes: Axes, sigma: np.ndarray, title: str) -> None:
     axes.legend(frameon=False)
 
 
-def _save(figure: plt.Figure, path: Path) -> None:
+def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=130)
-    plt.close(figure)

@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import matplotlib
-
-matplotlib.use("Agg")  # a headless machine must do
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.settings import load_setting
@@ -171,7 +168,8 @@ def growth_table(records: Records) -> str:
 
 def draw_growth(records: Records, path: Path) -> None:
     """Draws time and memory against each size, with a line for linear growth."""
-    figure, axes = plt.subplots(2, len(AXES), figsize=(14, 6), layout="constrained")
+    figure = Figure(figsize=(14, 6), layout="constrained")
+    axes = figure.subplots(2, len(AXES))
     for column, axis in enumerate(AXES):
         rows = [row for row in records.rows if row["axis"] == axis and row["status"] == "ok"]
         rows.sort(key=lambda row: int(row["size"]))
@@ -195,4 +193,3 @@ def draw_growth(records: Records, path: Path) -> None:
                 ax.set_ylabel(label)
                 ax.legend()
     figure.savefig(path, dpi=130)
-    plt.close(figure)

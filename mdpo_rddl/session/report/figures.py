@@ -3,12 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")  # files only: no display is needed
-
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from mdpo_rddl.planner.training import Record
@@ -23,7 +19,8 @@ def draw_learning_curve(
 ) -> None:
     """Draws the relaxed training return and the exact test return over iterations."""
     iterations = [record.iteration for record in history]
-    figure, axes = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+    axes = figure.subplots()
     axes.plot(
         iterations,
         [record.train_return for record in history],
@@ -60,7 +57,8 @@ def draw_noise(path: Path, sigma: np.ndarray, iterations: Sequence[int], title: 
       title: the picture's title.
     """
     steps = np.arange(sigma.shape[1])
-    figure, (profile, heat) = plt.subplots(1, 2, figsize=(11.0, 4.0), layout="constrained")
+    figure = Figure(figsize=(11.0, 4.0), layout="constrained")
+    profile, heat = figure.subplots(1, 2)
     low, high = np.quantile(sigma, [0.1, 0.9], axis=0)
     profile.fill_between(
         steps, low, high, color=TEST_COLOUR, alpha=0.2, label="10% to 90% of iterations"
@@ -79,6 +77,5 @@ def draw_noise(path: Path, sigma: np.ndarray, iterations: Sequence[int], title: 
     _save(figure, path)
 
 
-def _save(figure: plt.Figure, path: Path) -> None:
+def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=130)
-    plt.close(figure)

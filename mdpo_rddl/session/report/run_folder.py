@@ -1,7 +1,6 @@
 """The folder that a run leaves behind, complete or not there at all."""
 
 import contextlib
-import csv
 import json
 import logging
 import os
@@ -12,12 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.training import Record, TrainingResult
-from mdpo_rddl.policy.file import SavedPolicy, save_policy
-from mdpo_rddl.session.report.figures import draw_learning_curve, draw_noise
+from mdpo_rddl.planner.config.config import PlannerConfig
 
 SUMMARY = "summary.json"
 POLICY = "policy.safetensors"
@@ -30,6 +25,7 @@ RUN_FILES = {
     "learning_curve.png",
     "noise.png",
     "decisions.csv",
+    "candidates.csv",
 }
 """All that a run writes; a folder that holds anything else is never replaced."""
 
@@ -159,20 +155,16 @@ def free_name(parent: Path, stem: str) -> Path:
     return candidate
 
 
-def write_training(
-    folder: Path, result: TrainingResult, policy: SavedPolicy, config: Mapping[str, Any], title: str
-) -> None:
-    """Writes everything about a training run but its summary."""
-    save_policy(folder / POLICY, policy)
-    write_json(folder / "config.json", config)
-    with (folder / "history.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Record._fields)
-        writer.writerows(result.history)
-    np.save(folder / "noise.npy", result.sigma)
-    draw_learning_curve(folder / "learning_curve.png", result.history, result.best_iteration, title)
-    recorded = [record.iteration for record in result.history]
-    draw_noise(folder / "noise.png", result.sigma, recorded, title)
+def write_summary(folder: Path, config: PlannerConfig, summary: Mapping[str, Any]) -> None:
+    """Writes the configuration that the policy belongs to, and the summary of the run."""
+    described = {
+        "source": summary["config"],
+        "sections": config.sections,
+        "seed": summary["seed"],
+        "episodes": summary["episodes"],
+    }
+    write_json(folder / "config.json", described)
+    write_json(folder / SUMMARY, summary)
 
 
 def write_json(path: Path, value: Any) -> None:

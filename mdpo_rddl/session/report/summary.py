@@ -7,10 +7,11 @@ from typing import Any
 import jax
 
 from mdpo_rddl.machine.versions import package_versions
+from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import TrainingResult
 from mdpo_rddl.problem.evaluation import Evaluation
-from mdpo_rddl.session.requests import PlanRequest
+from mdpo_rddl.problem.load import Problem
 
 _NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
 _POLICY_NAMES = {
@@ -20,20 +21,37 @@ _POLICY_NAMES = {
 }
 
 
-def identity(request: PlanRequest, planner: MDPOPlanner) -> dict[str, Any]:
-    """Which problem, noise, policy and seed."""
-    noise, policy = type(planner.noise).__name__, type(planner.plan).__name__
+def identity(
+    problem: Problem,
+    config: PlannerConfig,
+    planner: MDPOPlanner,
+    *,
+    config_name: str,
+    seed: int,
+    episodes: int,
+) -> dict[str, Any]:
+    """Which problem, noise, policy and seed.
+
+    Args:
+      problem: the parsed problem.
+      config: that the policy belongs to.
+      planner: compiled for it.
+      config_name: what to call it: the preset or the file.
+      seed: of the run.
+      episodes: that the policy is played.
+    """
+    noise, plan = type(config.noise()).__name__, type(planner.plan).__name__
     return {
-        "domain": request.problem.domain_name,
-        "instance": request.problem.instance_name,
-        "label": request.problem.label,
-        "horizon": request.problem.horizon,
-        "config": request.config_name,
+        "domain": problem.domain_name,
+        "instance": problem.instance_name,
+        "label": problem.label,
+        "horizon": problem.horizon,
+        "config": config_name,
         "noise": _NOISE_NAMES.get(noise, noise),
-        "noise_parameters": request.config.noise_numbers,
-        "policy": _POLICY_NAMES.get(policy, policy),
-        "seed": request.seed,
-        "episodes": request.episodes,
+        "noise_parameters": config.noise_numbers,
+        "policy": _POLICY_NAMES.get(plan, plan),
+        "seed": seed,
+        "episodes": episodes,
     }
 
 

@@ -10,8 +10,9 @@ from helpers.problems import tiny_files
 from helpers.processes import is_alive
 
 from mdpo_rddl.auto.arms import jaxplan
-from mdpo_rddl.auto.arms.jaxplan import Alternatives
+from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.problem.load import load_problem
 
 
@@ -32,18 +33,28 @@ def test_a_trained_policy_comes_back_as_files(problem):
         found = others.best(until=time.monotonic() + 300.0)
         names = {path.name for path in others._child.folder.iterdir()}
     assert not is_alive(pid)
-    policies = {f"{method}-{which}" for method in ("slp", "drp") for which in ("best", "last")}
-    assert names == {"log", *(f"{policy}.safetensors" for policy in policies)}
+    assert names == {"log", "slp.safetensors", "drp.safetensors"}
     assert found.name in {f"JaxPlan's default {method}" for method in jaxplan.METHODS}
-    planner = found.planner(problem)
+    planner = build_planner(problem, found.config).planner
     assert planner.horizon == problem.horizon
     # the same return in this process, and better than doing nothing: 2 units at 0.5 for 4 steps
-    mean, error = MeanReturn(planner, jaxplan._ROLLOUTS, 0)(found.training.best_params)
+    mean, error = MeanReturn(planner, jaxplan._ROLLOUTS, 0)(found.params)
     assert (mean, error) == pytest.approx((found.mean, found.error))
     assert mean > -2.0
-    assert found.training.iterations > 1
-    assert len(found.training.history) == len(found.training.sigma)
-    assert np.isfinite([record.test_return for record in found.training.history]).all()
+    assert found.iterations > 1
+
+
+@pytest.mark.slow
+def test_the_arm_offers_what_the_process_found(problem):
+    with Alternatives(problem, seed=0, seconds=12.0, wanted=True) as alternatives:
+        assert alternatives.started
+        arm = JaxPlanArm(alternatives, time.monotonic)
+        arm.work(time.monotonic() + 100.0)
+    (candidate,) = arm.take_candidates()
+    assert candidate.label in {f"JaxPlan's default {method}" for method in jaxplan.METHODS}
+    assert np.isfinite(candidate.known_mean)
+    assert arm.log.iterations > 0
+    assert not candidate.uses_noise
 
 
 def test_a_process_that_is_late_or_killed_costs_nothing_else(problem, caplog):

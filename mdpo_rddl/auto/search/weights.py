@@ -10,6 +10,7 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 
 
 class Weights(NamedTuple):
@@ -17,17 +18,17 @@ class Weights(NamedTuple):
 
     Attributes:
       start: the parts as they are, one vector [D].
-      into: the parameters with the parts replaced by a vector [D].
-      into_each: the same for vectors [P, D].
+      to_params: the parameters with the parts replaced by a vector [D].
+      to_each: the same for vectors [P, D].
     """
 
     start: np.ndarray
-    into: Callable[[Any], Params]
-    into_each: Callable[[Any], Params]
+    to_params: Callable[[Any], Params]
+    to_each: Callable[[Any], Params]
 
     def batch(self, vectors: np.ndarray) -> Params:
         """Parameters with a leading axis of policies, of vectors [P, D]."""
-        return self.into_each(np.asarray(vectors, np.float32))
+        return self.to_each(np.asarray(vectors, np.float32))
 
 
 def weights_of(
@@ -47,7 +48,23 @@ def weights_of(
         mask = {"shared": {name: jnp.asarray(varies[name], float) for name in varies}}
         chosen = np.flatnonzero(ravel_pytree({name: mask[name] for name in parts})[0])
 
-    def into(vector: Array) -> Params:
+    def to_params(vector: Array) -> Params:
         return {**params, **unravel(start.at[chosen].set(vector))}
 
-    return Weights(np.asarray(start[chosen], float), into, jax.jit(jax.vmap(into)))
+    return Weights(np.asarray(start[chosen], float), to_params, jax.jit(jax.vmap(to_params)))
+
+
+def simple_weights(params: Params, plan: FeedbackPlan) -> Weights:
+    """The shared weights of a simple rule: linear in the state, the same at all times.
+
+    Args:
+      params: of one policy.
+      plan: compiled.
+    """
+    feedback = plan.feedback
+    assert feedback is not None
+    varies = {}
+    for fluent in feedback.action_shapes:
+        names = feedback.names(fluent)
+        varies[fluent] = [not (n.endswith("^2") or n.startswith("cos(")) for n in names]
+    return weights_of(params, ["shared"], varies)

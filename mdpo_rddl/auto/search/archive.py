@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.arms.mutations import Layout, random_values
+from mdpo_rddl.auto.search.mutations import Layout, random_values
 
 # of a state's scale
 _CELL = 0.5

@@ -1,0 +1,118 @@
+"""What all arms of a race have in common: the problem, the planner, the judge and the clock."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.probing import Probe, with_bias
+from mdpo_rddl.auto.search.plan_population import PlanPopulation
+from mdpo_rddl.auto.search.population import PopulationReturns, compile_population
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.problem.load import Problem
+
+UNLIMITED = 10**6
+
+
+def _ignore(progress: Progress) -> None:
+    del progress
+
+
+@dataclass(frozen=True, eq=False)
+class Arena:
+    """Where arms meet: what they are given, and through the judge what others have found.
+
+    Attributes:
+      problem: the parsed problem.
+      config: the configuration of the feedback policy, with the scales that probing found.
+      planner: compiled for it.
+      probe: what constant actions have shown.
+      judge: plays candidates; its incumbent is the best policy so far.
+      seed: of everything that is drawn.
+      deadline: when the race ends, by the clock.
+      clock: what everybody asks for the time.
+      search_share: of the time left, for the first search for weights: its rollouts are made
+        so few that it can do enough iterations.
+      most_iterations: of one training with a gradient.
+      on_progress: called while such a training goes on.
+    """
+
+    problem: Problem
+    config: PlannerConfig
+    planner: MDPOPlanner
+    probe: Probe
+    judge: Judge
+    seed: int
+    deadline: float
+    clock: Clock = time.monotonic
+    search_share: float = 0.25
+    most_iterations: int = UNLIMITED
+    on_progress: Callable[[Progress], None] = _ignore
+
+    @property
+    def plan(self) -> FeedbackPlan:
+        """The feedback policy, as the planner has compiled it."""
+        plan = self.planner.plan
+        assert isinstance(plan, FeedbackPlan)
+        return plan
+
+    @cached_property
+    def noop(self) -> Params:
+        """Parameters of the policy that plays the no-op."""
+        return self.plan.initializer(jax.random.PRNGKey(self.seed), {}, None)
+
+    @cached_property
+    def constant(self) -> Params:
+        """Parameters of the best constant policy that probing found."""
+        return with_bias(self.noop, self.probe.start)
+
+    @property
+    def has_plan(self) -> bool:
+        """Whether the policy has an open-loop plan beside the rule."""
+        return "plan" in self.noop
+
+    @cached_property
+    def population(self) -> PopulationReturns:
+        """Feedback policies side by side on the exact model; compiled when first asked for."""
+        left = self.deadline - self.clock()
+        seconds = self.search_share * left
+        return compile_population(self.planner, self.noop, self.seed, seconds, self.clock)
+
+    def compile_population(self) -> None:
+        """Compiles `population`, for the arm that needs it first."""
+        assert self.population.population
+
+    @cached_property
+    def plans(self) -> PlanPopulation:
+        """Open-loop plans side by side on the exact model; compiled when first played."""
+        return PlanPopulation(self.planner, self.probe, self.seed, self.clock)
+
+    @property
+    def compile_seconds(self) -> float:
+        """Of the judge's rollouts and the plans' population, which no arm is charged for."""
+        plans = self.plans.compile_seconds if self.has_plan else 0.0
+        return self.judge.compile_seconds + plans
+
+    @property
+    def incumbent(self) -> Candidate:
+        """The best candidate so far of the arena's planner; the no-op before the first."""
+        best = self.judge.best_of(self.planner)
+        return self.candidate("", "no-op", self.noop) if best is None else best
+
+    def candidate(self, arm: str, label: str, params: Params) -> Candidate:
+        """A candidate of the arena's planner."""
+        return Candidate(arm, label, self.config, self.planner, params)
+
+    def until(self, share: float) -> float:
+        """The end of a share of the time that is left now."""
+        now = self.clock()
+        return now + share * (self.deadline - now)

@@ -1,0 +1,133 @@
+"""What every arm is: something that looks for a policy for a slice of time, and can go on."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.training import Record
+
+
+@dataclass
+class ArmLog:
+    """What an arm was given and what it did.
+
+    Attributes:
+      name: the arm's.
+      slices: of time that it was given.
+      seconds: of all of them, preparation included.
+      compile_seconds: of them, spent in compilation.
+      iterations: done in all slices.
+      best_return: the judge's mean return of its best candidate; None before the first.
+      records: recorded iterations of training with a gradient, if it does that.
+      sigma: the noise's scale per recorded iteration and step [recorded, H].
+      details: what else there is to say, as JSON can hold it.
+    """
+
+    name: str
+    slices: int = 0
+    seconds: float = 0.0
+    compile_seconds: float = 0.0
+    iterations: int = 0
+    best_return: float | None = None
+    records: tuple[Record, ...] = ()
+    sigma: np.ndarray | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Arm(ABC):
+    """One way to find a policy.
+
+    Arms do not know each other. What one has found reaches another through the arena, whose
+    judge knows the best candidate so far.
+
+    Attributes:
+      name: for people, one of its own.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        """Does nothing yet."""
+        self.name, self._clock = name, clock
+        self._log = ArmLog(name)
+        self._is_prepared = False
+        self._new: list[Candidate] = []
+
+    def prepare(self) -> None:
+        """Compiles what the first slice needs; done once, at the latest by `work`."""
+        if self._is_prepared:
+            return
+        self._is_prepared = True
+        started = self._clock()
+        try:
+            self._prepare()
+        finally:
+            seconds = self._clock() - started
+            self._log.seconds += seconds
+            self._log.compile_seconds += seconds
+
+    def work(self, until: float) -> None:
+        """Goes on looking for a policy for a slice of time.
+
+        Args:
+          until: when to end, by the clock.
+        """
+        self.prepare()
+        started = self._clock()
+        self._log.slices += 1
+        try:
+            self._work(until)
+        finally:
+            self._log.seconds += self._clock() - started
+
+    def take_candidates(self) -> list[Candidate]:
+        """The candidates since the last time, for the judge."""
+        taken, self._new = self._new, []
+        return taken
+
+    def judged(self, candidate: Candidate) -> None:
+        """Is told what the judge says of one of its candidates."""
+        best = self._log.best_return
+        mean = candidate.known_mean
+        self._log.best_return = mean if best is None else max(best, mean)
+
+    @property
+    def log(self) -> ArmLog:
+        """What it was given and what it did so far."""
+        return self._log
+
+    def _prepare(self) -> None:  # noqa: B027  (an arm may have nothing to prepare)
+        """What `prepare` does once."""
+
+    @abstractmethod
+    def _work(self, until: float) -> None:
+        """What `work` does: candidates are offered as they are found."""
+
+    def _offer(self, candidate: Candidate) -> None:
+        self._new.append(candidate)
+
+
+class ArenaArm(Arm):
+    """An arm that works with the arena's own planner."""
+
+    def __init__(self, name: str, arena: Arena) -> None:
+        """Does nothing yet.
+
+        Args:
+          name: for people.
+          arena: what all arms have in common.
+        """
+        super().__init__(name, arena.clock)
+        self._arena = arena
+
+    def _offer_child(self, parent: Candidate | None, label: str, params: Params) -> None:
+        """Offers what was made from another candidate, or from nobody's."""
+        if parent is None or not parent.arm:
+            self._offer(self._arena.candidate(self.name, label, params))
+        else:
+            self._offer(parent.child(self.name, label, params))

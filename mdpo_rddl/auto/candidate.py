@@ -1,0 +1,76 @@
+"""A policy that an arm has found, and what the judge says of it."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.planner import MDPOPlanner
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A policy that may become the result.
+
+    Attributes:
+      arm: name of the arm that found it.
+      label: what it is, for people.
+      config: of the planner that it belongs to.
+      planner: compiled for the configuration; None if it has yet to be built here.
+      params: parameters of one policy.
+      policy_hyperparams: JaxPlan's policy hyperparameters.
+      parents: names of the arms whose policies it was made from, the earliest first.
+      uses_noise: whether it, or what it was made from, was trained with noise on the actions.
+      mean, error: of its return on the exact model, by the judge; `mean` is None before that.
+    """
+
+    arm: str
+    label: str
+    config: PlannerConfig
+    planner: MDPOPlanner | None
+    params: Any
+    policy_hyperparams: Mapping[str, Any] = field(default_factory=dict)
+    parents: tuple[str, ...] = ()
+    uses_noise: bool = False
+    mean: float | None = None
+    error: float = float("inf")
+
+    @property
+    def known_mean(self) -> float:
+        """The judge's mean.
+
+        Raises:
+          ValueError: if the candidate was not judged.
+        """
+        if self.mean is None:
+            raise ValueError(f"{self.label}: not judged yet")
+        return self.mean
+
+    def child(self, arm: str, label: str, params: Any) -> "Candidate":
+        """A candidate of the same planner that was made from this one, not judged yet."""
+        parents = tuple(dict.fromkeys((*self.parents, self.arm)))
+        return dataclasses.replace(
+            self,
+            arm=arm,
+            label=label,
+            params=params,
+            parents=parents,
+            mean=None,
+            error=float("inf"),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A candidate at the time when the judge played it.
+
+    Attributes:
+      candidate: with its mean and error; a mean that is not finite is minus infinity.
+      seconds: since the race began.
+      became_incumbent: whether it was better than all before it.
+    """
+
+    candidate: Candidate
+    seconds: float
+    became_incumbent: bool

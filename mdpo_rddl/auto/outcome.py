@@ -1,0 +1,111 @@
+"""What a race came to: the policy, and how all arms got there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from mdpo_rddl.auto.arms.base import ArmLog
+from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.load import Problem
+
+_NO_NOISE = {"method": "NoNoise"}
+
+
+@dataclass(frozen=True, eq=False)
+class RaceOutcome:
+    """What a race found.
+
+    Attributes:
+      policy: the result.
+      chosen: the candidate that it was.
+      judged: all candidates in the order in which the judge played them, with the seconds.
+      arms: what each arm was given and did, in the order in which they began.
+      probe: what constant actions have shown.
+      random_return: mean return of uniformly random actions; None where it is not known.
+      compile_seconds: of `seconds`, spent in compilation.
+      seconds: that everything took.
+      interrupted: whether the race was ended early.
+    """
+
+    policy: Policy
+    chosen: Candidate
+    judged: Sequence[Judged]
+    arms: Sequence[ArmLog]
+    probe: Probe
+    random_return: float | None
+    compile_seconds: float
+    seconds: float
+    interrupted: bool
+
+    @property
+    def noise_log(self) -> ArmLog | None:
+        """Of the arm that trained the result with noise on the actions, if any did."""
+        if not self.chosen.uses_noise:
+            return None
+        return next((log for log in self.arms if log.sigma is not None), None)
+
+    def diagnostics(self) -> dict[str, Any]:
+        """What was found by which arm and when, as JSON can hold it."""
+        return {
+            "chosen": self.chosen.label,
+            "arm": self.chosen.arm,
+            "parents": list(self.chosen.parents),
+            "noop_return": _finite(self.probe.noop_return),
+            "random_return": _finite(self.random_return),
+            "arms": {log.name: _arm(log) for log in self.arms},
+            "candidates": [_candidate(judged) for judged in self.judged],
+            "units": self.probe.units,
+            "state_scales": {name: list(pair) for name, pair in self.probe.state_scales.items()},
+        }
+
+
+def policy_of(candidate: Candidate, problem: Problem, seed: int) -> Policy:
+    """A candidate as a policy, whose configuration has noise only if it was trained with it.
+
+    Args:
+      candidate: its planner is built if it has none.
+      problem: the parsed problem.
+      seed: of the run.
+    """
+    planner, config = candidate.planner, candidate.config
+    if planner is None:
+        planner = build_planner(problem, config).planner
+    if not candidate.uses_noise:
+        config = config.with_section("Noise", _NO_NOISE)
+    params = jax.tree.map(np.asarray, candidate.params)
+    hyperparams = jax.tree.map(np.asarray, dict(candidate.policy_hyperparams))
+    return Policy(problem, config, planner, params, hyperparams, seed)
+
+
+def _arm(log: ArmLog) -> dict[str, Any]:
+    return {
+        "slices": log.slices,
+        "seconds": round(log.seconds, 3),
+        "compile_seconds": round(log.compile_seconds, 3),
+        "iterations": log.iterations,
+        "best_return": _finite(log.best_return),
+        **log.details,
+    }
+
+
+def _candidate(judged: Judged) -> dict[str, Any]:
+    candidate = judged.candidate
+    return {
+        "seconds": round(judged.seconds, 3),
+        "arm": candidate.arm,
+        "candidate": candidate.label,
+        "mean_return": _finite(candidate.mean),
+        "error": _finite(candidate.error),
+        "became_incumbent": judged.became_incumbent,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    """None for what JSON has no number for."""
+    return value if value is not None and np.isfinite(value) else None

@@ -1,0 +1,165 @@
+"""From a problem to the best policy that the arms find in the time given."""
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdpo_rddl.auto.arena import UNLIMITED, Arena
+from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
+from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
+from mdpo_rddl.auto.probing import probe
+from mdpo_rddl.auto.recipe import Recipe
+from mdpo_rddl.auto.sizes import plans_fit
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.search_section import SEARCH, read_search
+from mdpo_rddl.planner.config.search_section import Search as Shares
+from mdpo_rddl.planner.missing import missing_package
+from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.problem.load import Problem
+
+logger = logging.getLogger(__name__)
+
+_ROLLOUTS, _FEW_ROLLOUTS = 128, 2
+_PROBING_SEED = 0
+# with less time JaxPlan's planners have hardly compiled
+_JAXPLAN_SECONDS = 40.0
+# of the time: the second process may be late
+_LATE_SHARE = 0.05
+
+
+def _ignore_stage(name: str) -> None:
+    del name
+
+
+def _ignore_progress(progress: Progress) -> None:
+    del progress
+
+
+@dataclass(frozen=True)
+class RaceOptions:
+    """What has no influence on what a race looks for.
+
+    Attributes:
+      programs: where traced programs are kept from one process to the next, if anywhere.
+      on_stage: called with the name of each part as it begins.
+      on_progress: called while a training with a gradient goes on.
+      clock: what everybody asks for the time.
+      most_iterations: of one training with a gradient.
+    """
+
+    programs: Path | None = None
+    on_stage: Callable[[str], None] = _ignore_stage
+    on_progress: Callable[[Progress], None] = _ignore_progress
+    clock: Clock = time.monotonic
+    most_iterations: int = UNLIMITED
+
+
+def plan_automatically(
+    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions | None = None
+) -> RaceOutcome:
+    """Finds a policy.
+
+    Args:
+      problem: the parsed problem.
+      config: with a `FeedbackPlan` and a section `[Search]`; `[Optimize] train_seconds` is
+        the time for everything, compilation included.
+      seed: of everything that is drawn.
+      options: see `RaceOptions`.
+
+    Raises:
+      InputError: if JaxPlan refuses the problem or the configuration.
+      KeyboardInterrupt: if interrupted before there was any policy.
+    """
+    options = RaceOptions() if options is None else options
+    clock, started = options.clock, options.clock()
+    seconds, shares = config.budget().seconds, _shares(config)
+    wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
+    with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
+        options.on_stage("probing")
+        arena = _arena(problem, config, seed, started, options)
+        if arena.probe.policy_seconds is not None:
+            alternatives.stop()  # its memory is needed
+        recipe, interrupted = Recipe(arena, shares, options.on_stage), False
+        try:
+            recipe.run()
+            late = arena.deadline + _LATE_SHARE * seconds
+            if alternatives.started:
+                recipe.give(JaxPlanArm(alternatives, clock), late)
+        except (KeyboardInterrupt, Cancelled):
+            if arena.judge.incumbent is None:
+                raise
+            logger.warning("interrupted: the best policy so far is kept")
+            interrupted = True
+    return _outcome(recipe, arena, clock() - started, interrupted)
+
+
+def _shares(config: PlannerConfig) -> Shares:
+    return read_search(config.sections) or Shares()
+
+
+def _arena(
+    problem: Problem, config: PlannerConfig, seed: int, began: float, options: RaceOptions
+) -> Arena:
+    """Probes, and compiles the planner that suits the problem."""
+    clock, seconds, shares = options.clock, config.budget().seconds, _shares(config)
+    config = config.without_section(SEARCH)
+    # the same for all seeds, whose programs then are the same too
+    bare = build_planner(problem, without_scales(config)).planner
+    seen = probe(bare, _PROBING_SEED, began + shares.shared_until * seconds, clock)
+    config = scaled(config, seen)
+    large = seen.policy_seconds is not None
+    if large:
+        config = simplified(config)
+    elif not plans_fit(bare):
+        config = without_plan(config)
+    planner = build_planner(problem, config, options.programs).planner
+    return Arena(
+        problem=problem,
+        config=config,
+        planner=planner,
+        probe=seen,
+        judge=Judge(_FEW_ROLLOUTS if large else _ROLLOUTS, seed, clock, began),
+        seed=seed,
+        deadline=began + seconds,
+        clock=clock,
+        search_share=shares.shared_until,
+        most_iterations=options.most_iterations,
+        on_progress=options.on_progress,
+    )
+
+
+def _outcome(recipe: Recipe, arena: Arena, seconds: float, interrupted: bool) -> RaceOutcome:
+    chosen = arena.judge.incumbent
+    assert chosen is not None
+    logs = [arm.log for arm in recipe.arms]
+    return RaceOutcome(
+        policy=policy_of(chosen, arena.problem, arena.seed),
+        chosen=chosen,
+        judged=arena.judge.judged,
+        arms=logs,
+        probe=arena.probe,
+        random_return=recipe.random_return,
+        compile_seconds=sum(log.compile_seconds for log in logs) + arena.compile_seconds,
+        seconds=seconds,
+        interrupted=interrupted,
+    )
+
+
+@contextlib.contextmanager
+def _one_line_errors(problem: Problem) -> Iterator[None]:
+    """What a problem makes JAX or JaxPlan raise, as an error of the input."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        cause = missing_package(error) or " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{problem.instance_path}: cannot be planned: {cause}") from error

@@ -1,0 +1,1 @@
+"""What arms search with: adaptation, evolution, and populations played on the exact model."""

@@ -1,0 +1,135 @@
+"""Open-loop plans side by side on the exact model: what evolution and exploration ask."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from mdpo_rddl.auto.probing import Probe, boxes
+from mdpo_rddl.auto.search.archive import Archive
+from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Evolved, Goal, evolve
+from mdpo_rddl.auto.search.mutations import Layout, layout_of
+from mdpo_rddl.auto.sizes import PLANS
+from mdpo_rddl.auto.timing import Clock, Timed
+from mdpo_rddl.planner.exact import compile_visits
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
+
+_ROLLOUTS = 4
+# what a gain must be of the return of the no-op, to be one
+_GAIN = 0.005
+
+
+class PlanPopulation:
+    """Plays and evolves the plans of policies.
+
+    Attributes:
+      deterministic: whether chance plays no part.
+      return_to_beat: what the no-op returns, and a little more.
+      iterations: done so far.
+    """
+
+    def __init__(self, planner: MDPOPlanner, probe: Probe, seed: int, clock: Clock) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          planner: with a `FeedbackPlan` that has a plan.
+          probe: what probing found.
+          seed: of the plans and of the model.
+          clock: what is asked for the time.
+        """
+        self._planner, self._probe, self._clock = planner, probe, clock
+        self.deterministic = probe.deterministic
+        # as many rollouts in all, whether one shows what a plan returns or not
+        rollouts = 1 if probe.deterministic else _ROLLOUTS
+        self._population = PLANS // rollouts
+        visits = compile_visits(planner, rollouts)
+        self._visits = Timed(lambda key, params: jax.block_until_ready(visits(key, params)), clock)
+        self._seed = seed
+        self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 2)
+        self._random = np.random.default_rng([seed, 2])
+        self.return_to_beat = probe.noop_return + _GAIN * abs(probe.noop_return)
+        self.iterations = 0
+
+    @property
+    def compile_seconds(self) -> float:
+        """What the first population took longer than the latest."""
+        return self._visits.compile_seconds
+
+    def archive(self, params: Params) -> Archive | None:
+        """An empty archive for plans; None without a state, for then there is nowhere to go."""
+        scales = self._probe.state_scales
+        return Archive(self._layout(params), scales, self._seed) if scales else None
+
+    def random_return(self, params: Params) -> float:
+        """Mean return of actions drawn uniformly from their boxes, at every step anew."""
+        horizon = self._planner.horizon
+        random = np.random.default_rng([self._seed, 3])
+        plan = {}
+        for name, (lower, upper) in boxes(self._planner, self._probe.units).items():
+            size = (self._population, horizon, *lower.shape)
+            plan[name] = random.uniform(lower, upper, size).astype(np.float32)
+        returns, _ = self._visits(self._key, {**self._repeated(params), "plan": plan})
+        return float(np.mean(np.asarray(returns, float)))
+
+    def goal(self, until: float, incumbent_return: float, restarting: bool) -> Goal:
+        """A search for plans that beat the no-op.
+
+        Args:
+          until: when to end, by the clock.
+          incumbent_return: ends early if it would not be reached in time.
+          restarting: whether to begin again from the no-op where nothing more is gained. That
+            can be seen only if chance plays no part.
+        """
+        converging = restarting and self.deterministic
+        return Goal(until, self.return_to_beat, incumbent_return, until_converged=converging)
+
+    def evolved(self, params: Params, goal: Goal, archive: Archive | None = None) -> Params:
+        """A policy with a better plan; an evolution that has converged begins again.
+
+        Args:
+          params: of the policy with the first plan; all but the plan stays.
+          goal: when to end.
+          archive: where plans have led; None for no exploration.
+        """
+        layout = self._layout(params)
+        start = layout.vector(params["plan"])[np.newaxis]
+        best = result = self._evolve(params, start, goal, archive)
+        restarted = dataclasses.replace(goal, incumbent_return=-math.inf)
+        while result.converged and best.best >= goal.incumbent_return:
+            result = self._evolve(params, np.zeros_like(start), restarted, archive)
+            best = max(best, result, key=lambda evolved: evolved.best)
+        return {**params, "plan": jax.tree.map(jnp.asarray, layout.tree(best.elites[0]))}
+
+    def _evolve(
+        self, params: Params, start: np.ndarray, goal: Goal, archive: Archive | None
+    ) -> Evolved:
+        layout, others, begin = self._layout(params), self._repeated(params), self.iterations
+
+        def evaluate(iteration: int, plans: np.ndarray) -> Evaluation:
+            key = jax.random.fold_in(self._key, begin + iteration)
+            returns, states = self._visits(key, {**others, "plan": layout.tree(plans)})
+            return np.mean(np.asarray(returns, float), axis=1), lambda: _of_first_rollout(states)
+
+        breeding = Breeding(layout, self._population, self._random, archive, self._clock)
+        result = evolve(evaluate, start, breeding, goal)
+        self.iterations += result.iterations
+        return result
+
+    def _layout(self, params: Params) -> Layout:
+        bools = [name for name in params["plan"] if name not in self._planner.plan.units]
+        return layout_of(params["plan"], bools)
+
+    def _repeated(self, params: Params) -> Params:
+        """All parts but the plan, once for each policy of a population."""
+        others = {name: part for name, part in params.items() if name != "plan"}
+        count = self._population
+        return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *np.shape(leaf))), others)
+
+
+def _of_first_rollout(states: Mapping[str, Array]) -> dict[str, np.ndarray]:
+    return {name: np.asarray(values[:, 0]) for name, values in states.items()}

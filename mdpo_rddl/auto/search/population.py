@@ -1,0 +1,87 @@
+"""Feedback policies side by side on the exact model: what searches for their weights ask."""
+
+import logging
+
+import jax
+import numpy as np
+
+from mdpo_rddl.auto.search.weights import Weights, weights_of
+from mdpo_rddl.auto.sizes import Size, fitting_size
+from mdpo_rddl.auto.timing import Clock, Timed
+from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
+
+logger = logging.getLogger(__name__)
+
+# a search of fewer iterations than that finds nothing: then one rollout has to do
+_FEWEST_ITERATIONS = 100
+_FINAL_BATCHES = 8
+_SLOW_SECONDS = 0.5
+
+
+class PopulationReturns:
+    """Returns of a population on the exact model.
+
+    Attributes:
+      population: candidates P of an iteration.
+      side_by_side: candidates that are computed at once; all if None.
+    """
+
+    def __init__(self, planner: MDPOPlanner, size: Size, seed: int, clock: Clock) -> None:
+        """Compiles when it is first called."""
+        self.population, self.side_by_side = size.population, size.side_by_side
+        returns = compile_exact_returns(planner, size.rollouts, size.side_by_side)
+        self._returns = Timed(lambda key, params: np.asarray(returns(key, params), float), clock)
+        self._key = jax.random.PRNGKey(seed)
+
+    @property
+    def seconds(self) -> float:
+        """Of the latest population."""
+        return self._returns.seconds
+
+    @property
+    def compile_seconds(self) -> float:
+        """What the first population took longer."""
+        return self._returns.compile_seconds
+
+    def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:
+        """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
+        key = jax.random.fold_in(self._key, iteration)
+        return np.mean(self._returns(key, weights.batch(vectors)), axis=1)
+
+    def best(self, weights: Weights, vectors: list[np.ndarray]) -> np.ndarray:
+        """The vector [D] of the largest mean return in fresh rollouts."""
+        places = [number % len(vectors) for number in range(self.population)]
+        batch = np.stack([vectors[place] for place in places])
+        batches = 1 if self.seconds > _SLOW_SECONDS else _FINAL_BATCHES
+        fresh = [self(weights, 10**6 + number, batch) for number in range(batches)]
+        means = np.mean(fresh, axis=0)[: len(vectors)]
+        return vectors[int(np.argmax(np.where(np.isfinite(means), means, -np.inf)))]
+
+
+def compile_population(
+    planner: MDPOPlanner, params: Params, seed: int, seconds: float, clock: Clock
+) -> PopulationReturns:
+    """Compiles with so few rollouts that a search has enough iterations.
+
+    Args:
+      planner: with a `FeedbackPlan`.
+      params: of any policy.
+      seed: of the model.
+      seconds: that the first search has; compilation is part of it.
+      clock: what times the rollouts.
+    """
+    until = clock() + seconds
+    size = fitting_size(planner)
+    shared = weights_of(params, ["shared"])
+    zeros = np.zeros((size.population, shared.start.size))
+    for rollouts in sorted({size.rollouts, 1}, reverse=True):
+        population = PopulationReturns(planner, size._replace(rollouts=rollouts), seed, clock)
+        population(shared, 0, zeros)
+        if size.side_by_side is None:
+            population(shared, 0, zeros)  # the first call compiled
+        logger.info("%d rollouts of %d take %.3g s", rollouts, size.population, population.seconds)
+        if population.seconds * _FEWEST_ITERATIONS < until - clock():
+            break
+    return population

@@ -1,0 +1,93 @@
+"""Candidates are compared in the same fresh rollouts, and the best is remembered."""
+
+import dataclasses
+import math
+
+import jax
+import numpy as np
+import pytest
+from helpers.clocks import Ticking
+from helpers.lakes import preset, write_lake
+
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.fitting import without_scales
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.probing import with_bias
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.exact import compile_exact_returns
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    lake = write_lake(tmp_path_factory.mktemp("lake"))
+    return build_planner(lake, without_scales(preset(1.0)))[0]
+
+
+def judge(rollouts: int = 4) -> Judge:
+    clock = Ticking()
+    return Judge(rollouts, seed=3, clock=clock, began=clock())
+
+
+def known(label: str, mean: float, error: float = 1.0, planner=None) -> Candidate:
+    config = preset(1.0)
+    return Candidate("arm", label, config, planner, {}, mean=mean, error=error)
+
+
+def test_a_return_that_is_no_number_loses():
+    one = judge()
+    assert one.best_mean == -math.inf
+    assert one.record(known("broken", float("nan"), float("nan")))
+    assert one.record(known("bad", -5.0))
+    assert not one.record(known("broken", float("nan"), 0.0))
+    assert one.incumbent.label == "bad"
+    assert (one.best_mean, one.incumbent.error) == (-5.0, 1.0)
+    assert [judged.became_incumbent for judged in one.judged] == [True, True, False]
+    assert one.judged[-1].candidate.mean == -math.inf
+
+
+def test_candidates_of_one_planner_must_be_better_and_others_by_two_errors():
+    one, planner = judge(), object()
+    assert one.record(known("first", 0.0, 3.0, planner))
+    assert not one.record(known("equal", 0.0, 0.0, planner))
+    assert one.record(known("paired", 0.1, 3.0, planner))
+    # the difference's standard error is 5
+    assert not one.record(known("other", 10.0, 4.0))
+    assert one.record(known("other", 10.2, 4.0))
+    assert one.best_of(planner).label == "paired"
+
+
+def test_candidates_are_known_by_their_labels_and_dated():
+    one = judge()
+    for mean in (1.0, 0.0):
+        one.record(known("twice", mean, 0.1))
+    assert one.latest("twice").mean == 0.0
+    assert one.latest("never") is None
+    assert one.became_incumbent("twice")
+    assert not one.became_incumbent("never")
+    assert [judged.seconds for judged in one.judged] == [1.0, 2.0]
+
+
+def test_the_mean_is_that_of_common_rollouts_that_no_search_sees(planner):
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    better = with_bias(params, {"pump": np.array(40.0)})
+    one = judge(rollouts=8)
+    candidate = dataclasses.replace(known("no-op", 0.0), planner=planner, params=params, mean=None)
+    assert one.record(candidate)
+    assert one.record(dataclasses.replace(candidate, params=better, label="constant"))
+    returns = compile_exact_returns(planner, 8)
+    key = jax.random.fold_in(jax.random.PRNGKey(3), 1)
+    both = jax.tree.map(lambda *leaves: np.stack(leaves), params, better)
+    means = np.mean(np.asarray(returns(key, both), float), axis=1)
+    assert [judged.candidate.mean for judged in one.judged] == pytest.approx(means, rel=1e-5)
+    # another seed, other rollouts
+    other = Judge(8, seed=4, clock=Ticking(), began=0.0)
+    other.record(candidate)
+    assert other.best_mean != one.judged[0].candidate.mean
+    assert one.compile_seconds >= 0.0
+
+
+def test_without_a_planner_and_a_mean_there_is_no_saying():
+    with pytest.raises(ValueError, match="no planner"):
+        judge().record(dataclasses.replace(known("unknown", 0.0), mean=None))
+    with pytest.raises(ValueError, match="not judged yet"):
+        _ = dataclasses.replace(known("unknown", 0.0), mean=None).known_mean

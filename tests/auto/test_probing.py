@@ -1,0 +1,75 @@
+"""What constant actions on the exact model show."""
+
+import jax
+import numpy as np
+import pytest
+from helpers.lakes import preset, write_lake
+from helpers.problems import tiny_files
+
+from mdpo_rddl.auto import probing, sizes
+from mdpo_rddl.auto.fitting import scaled, without_plan, without_scales
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.problem.load import load_problem
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    return write_lake(tmp_path_factory.mktemp("lake"))
+
+
+def test_probing_finds_units_and_scales(lake):
+    seen = probing.probe(build_planner(lake, without_scales(preset(1.0)))[0], seed=0)
+    # 300 above, in a few steps
+    assert 10.0 <= seen.units["pump"] <= 320.0
+    center, scale = seen.state_scales["depth"]
+    assert 200.0 < center < 1200.0
+    assert 1.0 < scale < 5000.0
+    # 300 below at all 8 steps
+    assert seen.noop_return == pytest.approx(-2400.0, rel=0.1)
+    assert seen.start_return > seen.noop_return
+    assert not seen.deterministic
+    assert seen.policy_seconds is None
+    plan = build_planner(lake, scaled(preset(1.0), seen))[0].plan
+    assert isinstance(plan, FeedbackPlan)
+    assert plan.units["pump"] == pytest.approx(seen.units["pump"], rel=1e-3)
+
+
+def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):
+    monkeypatch.setattr(probing, "is_large", lambda planner: True)
+    planner, _ = build_planner(lake, without_scales(preset(1.0)))
+    times = iter([*range(0, 10, 5), *range(20, 10**6, 5)])
+    seen = probing.probe(planner, 0, until=22.0, clock=lambda: float(next(times)))
+    assert seen.policy_seconds == 5.0
+    assert seen.start_return >= seen.noop_return
+
+
+def test_only_a_number_without_a_box_has_a_unit_to_find():
+    problem = load_problem("Sokoban_arcade", "0")
+    planner, _ = build_planner(problem, without_scales(preset(1.0)))
+    assert probing.probe(planner, seed=0).units == {}
+    # an enum's is its box
+    assert set(planner.plan.units) <= set(problem.model.action_fluents)
+    for (lower, upper), name in ((planner.plan.bounds[n], n) for n in planner.plan.units):
+        np.testing.assert_array_equal(planner.plan.units[name], np.asarray(upper) - lower)
+
+
+def test_plans_fit_unless_they_are_too_large(lake, monkeypatch):
+    bare, _ = build_planner(lake, without_scales(preset(1.0)))
+    assert sizes.plans_fit(bare)
+    monkeypatch.setattr(sizes, "_PLANS_BYTES", 8 * 4 * sizes.PLANS - 1)
+    assert not sizes.plans_fit(bare)
+    # then only rollouts can say how the return answers to an action
+    config = without_plan(preset(1.0))
+    assert config.section("Noise")["analysis_samples"] == 1
+    assert config.section("Planner")["method_kwargs"]["plan"] is False
+
+
+def test_the_same_seed_starts_the_same_search(tmp_path):
+    problem = load_problem(*tiny_files(tmp_path))
+    one, two = (
+        probing.probe(build_planner(problem, without_scales(preset(1.0)))[0], seed=0)
+        for _ in range(2)
+    )
+    assert one.state_scales == two.state_scales
+    jax.tree.map(np.testing.assert_array_equal, one.start, two.start)
