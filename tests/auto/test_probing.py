@@ -37,7 +37,7 @@ def test_probing_finds_units_and_scales(lake):
 
 def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
-    planner, _ = build_planner(lake, without_scales(preset(1.0)))
+    planner = build_planner(lake, without_scales(preset(1.0))).planner
     times = iter([*range(0, 10, 5), *range(20, 10**6, 5)])
     seen = probing.probe(planner, 0, until=22.0, clock=lambda: float(next(times)))
     assert seen.policy_seconds == 5.0
@@ -46,7 +46,7 @@ def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):
 
 def test_only_a_number_without_a_box_has_a_unit_to_find():
     problem = load_problem("Sokoban_arcade", "0")
-    planner, _ = build_planner(problem, without_scales(preset(1.0)))
+    planner = build_planner(problem, without_scales(preset(1.0))).planner
     assert probing.probe(planner, seed=0).units == {}
     # an enum's is its box
     assert set(planner.plan.units) <= set(problem.model.action_fluents)
@@ -55,7 +55,7 @@ def test_only_a_number_without_a_box_has_a_unit_to_find():
 
 
 def test_plans_fit_unless_they_are_too_large(lake, monkeypatch):
-    bare, _ = build_planner(lake, without_scales(preset(1.0)))
+    bare = build_planner(lake, without_scales(preset(1.0))).planner
     assert sizes.plans_fit(bare)
     monkeypatch.setattr(sizes, "_PLANS_BYTES", 8 * 4 * sizes.PLANS - 1)
     assert not sizes.plans_fit(bare)

@@ -235,22 +235,12 @@ def test_a_better_alternative_is_taken(
     lake, in_one_arena, no_gradient, monkeypatch, mean, is_taken
 ):
     config = own_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
-    training = gradient.TrainingResult(
-        best_params={"pump": np.zeros(8)},
-        last_params_by_restart={"pump": np.zeros((1, 8))},
-        policy_hyperparams={"pump": 1.0},
-        iterations=5,
-        best_iteration=2,
-        restart=0,
-        status="iter_budget_reached",
-        history=(),
-        sigma=np.zeros((1, 8)),
-        compile_seconds=1.0,
-        train_seconds=2.0,
-    )
     name = "JaxPlan's default slp"
     if mean is not None:
-        Alternatives.alternative = jaxplan.Alternative(name, config, training, mean, 1.0)
+        params = {"pump": np.zeros(8)}
+        Alternatives.alternative = jaxplan.Alternative(
+            name, config, params, {"pump": 1.0}, 5, 3.0, mean, 1.0
+        )
     monkeypatch.setattr(race, "Alternatives", Alternatives)
     outcome = raced(lake, 200.0)
     Alternatives.alternative = None
@@ -277,8 +267,8 @@ def test_an_interrupt_keeps_the_best_policy_so_far(lake, in_one_arena, monkeypat
 
 
 def test_an_interrupted_phase_is_judged(lake, in_one_arena, monkeypatch):
-    def interrupted(planner, *, key, iterations, **keywords):
-        result = gradient_train(planner, key=key, iterations=20, **keywords)
+    def interrupted(built, key, budget, **keywords):
+        result = gradient_train(built, key, replace(budget, iterations=20), **keywords)
         return replace(result, status="interrupted")
 
     gradient_train = gradient.train

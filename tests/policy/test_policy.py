@@ -21,7 +21,7 @@ STATE = {"depth": np.array(450.0)}
 def policy(tmp_path_factory):
     problem = write_lake(tmp_path_factory.mktemp("lake"))
     config = preset(1.0).without_section("Search")
-    planner, _ = build_planner(problem, config)
+    planner = build_planner(problem, config).planner
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
     random = np.random.default_rng(0)
     params = jax.tree.map(lambda leaf: random.normal(size=leaf.shape).astype(leaf.dtype), params)
