@@ -3,6 +3,9 @@
 Backward induction over the horizon H, with V_H = 0 and discount g:
 
     V_t(s) = max_a  r(s, a) + g sum_s' P(s' | s, a) V_{t+1}(s')
+
+The sum is worked out once for all states and actions after which the next state is drawn in
+the same way.
 """
 
 import logging
@@ -100,7 +103,8 @@ def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float,
     best_row, runs = np.full(len(decided), -1), []
     for step in reversed(range(model.horizon)):
         limits.check_time()
-        q = enumeration.reward + model.discount * (enumeration.transitions @ values)
+        after = model.discount * (enumeration.transitions @ values)
+        q = enumeration.reward + after[enumeration.afterstate]
         best = np.maximum.reduceat(q, starts)
         # rounding shall not change the action from step to step
         enough = best - _TIE * (1 + np.abs(best))
@@ -126,9 +130,10 @@ def _table(problem: Problem, enumeration: Enumeration, runs: list[_Run]) -> Acti
     rank[order] = np.arange(len(order))
     sequence = np.lexsort((steps, rank[states]))
     counts = np.bincount(rank[states], minlength=len(order)) if len(order) else []
-    names = [name for name, _ in model.variables[: model.state_variables]]
+    names = [name for name, _ in model.variables]
     return ActionTable(
-        places=np.array(model.packing.places[: model.state_variables], np.int64),
+        merges=_merge_array(enumeration),
+        places=np.array(model.packing.places, np.int64),
         states=enumeration.states[order],
         first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         until_step=steps[sequence].astype(np.int32),
@@ -137,6 +142,11 @@ def _table(problem: Problem, enumeration: Enumeration, runs: list[_Run]) -> Acti
         fluents=tuple(dict.fromkeys(names)),
         objects=_object_names(problem, names),
     )
+
+
+def _merge_array(enumeration: Enumeration) -> np.ndarray:
+    rows = [(m.word, m.mask, m.value, *m.keep.tolist()) for m in enumeration.merges]
+    return np.array(rows, np.uint64).reshape(len(rows), 3 + enumeration.states.shape[1])
 
 
 def _action_values(problem: Problem, model: GroundModel) -> dict[str, np.ndarray]:

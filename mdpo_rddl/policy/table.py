@@ -11,6 +11,7 @@ from safetensors.numpy import save
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
 
 FORMAT = "mdpo-rddl table 1"
@@ -23,6 +24,8 @@ class ActionTable:
     Attributes:
       places: per ground state variable, in the fluents' order, its place in a packed state:
         word, shift, bits and offset [V, 4].
+      merges: states that count as one: where the bits of a mask in a word have a value, only
+        the bits to keep matter; word, mask, value and bits to keep [merges, 3 + words].
       states: packed, in the order of their keys [S, words].
       first_run: the runs of state s are those from `first_run[s]` to `first_run[s + 1]` [S + 1].
       until_step: the last step of each run; a run begins after the one before of its state.
@@ -32,6 +35,7 @@ class ActionTable:
     """
 
     places: np.ndarray
+    merges: np.ndarray
     states: np.ndarray
     first_run: np.ndarray
     until_step: np.ndarray
@@ -52,6 +56,10 @@ class TablePolicy:
         """Makes the keys of the table's states."""
         self.table, self.misses = table, 0
         self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
+        self._merges = [
+            Merge(int(word), int(mask), int(value), np.array(keep, np.uint64))
+            for word, mask, value, *keep in table.merges
+        ]
         self._keys = keys(table.states)
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
@@ -75,7 +83,7 @@ class TablePolicy:
         table = self.table
         values = np.concatenate([self._values(name, observation[name]) for name in table.fluents])
         try:
-            state = self._packing.encode_all(values)
+            (state,) = merged(self._packing.encode_all(values)[np.newaxis], self._merges)
         except OverflowError:
             self.misses += 1
             return 0

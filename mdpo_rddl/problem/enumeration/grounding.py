@@ -33,12 +33,10 @@ class Grounder:
 
     Attributes:
       graph: of the nodes.
-      drawn: random fluents that other expressions refer to, in the order of their finding.
+      drawn: random fluents that other expressions refer to, with the leaves that stand for them.
     """
 
-    def __init__(
-        self, rddl: Any, values: Mapping[str, Any], limits: EnumerationLimits
-    ) -> None:
+    def __init__(self, rddl: Any, values: Mapping[str, Any], limits: EnumerationLimits) -> None:
         """Starts an empty graph.
 
         Args:
@@ -48,7 +46,7 @@ class Grounder:
         """
         self.graph = Graph()
         self.laws = Laws(self.graph)
-        self.drawn: list[Ground] = []
+        self.drawn: dict[Ground, int] = {}
         self._rddl, self._values, self._limits = rddl, values, limits
         self._known: dict[Ground, Law] = {}
         self._open: set[Ground] = set()
@@ -204,9 +202,9 @@ class Grounder:
         law = self.fluent(name, indices)
         if len(law) == 1:
             return law[0].value
-        if (name, indices) not in self.drawn:
-            self.drawn.append((name, indices))
-        return self.graph.leaf(Kind.DRAWN, (name, indices), is_bool)
+        leaf = self.graph.leaf(Kind.DRAWN, (name, indices), is_bool)
+        self.drawn[name, indices] = leaf
+        return leaf
 
     def _index(self, argument: Any, binding: Binding) -> int:
         if isinstance(argument, str):

@@ -100,8 +100,7 @@ def _may_be_legal(
     fixed = [node for node in preconditions if not graph.depends[node] & ~Kind.ACTION]
     needed = [node for node in graph.needed(fixed) if graph.operators[node] == "leaf"]
     columns = {
-        node: np.array([proposal[graph.values[node]] for proposal in proposals])
-        for node in needed
+        node: np.array([proposal[graph.values[node]] for proposal in proposals]) for node in needed
     }
     values = Program(graph, fixed).run(columns)
     for node in fixed:

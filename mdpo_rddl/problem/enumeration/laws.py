@@ -90,7 +90,7 @@ class Laws:
         for one, other in zip_longest(yes, no):
             one = one or Branch(other.value, graph.zero)
             other = other or Branch(one.value, graph.zero)
-            branches.append(Branch(*(graph.make("if", test, *pair) for pair in zip(one, other))))
+            branches.append(Branch(*(graph.make("if", test, *pair) for pair in zip(one, other, strict=True))))
         return tuple(branches)
 
     def _is_bool(self, law: Law) -> bool:

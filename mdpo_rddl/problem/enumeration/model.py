@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.problem.enumeration.expectation import expectation
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.grounding import Ground, Grounder
 from mdpo_rddl.problem.enumeration.joint_actions import action_variables, joint_actions
@@ -21,8 +22,8 @@ class ActionRules:
 
     Attributes:
       assignment: of every ground action variable that matters.
-      laws: per variable of the model, the law of its next value; of a bool one branch, whose
-        value is the probability of true.
+      laws: per state variable the law of its next value, independent of the others; of a bool
+        one branch, whose value is the probability of true.
       reward: node of the expected reward.
       legal: node of the preconditions.
     """
@@ -34,7 +35,8 @@ class ActionRules:
 
     def nodes(self) -> list[int]:
         """All nodes."""
-        return [self.reward, self.legal, *(node for law in self.laws for each in law for node in each)]
+        of_laws = [node for law in self.laws for branch in law for node in branch]
+        return [self.reward, self.legal, *of_laws]
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,9 @@ class GroundModel:
 
     Attributes:
       graph: of all nodes.
-      variables: ground state variables, then random ones that others of the same step read.
-      state_variables: how many of them make the state.
+      variables: ground state variables.
       is_bool: of each variable.
       packing: of all variables.
-      stages: of each variable, after how many rounds of draws its law is known.
       initial: packed initial state [words].
       actions: rules per joint action; the first one is the default action.
       ends: node that is true in states where the episode ends.
@@ -56,15 +56,17 @@ class GroundModel:
 
     graph: Graph
     variables: tuple[Ground, ...]
-    state_variables: int
     is_bool: tuple[bool, ...]
     packing: Packing
-    stages: tuple[int, ...]
     initial: np.ndarray
     actions: tuple[ActionRules, ...]
     ends: int
     horizon: int
     discount: float
+
+    def leaf(self, number: int) -> int:
+        """The node that stands for a variable's value."""
+        return self.graph.leaf(Kind.STATE, self.variables[number], self.is_bool[number])
 
 
 def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
@@ -78,39 +80,43 @@ def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
     if rddl.observ_fluents:
         raise NotEnumerableError("the state is not observed")
     env = make_environment(problem)
-    initial_values = env.sampler.init_values
-    grounder = Grounder(rddl, initial_values, limits)
-    graph = grounder.graph
-    states = _places(rddl.state_fluents, initial_values)
-    _sizes(rddl, states)
-    laws = [grounder.fluent(f"{name}'", place) for name, place in states]
-    reward = grounder.laws.mean(grounder.law(rddl.reward, {}))
-    legal = _conjuncts(graph, [grounder.node(each, {}) for each in rddl.preconditions])
-    ends = _ends(grounder, rddl)
-    drawn = _close(grounder)
-    variables = (*states, *drawn)
-    laws += [grounder.fluent(*each) for each in drawn]
+    initial = env.sampler.init_values
+    grounder = Grounder(rddl, initial, limits)
+    variables = _places(rddl.state_fluents, initial)
     is_bool = tuple(rddl.variable_ranges[name] == "bool" for name, _ in variables)
-    packed = [
-        (Branch(grounder.laws.truth(law), graph.one),) if boolean else law
-        for law, boolean in zip(laws, is_bool, strict=True)
-    ]
-    whole = ActionRules({}, tuple(packed), reward, graph.make("and", *legal, graph.true))
     packing = pack(_sizes(rddl, variables))
-    first = [np.asarray(initial_values[name])[place].item() for name, place in states]
+    legal = _conjuncts(grounder, rddl.preconditions)
+    rules = _rules(grounder, rddl, list(zip(variables, is_bool, strict=True)), legal)
+    first = [np.asarray(initial[name])[place].item() for name, place in variables]
     return GroundModel(
-        graph=graph,
-        variables=variables,
-        state_variables=len(states),
+        graph=grounder.graph,
+        variables=tuple(variables),
         is_bool=is_bool,
         packing=packing,
-        stages=_stages(graph, variables, packed, len(states)),
         initial=packing.encode_all(first),
-        actions=_per_action(env, graph, whole, legal, limits),
-        ends=ends,
+        actions=_per_action(env, grounder.graph, rules, legal, limits),
+        ends=_ends(grounder, rddl),
         horizon=problem.horizon,
         discount=float(env.discount),
     )
+
+
+def _rules(
+    grounder: Grounder, rddl: Any, variables: Sequence[tuple[Ground, bool]], legal: Sequence[int]
+) -> ActionRules:
+    """The rules with the action left open."""
+    graph, laws = grounder.graph, []
+    for (name, place), is_bool in variables:
+        law = grounder.fluent(f"{name}'", place)
+        laws.append((Branch(grounder.laws.truth(law), graph.one),) if is_bool else law)
+    reward = grounder.laws.mean(grounder.law(rddl.reward, {}))
+    drawn = {leaf: grounder.fluent(*each) for each, leaf in grounder.drawn.items()}
+    of_drawn = [law for leaf, law in drawn.items()]
+    for law in (*laws, *of_drawn):
+        if any(graph.depends[node] & Kind.DRAWN for branch in law for node in branch):
+            raise NotEnumerableError("fluents that read random fluents of the same step")
+    reward = expectation(graph, reward, drawn)
+    return ActionRules({}, tuple(laws), reward, graph.make("and", *legal, graph.true))
 
 
 def _places(names: Iterable[str], values: Mapping[str, Any]) -> list[Ground]:
@@ -124,10 +130,10 @@ def _sizes(rddl: Any, variables: Sequence[Ground]) -> list[int | None]:
         raise NotEnumerableError(f"{error.args[0]} fluents in the state") from None
 
 
-def _conjuncts(graph: Graph, nodes: Iterable[int]) -> list[int]:
-    """The nodes, with conjunctions taken apart."""
-    found: list[int] = []
-    for node in nodes:
+def _conjuncts(grounder: Grounder, expressions: Iterable[Any]) -> list[int]:
+    """The nodes of the expressions, with conjunctions taken apart."""
+    graph, found = grounder.graph, []
+    for node in [grounder.node(each, {}) for each in expressions]:
         found += graph.arguments[node] if graph.operators[node] == "and" else [node]
     return found
 
@@ -142,43 +148,13 @@ def _ends(grounder: Grounder, rddl: Any) -> int:
     return node
 
 
-def _close(grounder: Grounder) -> list[Ground]:
-    """Random fluents of the step that others read, their own laws made; next states left out."""
-    done = 0
-    while done < len(grounder.drawn):
-        grounder.fluent(*grounder.drawn[done])
-        done += 1
-    return [ground for ground in grounder.drawn if not ground[0].endswith("'")]
-
-
-def _stages(
-    graph: Graph, variables: Sequence[Ground], laws: Sequence[Law], states: int
-) -> tuple[int, ...]:
-    """After how many rounds of draws each law can be evaluated."""
-    names = [
-        (f"{name}'", place) if number < states else (name, place)
-        for number, (name, place) in enumerate(variables)
-    ]
-    reads = []
-    for law in laws:
-        nodes = graph.needed([node for each in law for node in each], Kind.DRAWN)
-        leaves = [graph.values[node] for node in nodes if graph.operators[node] == "leaf"]
-        reads.append([names.index(leaf) for leaf in leaves])
-    stages = [0] * len(laws)
-    for _ in laws:
-        new = [1 + max(stages[each] for each in read) if read else 0 for read in reads]
-        if new == stages:
-            return tuple(stages)
-        stages = new
-    raise NotEnumerableError("fluents of a step that depend on each other")
-
-
 def _per_action(
     env: Any, graph: Graph, whole: ActionRules, legal: Sequence[int], limits: EnumerationLimits
 ) -> tuple[ActionRules, ...]:
     """The rules with each joint action put in; of those with equal rules the first."""
     nodes = whole.nodes()
-    read = {graph.values[n] for n in graph.needed(nodes, Kind.ACTION) if graph.operators[n] == "leaf"}
+    leaves = [n for n in graph.needed(nodes, Kind.ACTION) if graph.operators[n] == "leaf"]
+    read = {graph.values[leaf] for leaf in leaves}
     variables = {each: item for each, item in action_variables(env).items() if each in read}
     most = env.model.max_allowed_actions
     found: dict[tuple[int, ...], ActionRules] = {}

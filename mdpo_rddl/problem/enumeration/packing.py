@@ -8,7 +8,6 @@ import numpy as np
 _WORD = 64
 _INT_BITS = 16
 _INT_OFFSET = 1 << (_INT_BITS - 1)
-_MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 class Place(NamedTuple):
@@ -77,11 +76,16 @@ def keys(states: np.ndarray) -> np.ndarray:
     """A key [N] for each state [N, words]; equal states have equal keys."""
     key = states[:, 0].copy()
     for word in range(1, states.shape[1]):
-        key ^= key >> np.uint64(29)
-        key = key * _MIX + states[:, word]
-        key ^= key >> np.uint64(32)
-        key *= _MIX
+        key = _mixed(key) + states[:, word]
     return key
+
+
+def _mixed(key: np.ndarray) -> np.ndarray:
+    """A bijection of words in which every bit depends on every bit (splitmix64's finaliser)."""
+    key = key + np.uint64(0x9E3779B97F4A7C15)
+    key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return key ^ (key >> np.uint64(31))
 
 
 def sizes_of(ranges: Sequence[str], objects: Mapping[str, Sequence[str]]) -> list[int | None]:

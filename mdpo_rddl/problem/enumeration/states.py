@@ -1,54 +1,62 @@
 """The states that are reachable within the horizon, found breadth first."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 
+from mdpo_rddl.problem.enumeration.irrelevance import Merge, find_merges, merged
+from mdpo_rddl.problem.enumeration.levels import Afterstates
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.packing import keys
-from mdpo_rddl.problem.enumeration.successors import Expander, Successors
+from mdpo_rddl.problem.enumeration.rows import RowMaker
 
 _FIRST_BATCH = 64
 _MAX_BATCH = 8192
-_BATCH_TRANSITIONS = 1_000_000
+_BATCH_ROWS = 400_000
 _BATCH_VALUES = 100_000_000
 
 
 @dataclass(frozen=True)
 class Enumeration:
-    """A Markov decision process as arrays: S states, R rows (a state with an action).
+    """A Markov decision process as arrays.
+
+    There are S states, R rows (a state with an action) and E afterstates (how the next state
+    is drawn).
 
     Attributes:
       model: that it comes from.
+      merges: how states were joined; `states` holds one of each.
       states: packed [S, words]; the first one is initial.
       depth: number of steps after which each state is first reached [S].
       first_row: the rows of state s are those from `first_row[s]` to `first_row[s + 1]` [S + 1];
         none where the episode ends, or where the horizon does.
       action: of each row, its number in the model [R].
       reward: expected reward of each row [R].
-      transitions: probability of each next state [R, S], sparse.
+      afterstate: number of each row's [R].
+      transitions: probability of each next state after each afterstate [E, S], sparse.
     """
 
     model: GroundModel
+    merges: list[Merge]
     states: np.ndarray
     depth: np.ndarray
     first_row: np.ndarray
     action: np.ndarray
     reward: np.ndarray
+    afterstate: np.ndarray
     transitions: sparse.csr_matrix
 
 
 class _Index:
-    """Numbers states in the order in which they are found."""
+    """Numbers packed states in the order in which they are found."""
 
-    def __init__(self, first: np.ndarray) -> None:
-        self._states = first[np.newaxis].copy()
-        self._keys = keys(self._states)
-        self._numbers = np.zeros(1, np.int64)
-        self.count = 1
+    def __init__(self, words: int) -> None:
+        self._states = np.zeros((1024, words), np.uint64)
+        self._keys = np.zeros(0, np.uint64)
+        self._numbers = np.zeros(0, np.int64)
+        self.count = 0
 
     @property
     def states(self) -> np.ndarray:
@@ -58,9 +66,11 @@ class _Index:
         """The number of each state [N], new ones included."""
         unique, where, inverse = np.unique(keys(states), return_index=True, return_inverse=True)
         places = np.searchsorted(self._keys, unique)
-        inside = np.minimum(places, len(self._keys) - 1)
-        is_new = self._keys[inside] != unique
-        numbers = self._numbers[inside]
+        is_new = np.ones(len(unique), bool)
+        inside = places < len(self._keys)
+        is_new[inside] = self._keys[places[inside]] != unique[inside]
+        numbers = np.empty(len(unique), np.int64)
+        numbers[~is_new] = self._numbers[places[~is_new]]
         numbers[is_new] = self.count + np.arange(np.count_nonzero(is_new))
         self._append(states[where[is_new]])
         self._keys = np.insert(self._keys, places[is_new], unique[is_new])
@@ -80,13 +90,47 @@ class _Index:
         self.count = needed
 
 
-class _Part(NamedTuple):
-    """What one batch has added."""
+class _Search:
+    """What has been found up to now."""
 
-    rows: np.ndarray  # number of rows of each of its states
-    action: np.ndarray
-    reward: np.ndarray
-    transitions: sparse.csr_matrix
+    def __init__(self, model: GroundModel, limits: EnumerationLimits) -> None:
+        self.model, self.limits = model, limits
+        self.merges = find_merges(model, limits)
+        self.afterstates = Afterstates(model, limits)
+        self.maker = RowMaker(model, self.afterstates)
+        self.index = _Index(model.packing.words)
+        self.after_index = _Index(self.afterstates.packing.words)
+        self.row_counts: list[np.ndarray] = []
+        self.rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self.transitions: list[sparse.csr_matrix] = []
+        self.transition_count = 0
+        self.index.numbers(merged(model.initial[np.newaxis], self.merges))
+
+    def expand(self, states: np.ndarray) -> None:
+        """Adds the rows of states, and whatever follows them."""
+        self.limits.check_time()
+        counts = np.zeros(len(states), np.int64)
+        alive = np.flatnonzero(~self.maker.ended(states))
+        if len(alive):
+            rows = self.maker.rows(states[alive])
+            counts[alive] = np.bincount(rows.state, minlength=len(alive))
+            known = self.after_index.count
+            numbers = self.after_index.numbers(rows.afterstates)
+            self.rows.append((rows.action, rows.reward, numbers))
+            self._draw(self.after_index.states[known:])
+        self.row_counts.append(counts)
+
+    def _draw(self, afterstates: np.ndarray) -> None:
+        for draws in self.afterstates.draw(afterstates) if len(afterstates) else ():
+            self.limits.check_time()
+            self.transition_count += len(draws.origin)
+            self.limits.check_transitions(self.transition_count)
+            columns = self.index.numbers(merged(draws.states, self.merges))
+            self.limits.check_states(self.index.count)
+            first = draws.origin.min()
+            shape = (draws.origin.max() - first + 1, self.index.count)
+            entries = (draws.probability, (draws.origin - first, columns))
+            self.transitions.append(sparse.csr_matrix(entries, shape=shape))
 
 
 def enumerate_states(model: GroundModel, limits: EnumerationLimits) -> Enumeration:
@@ -95,65 +139,54 @@ def enumerate_states(model: GroundModel, limits: EnumerationLimits) -> Enumerati
     Raises:
       NotEnumerableError: if a limit is reached, or a state has no legal action.
     """
-    expander = Expander(model, limits)
-    index, parts, depths = _Index(model.initial), [], [np.zeros(1, np.int32)]
-    largest = max(_FIRST_BATCH, min(_MAX_BATCH, _BATCH_VALUES // max(1, expander.operations)))
-    batch, done, transitions = min(_FIRST_BATCH, largest), 0, 0
+    search = _Search(model, limits)
+    operations = max(1, search.maker.operations)
+    largest = min(_MAX_BATCH, _BATCH_VALUES // operations, _BATCH_ROWS // len(model.actions))
+    largest = max(_FIRST_BATCH, largest)
+    index, depths, done, batch = search.index, [np.zeros(1, np.int32)], 0, _FIRST_BATCH
     for depth in range(model.horizon):
         end = index.count
         while done < end:
-            limits.check_time()
             stop = min(end, done + batch)
-            parts.append(_expand(expander, index, index.states[done:stop]))
-            added = parts[-1].transitions.nnz
-            transitions += added
-            limits.check_transitions(transitions)
-            limits.check_states(index.count)
-            each = max(1.0, added / (stop - done))
-            batch = int(np.clip(_BATCH_TRANSITIONS / each, 1, min(largest, 4 * batch)))
-            done = stop
+            search.expand(index.states[done:stop])
+            done, batch = stop, min(largest, 4 * batch)
         depths.append(np.full(index.count - end, depth + 1, np.int32))
         if done == index.count:
             break
-    return _joined(model, index.states, np.concatenate(depths), parts)
+    return _joined(search, np.concatenate(depths))
 
 
-def _expand(expander: Expander, index: _Index, states: np.ndarray) -> _Part:
-    alive = np.flatnonzero(~expander.ended(states))
-    rows = np.zeros(len(states), np.int64)
-    if not len(alive):
-        empty = sparse.csr_matrix((0, index.count))
-        return _Part(rows, np.zeros(0, np.int32), np.zeros(0), empty)
-    found: Successors = expander.expand(states[alive])
-    rows[alive] = np.bincount(found.state, minlength=len(alive))
-    columns = index.numbers(found.states)
-    shape = (len(found.state), index.count)
-    matrix = sparse.csr_matrix((found.probability, (found.row, columns)), shape=shape)
-    return _Part(rows, found.action, found.reward, matrix)
-
-
-def _joined(
-    model: GroundModel, states: np.ndarray, depth: np.ndarray, parts: list[_Part]
-) -> Enumeration:
-    count = len(states)
+def _joined(search: _Search, depth: np.ndarray) -> Enumeration:
+    count = search.index.count
     rows = np.zeros(count, np.int64)
-    expanded = np.concatenate([part.rows for part in parts])
+    expanded = np.concatenate(search.row_counts)
     rows[: len(expanded)] = expanded
-    starts = np.cumsum([0, *(part.transitions.nnz for part in parts)])
-    pointers = [
-        part.transitions.indptr[1:].astype(np.int64) + start
-        for part, start in zip(parts, starts, strict=False)
-    ]
-    data = np.concatenate([part.transitions.data for part in parts])
-    columns = np.concatenate([part.transitions.indices.astype(np.int32) for part in parts])
-    row_ends = np.concatenate([np.zeros(1, np.int64), *pointers])
-    matrix = sparse.csr_matrix((data, columns, row_ends), shape=(len(row_ends) - 1, count))
+    empty = (np.zeros(0, np.int32), np.zeros(0), np.zeros(0, np.int64))
+    action, reward, afterstate = map(np.concatenate, zip(empty, *search.rows, strict=True))
     return Enumeration(
-        model=model,
-        states=states.copy(),
+        model=search.model,
+        merges=search.merges,
+        states=search.index.states.copy(),
         depth=depth,
         first_row=np.concatenate([np.zeros(1, np.int64), np.cumsum(rows)]),
-        action=np.concatenate([part.action for part in parts]),
-        reward=np.concatenate([part.reward for part in parts]),
-        transitions=matrix,
+        action=action,
+        reward=reward,
+        afterstate=afterstate,
+        transitions=_stacked(search.transitions, count),
     )
+
+
+def _stacked(parts: list[sparse.csr_matrix], columns: int) -> sparse.csr_matrix:
+    """The rows of all parts; they are taken out of the list, for the memory."""
+    if not parts:
+        return sparse.csr_matrix((0, columns))
+    starts = np.cumsum([0, *(part.nnz for part in parts)])
+    pointers = [
+        part.indptr[1:].astype(np.int64) + start
+        for part, start in zip(parts, starts[:-1], strict=True)
+    ]
+    ends = np.concatenate([np.zeros(1, np.int64), *pointers])
+    data = np.concatenate([part.data for part in parts])
+    indices = np.concatenate([part.indices.astype(np.int32) for part in parts])
+    parts.clear()
+    return sparse.csr_matrix((data, indices, ends), shape=(len(ends) - 1, columns))
