@@ -121,15 +121,17 @@ def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float,
 
 def _table(problem: Problem, enumeration: Enumeration, runs: list[_Run]) -> ActionTable:
     model = enumeration.model
-    steps = np.concatenate([np.full(len(s), step, np.int32) for step, s, _ in runs] or [[]])
-    states = np.concatenate([s for _, s, _ in runs] or [[]]).astype(np.int64)
-    action = np.concatenate([a for _, _, a in runs] or [[]]).astype(np.int32)
+    steps = np.repeat([step for step, _, _ in runs], [len(some) for _, some, _ in runs])
+    states, action = np.zeros((2, 0), np.int64)
+    if runs:
+        states = np.concatenate([some for _, some, _ in runs])
+        action = np.concatenate([played for _, _, played in runs])
     used = np.unique(states)
     order = used[np.argsort(keys(enumeration.states[used]))]
     rank = np.zeros(len(enumeration.states), np.int64)
     rank[order] = np.arange(len(order))
     sequence = np.lexsort((steps, rank[states]))
-    counts = np.bincount(rank[states], minlength=len(order)) if len(order) else []
+    counts = np.bincount(rank[states], minlength=len(order))
     names = [name for name, _ in model.variables]
     return ActionTable(
         merges=_merge_array(enumeration),
@@ -137,7 +139,7 @@ def _table(problem: Problem, enumeration: Enumeration, runs: list[_Run]) -> Acti
         states=enumeration.states[order],
         first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         until_step=steps[sequence].astype(np.int32),
-        action=action[sequence],
+        action=action[sequence].astype(np.int32),
         actions=_action_values(problem, model),
         fluents=tuple(dict.fromkeys(names)),
         objects=_object_names(problem, names),

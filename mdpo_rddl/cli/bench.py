@@ -11,6 +11,14 @@ from typing import Any
 from mdpo_rddl.bench.common.settings import DOMAIN_FILES
 from mdpo_rddl.bench.configs.candidates import PLANS, SCALES
 from mdpo_rddl.bench.configs.sweep import config_sweep_table, run_config_sweep, ship
+from mdpo_rddl.bench.optima.optima import INSTANCES as OPTIMA_INSTANCES
+from mdpo_rddl.bench.optima.optima import (
+    Task,
+    fully_observed_tasks,
+    optima_table,
+    read_published,
+    run_optima,
+)
 from mdpo_rddl.bench.presets.auto import PLANNERS, auto_table, run_auto
 from mdpo_rddl.bench.presets.noise_sweep import sweep, sweep_table
 from mdpo_rddl.bench.presets.paper_preset import NOISES, paper_preset_table, run_paper_preset
@@ -172,7 +180,23 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     growth.add_argument("--seconds", type=number(above=0), default=5)
     growth.set_defaults(run=_growth, out=Path("results/growth"), timeout=900)
 
-    for command in (everything, smoke, configs, growth):
+    optima = commands.add_parser(
+        "optima", help="proven optima, where the reachable states can be enumerated"
+    )
+    optima.add_argument(
+        "--problems", nargs="+", metavar="NAME", help="(default: all of IPPC 2011 and 2014's MDPs)"
+    )
+    optima.add_argument("--instances", nargs="+", metavar="NAME", default=list(OPTIMA_INSTANCES))
+    optima.add_argument("--episodes", type=positive_int, default=30)
+    optima.add_argument(
+        "--published",
+        metavar="FILE",
+        type=Path,
+        help="CSV of problem, instance and best: a column of the table, and only its tasks",
+    )
+    optima.set_defaults(run=_optima, out=Path("results/optima"), timeout=60, memory_gb=4)
+
+    for command in (everything, smoke, configs, growth, optima):
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
@@ -184,10 +208,10 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             "--memory-gb",
             metavar="GB",
             type=number(above=0),
-            default=8,
+            default=command.get_default("memory_gb") or 8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, smoke, configs, growth]
+    return [everything, smoke, configs, growth, optima]
 
 
 def _auto(options: argparse.Namespace) -> str:
@@ -234,6 +258,17 @@ def _configs(options: argparse.Namespace) -> str:
     if options.ship is not None:
         ship(records, options.ship)
     return config_sweep_table(records)
+
+
+def _optima(options: argparse.Namespace) -> str:
+    published = read_published(options.published) if options.published else None
+    names = fully_observed_tasks(options.problems, options.instances)
+    tasks = [
+        Task(*name, options.timeout, options.memory_gb, options.episodes)
+        for name in names
+        if published is None or name in published
+    ]
+    return optima_table(run_optima(options.out, tasks), published)
 
 
 def _growth(options: argparse.Namespace) -> str:

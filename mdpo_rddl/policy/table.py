@@ -83,7 +83,7 @@ class TablePolicy:
         table = self.table
         values = np.concatenate([self._values(name, observation[name]) for name in table.fluents])
         try:
-            (state,) = merged(self._packing.encode_all(values)[np.newaxis], self._merges)
+            (state,) = merged(self._packing.encode_all(values.tolist())[np.newaxis], self._merges)
         except OverflowError:
             self.misses += 1
             return 0

@@ -90,7 +90,9 @@ class Laws:
         for one, other in zip_longest(yes, no):
             one = one or Branch(other.value, graph.zero)
             other = other or Branch(one.value, graph.zero)
-            branches.append(Branch(*(graph.make("if", test, *pair) for pair in zip(one, other, strict=True))))
+            value = graph.make("if", test, one.value, other.value)
+            probability = graph.make("if", test, one.probability, other.probability)
+            branches.append(Branch(value, probability))
         return tuple(branches)
 
     def _is_bool(self, law: Law) -> bool:

@@ -111,8 +111,7 @@ def _rules(
         laws.append((Branch(grounder.laws.truth(law), graph.one),) if is_bool else law)
     reward = grounder.laws.mean(grounder.law(rddl.reward, {}))
     drawn = {leaf: grounder.fluent(*each) for each, leaf in grounder.drawn.items()}
-    of_drawn = [law for leaf, law in drawn.items()]
-    for law in (*laws, *of_drawn):
+    for law in (*laws, *drawn.values()):
         if any(graph.depends[node] & Kind.DRAWN for branch in law for node in branch):
             raise NotEnumerableError("fluents that read random fluents of the same step")
     reward = expectation(graph, reward, drawn)
@@ -132,7 +131,8 @@ def _sizes(rddl: Any, variables: Sequence[Ground]) -> list[int | None]:
 
 def _conjuncts(grounder: Grounder, expressions: Iterable[Any]) -> list[int]:
     """The nodes of the expressions, with conjunctions taken apart."""
-    graph, found = grounder.graph, []
+    graph = grounder.graph
+    found: list[int] = []
     for node in [grounder.node(each, {}) for each in expressions]:
         found += graph.arguments[node] if graph.operators[node] == "and" else [node]
     return found
