@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdpo_rddl.policy.table import ActionTable, TablePolicy
+from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
 from mdpo_rddl.problem.enumeration.packing import keys
@@ -36,7 +37,7 @@ class Solution:
         to rounding.
       table: a policy that attains it.
       states: number of reachable states.
-      transitions: number of successors with a positive probability, over states and actions.
+      transitions: probabilities that were stored.
       actions: number of joint actions that differ.
       seconds: that it took.
     """
@@ -76,7 +77,12 @@ def find_optimum(problem: Problem, seconds: float, memory_gb: float = 4.0) -> So
     started = time.perf_counter()
     most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
     limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most))
-    enumeration = enumerate_states(ground_model(problem, limits), limits)
+    model = ground_model(problem, limits)
+    try:
+        enumeration = enumerate_factored(model, limits)
+    except NotEnumerableError as error:
+        logger.debug("not factored: %s", error)
+        enumeration = enumerate_states(model, limits)
     value, runs = _induct(enumeration, limits)
     return Solution(
         value=value,

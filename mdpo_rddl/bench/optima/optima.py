@@ -13,7 +13,6 @@ from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Death, Limits, run_guarded
-from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.evaluation import evaluate
@@ -26,7 +25,7 @@ _KIND = "_MDP_"
 KEYS = ("problem", "instance")
 _FIGURES = ("states", "transitions", "actions", "seconds", "optimum")
 _PLAYED = ("mean", "low", "high", "illegal_actions", "misses")
-COLUMNS = (*KEYS, "status", "cause", *_FIGURES, *_PLAYED, "peak_mb")
+COLUMNS = (*KEYS, "status", "cause", *_FIGURES, *_PLAYED)
 _LOADING_SECONDS = 300.0
 
 Published = Mapping[tuple[str, str], float]
@@ -45,7 +44,7 @@ class Task:
 
 
 def run_optima(out: Path, tasks: Iterable[Task]) -> Records:
-    """Solves each task in a process of its own and plays the policy.
+    """Solves each task in a process beside this one and plays the policy.
 
     Rows that `out/rows.csv` holds already are skipped.
     """
@@ -58,15 +57,16 @@ def run_optima(out: Path, tasks: Iterable[Task]) -> Records:
             "episodes": task.episodes,
         }
     records = Records(out / "rows.csv", COLUMNS, KEYS, conditions)
-    for task in tasks:
-        if records.has(task.problem, task.instance):
-            continue
-        limits = Limits(2 * task.seconds + _LOADING_SECONDS, task.memory_gb)
-        for _, outcome in run_guarded(run_task, [task], limits):
-            row = _row_of_death(outcome) if isinstance(outcome, Death) else outcome
-            values = [row.get(name, "") for name in COLUMNS[len(KEYS) :]]
-            records.add(task.problem, task.instance, *values)
-            logger.info("%s %s: %s %s", task.problem, task.instance, *values[:2])
+    missing = [task for task in tasks if not records.has(task.problem, task.instance)]
+    most = max((task.seconds for task in missing), default=0.0)
+    memory = max((task.memory_gb for task in missing), default=0.0)
+    for task, outcome in run_guarded(
+        run_task, missing, Limits(2 * most + _LOADING_SECONDS, memory)
+    ):
+        row = _row_of_death(outcome) if isinstance(outcome, Death) else outcome
+        values = [row.get(name, "") for name in COLUMNS[len(KEYS) :]]
+        records.add(task.problem, task.instance, *values)
+        logger.info("%s %s: %s %s", task.problem, task.instance, *values[:2])
     return records
 
 
@@ -87,12 +87,11 @@ def run_task(task: Task) -> dict[str, Any]:
         row.update(status="given up", cause=str(error))
     except Exception as error:  # whatever it is, it is the finding
         row.update(status="error", cause=one_line_cause(error))
-    row["peak_mb"] = round(peak_mb())
     return row
 
 
 def _row_of_death(death: Death) -> dict[str, Any]:
-    return {"status": death.status, "cause": death.cause, "peak_mb": round(death.peak_mb)}
+    return {"status": death.status, "cause": death.cause}
 
 
 def fully_observed_tasks(

@@ -63,13 +63,14 @@ class Afterstates:
 
     Attributes:
       packing: of the variables of an afterstate.
+      is_random: whether each variable is random in some state, after some action.
     """
 
     def __init__(self, model: GroundModel, limits: EnumerationLimits) -> None:
         """Sees which variables are random in some state, after some action."""
         self._model, self._limits = model, limits
         rules = [action.laws for action in model.actions]
-        self._is_random = [
+        self.is_random = [
             any(self._may_be_random(laws[number], is_bool) for laws in rules)
             for number, is_bool in enumerate(model.is_bool)
         ]
@@ -78,7 +79,7 @@ class Afterstates:
         self.packing: Packing = pack(
             [
                 _MAX_LEVELS if random else size
-                for random, size in zip(self._is_random, bits, strict=True)
+                for random, size in zip(self.is_random, bits, strict=True)
             ]
         )
 
@@ -98,7 +99,7 @@ class Afterstates:
           law: of its next value.
           of: the values [N] of a node.
         """
-        if self._is_random[number]:
+        if self.is_random[number]:
             return self.packing.encode(number, self._levels[number].number(self._rows(law, of)))
         values = of(law[0].value)
         if values.dtype.kind == "f" and np.any(values != np.round(values)):
@@ -126,7 +127,7 @@ class Afterstates:
         """
         tables = {
             number: (self.packing.decode(number, afterstates), *self._checked(number, afterstates))
-            for number, random in enumerate(self._is_random)
+            for number, random in enumerate(self.is_random)
             if random
         }
         counts = np.ones(len(afterstates))
@@ -141,6 +142,12 @@ class Afterstates:
             self._draw(np.arange(*bounds), fixed, tables)
             for bounds in zip(starts, ends, strict=True)
         ]
+
+    def chances(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The level of a random bool in afterstates [N], and its chance of true at each [L]."""
+        encoded, probabilities = self._checked(number, afterstates)
+        chance = np.sum(probabilities * (encoded > 0), axis=1)
+        return self.packing.decode(number, afterstates), chance
 
     def _checked(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, probabilities = self._levels[number].tables()
@@ -158,7 +165,7 @@ class Afterstates:
         """Next states [N, words] of which the random variables are still 0."""
         states = np.zeros((len(afterstates), self._model.packing.words), np.uint64)
         for number, place in enumerate(self._model.packing.places):
-            if not self._is_random[number]:
+            if not self.is_random[number]:
                 own = self.packing.places[number]
                 bits = (afterstates[:, own.word] & own.mask) >> np.uint64(own.shift)
                 states[:, place.word] |= bits << np.uint64(place.shift)

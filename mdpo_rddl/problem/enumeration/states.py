@@ -1,6 +1,7 @@
 """The states that are reachable within the horizon, found breadth first."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy import sparse
@@ -16,6 +17,17 @@ _FIRST_BATCH = 64
 _MAX_BATCH = 8192
 _BATCH_ROWS = 400_000
 _BATCH_VALUES = 100_000_000
+
+
+class Transitions(Protocol):
+    """Probabilities of next states: what a sparse matrix [E, S] can do."""
+
+    def __matmul__(self, values: np.ndarray) -> np.ndarray:
+        """The expectation [E] of the next states' values [S]."""
+
+    @property
+    def nnz(self) -> int:
+        """Numbers that are stored."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +47,7 @@ class Enumeration:
       action: of each row, its number in the model [R].
       reward: expected reward of each row [R].
       afterstate: number of each row's [R].
-      transitions: probability of each next state after each afterstate [E, S], sparse.
+      transitions: probability of each next state after each afterstate [E, S].
     """
 
     model: GroundModel
@@ -46,7 +58,7 @@ class Enumeration:
     action: np.ndarray
     reward: np.ndarray
     afterstate: np.ndarray
-    transitions: sparse.csr_matrix
+    transitions: Transitions
 
 
 class _Index:
@@ -90,12 +102,20 @@ class _Index:
         self.count = needed
 
 
-class _Search:
+class Search:
     """What has been found up to now."""
 
-    def __init__(self, model: GroundModel, limits: EnumerationLimits) -> None:
+    def __init__(self, model: GroundModel, limits: EnumerationLimits, follow: bool = True) -> None:
+        """Starts at the initial state.
+
+        Args:
+          model: whose states are searched.
+          limits: of the search.
+          follow: whether next states are enumerated too, and states joined.
+        """
         self.model, self.limits = model, limits
-        self.merges = find_merges(model, limits)
+        self.merges = find_merges(model, limits) if follow else []
+        self._follow = follow
         self.afterstates = Afterstates(model, limits)
         self.maker = RowMaker(model, self.afterstates)
         self.index = _Index(model.packing.words)
@@ -117,7 +137,8 @@ class _Search:
             known = self.after_index.count
             numbers = self.after_index.numbers(rows.afterstates)
             self.rows.append((rows.action, rows.reward, numbers))
-            self._draw(self.after_index.states[known:])
+            if self._follow:
+                self._draw(self.after_index.states[known:])
         self.row_counts.append(counts)
 
     def _draw(self, afterstates: np.ndarray) -> None:
@@ -139,7 +160,7 @@ def enumerate_states(model: GroundModel, limits: EnumerationLimits) -> Enumerati
     Raises:
       NotEnumerableError: if a limit is reached, or a state has no legal action.
     """
-    search = _Search(model, limits)
+    search = Search(model, limits)
     operations = max(1, search.maker.operations)
     largest = min(_MAX_BATCH, _BATCH_VALUES // operations, _BATCH_ROWS // len(model.actions))
     largest = max(_FIRST_BATCH, largest)
@@ -153,12 +174,15 @@ def enumerate_states(model: GroundModel, limits: EnumerationLimits) -> Enumerati
         depths.append(np.full(index.count - end, depth + 1, np.int32))
         if done == index.count:
             break
-    return _joined(search, np.concatenate(depths))
+    transitions = _stacked(search.transitions, index.count)
+    return joined(search, index.states.copy(), np.concatenate(depths), transitions)
 
 
-def _joined(search: _Search, depth: np.ndarray) -> Enumeration:
-    count = search.index.count
-    rows = np.zeros(count, np.int64)
+def joined(
+    search: Search, states: np.ndarray, depth: np.ndarray, transitions: Transitions
+) -> Enumeration:
+    """What a search has found, as arrays."""
+    rows = np.zeros(len(states), np.int64)
     expanded = np.concatenate(search.row_counts)
     rows[: len(expanded)] = expanded
     empty = (np.zeros(0, np.int32), np.zeros(0), np.zeros(0, np.int64))
@@ -166,13 +190,13 @@ def _joined(search: _Search, depth: np.ndarray) -> Enumeration:
     return Enumeration(
         model=search.model,
         merges=search.merges,
-        states=search.index.states.copy(),
+        states=states,
         depth=depth,
         first_row=np.concatenate([np.zeros(1, np.int64), np.cumsum(rows)]),
         action=action,
         reward=reward,
         afterstate=afterstate,
-        transitions=_stacked(search.transitions, count),
+        transitions=transitions,
     )
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers import toys
 
+from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
 from mdpo_rddl.problem.enumeration.states import enumerate_states
@@ -77,3 +78,30 @@ def test_a_limit_ends_the_enumeration(tmp_path, limits, cause):
     small = EnumerationLimits(seconds=60, **limits)
     with pytest.raises(NotEnumerableError, match=cause):
         enumerate_states(ground_model(toys.walk(tmp_path, 5), small), small)
+
+
+def test_a_contraction_expects_what_the_list_of_successors_does():
+    limits = EnumerationLimits(seconds=60)
+    model = ground_model(load_problem("GameOfLife_MDP_ippc2011", "1"), limits)
+    listed, factored = enumerate_states(model, limits), enumerate_factored(model, limits)
+    packed = listed.states[:, 0].astype(int)
+    assert sorted(packed) == sorted(factored.states[:, 0].astype(int))
+    np.testing.assert_array_equal(factored.states[0], listed.states[0])
+    value = np.random.default_rng(1).normal(size=len(packed))  # by packed state
+    ours = factored.transitions @ value[factored.states[:, 0].astype(int)]
+    theirs = listed.transitions @ value[packed]
+    state = {key: number for number, key in enumerate(factored.states[:, 0].astype(int))}
+    for number in (0, 5, 300):
+        rows = slice(*listed.first_row[number : number + 2])
+        start = factored.first_row[state[packed[number]]]
+        stop = start + rows.stop - rows.start
+        np.testing.assert_array_equal(listed.action[rows], factored.action[start:stop])
+        np.testing.assert_allclose(listed.reward[rows], factored.reward[start:stop])
+        expected = theirs[listed.afterstate[rows]]
+        np.testing.assert_allclose(ours[factored.afterstate[start:stop]], expected, atol=1e-12)
+
+
+def test_a_model_with_fixed_fluents_is_not_factored(tmp_path):
+    limits = EnumerationLimits(seconds=60)
+    with pytest.raises(NotEnumerableError, match="random bools"):
+        enumerate_factored(ground_model(toys.walk(tmp_path, 3), limits), limits)
