@@ -5,6 +5,13 @@ from itertools import product
 
 from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.bench.configs.sweep import Grid, config_sweep_table, run_config_sweep, ship
+from mdpo_rddl.bench.optima.optima import (
+    Task,
+    fully_observed_tasks,
+    optima_table,
+    read_published,
+    run_optima,
+)
 from mdpo_rddl.bench.presets.auto import auto_table, run_auto
 from mdpo_rddl.bench.presets.noise_sweep import NoisePoint, sweep, sweep_table
 from mdpo_rddl.bench.presets.paper_preset import paper_preset_table, run_paper_preset
@@ -43,6 +50,17 @@ def _exactness(options: argparse.Namespace) -> str:
     limits = Limits(options.timeout, options.memory_gb)
     records = run_exactness(options.out, options.problems, options.max_horizon, limits)
     return exactness_table(records)
+
+
+def _optima(options: argparse.Namespace) -> str:
+    published = read_published(options.published) if options.published else None
+    names = fully_observed_tasks(options.problems, options.instances)
+    tasks = [
+        Task(*name, options.timeout, options.memory_gb, options.episodes)
+        for name in names
+        if published is None or name in published
+    ]
+    return optima_table(run_optima(options.out, tasks), published)
 
 
 def _ipc_smoke(options: argparse.Namespace) -> str:
@@ -119,6 +137,7 @@ COMMANDS = {
     "compatibility": _compatibility,
     "exactness": _exactness,
     "ipc-smoke": _ipc_smoke,
+    "optima": _optima,
     "configs": _configs,
     "growth": _growth,
     **TASK_COMMANDS,

@@ -5,6 +5,7 @@ from typing import Any
 
 from mdpo_rddl.bench.common.names import DOMAIN_FILES
 from mdpo_rddl.bench.configs.names import PLANS, SCALES
+from mdpo_rddl.bench.optima.names import OPTIMA_INSTANCES
 from mdpo_rddl.bench.presets.names import NOISES, PLANNERS
 from mdpo_rddl.bench.problems.names import DOMAINS, INSTANCES
 from mdpo_rddl.bench.speed.names import AXES, SPEED_SETTINGS
@@ -138,7 +139,23 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     growth.add_argument("--seconds", type=number(above=0), default=5)
     growth.set_defaults(run="growth", out=Path("results/growth"), timeout=900)
 
-    for command in (everything, exactness, smoke, configs, growth):
+    optima = commands.add_parser(
+        "optima", help="proven optima, where the reachable states can be enumerated"
+    )
+    optima.add_argument(
+        "--problems", nargs="+", metavar="NAME", help="(default: all of IPPC 2011 and 2014's MDPs)"
+    )
+    optima.add_argument("--instances", nargs="+", metavar="NAME", default=list(OPTIMA_INSTANCES))
+    optima.add_argument("--episodes", type=positive_int, default=30)
+    optima.add_argument(
+        "--published",
+        metavar="FILE",
+        type=Path,
+        help="CSV of problem, instance and best: a column of the table, and only its tasks",
+    )
+    optima.set_defaults(run="optima", out=Path("results/optima"), timeout=60, memory_gb=4)
+
+    for command in (everything, exactness, smoke, configs, growth, optima):
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
@@ -150,7 +167,7 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             "--memory-gb",
             metavar="GB",
             type=number(above=0),
-            default=8,
+            default=command.get_default("memory_gb") or 8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, exactness, smoke, configs, growth]
+    return [everything, exactness, smoke, configs, growth, optima]

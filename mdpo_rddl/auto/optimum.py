@@ -1,0 +1,181 @@
+"""The optimum of a problem whose reachable states can be enumerated, and how to play it.
+
+Backward induction over the horizon H, with V_H = 0 and discount g:
+
+    V_t(s) = max_a  r(s, a) + g sum_s' P(s' | s, a) V_{t+1}(s')
+
+The sum is worked out once for all states and actions after which the next state is drawn in
+the same way.
+"""
+
+import logging
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdpo_rddl.policy.table import ActionTable, TablePolicy
+from mdpo_rddl.problem.enumeration.factored import enumerate_factored
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
+from mdpo_rddl.problem.enumeration.packing import keys
+from mdpo_rddl.problem.enumeration.states import Enumeration, enumerate_states
+from mdpo_rddl.problem.load import Problem, make_environment
+
+logger = logging.getLogger(__name__)
+
+_BYTES_PER_TRANSITION = 60
+_TIE = 1e-12
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A problem's optimum.
+
+    Attributes:
+      value: expected return of the best policy from the initial state: the optimum, proven up
+        to rounding.
+      table: a policy that attains it.
+      states: number of reachable states.
+      transitions: probabilities that were stored.
+      actions: number of joint actions that differ.
+      seconds: that it took.
+    """
+
+    value: float
+    table: ActionTable
+    states: int
+    transitions: int
+    actions: int
+    seconds: float
+
+    def policy(self) -> TablePolicy:
+        """Plays the table."""
+        return TablePolicy(self.table)
+
+
+def solve(problem: Problem, seconds: float, memory_gb: float = 4.0) -> Solution | None:
+    """The optimum; None if the states can't be enumerated within the time and the memory."""
+    try:
+        return find_optimum(problem, seconds, memory_gb)
+    except NotEnumerableError as error:
+        logger.info("no exact dynamic programming: %s", error)
+        return None
+
+
+def find_optimum(problem: Problem, seconds: float, memory_gb: float = 4.0) -> Solution:
+    """The optimum.
+
+    Args:
+      problem: with discrete, observed states.
+      seconds: wall-clock limit.
+      memory_gb: limit of the memory that the enumeration takes, roughly.
+
+    Raises:
+      NotEnumerableError: says why there is none.
+    """
+    started = time.perf_counter()
+    most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
+    limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most))
+    model = ground_model(problem, limits)
+    try:
+        enumeration = enumerate_factored(model, limits)
+    except NotEnumerableError as error:
+        logger.debug("not factored: %s", error)
+        enumeration = enumerate_states(model, limits)
+    value, runs = _induct(enumeration, limits)
+    return Solution(
+        value=value,
+        table=_table(problem, enumeration, runs),
+        states=len(enumeration.states),
+        transitions=enumeration.transitions.nnz,
+        actions=len(enumeration.model.actions),
+        seconds=time.perf_counter() - started,
+    )
+
+
+_Run = tuple[int, np.ndarray, np.ndarray]
+"""A step, states, and the action played in each up to that step."""
+
+
+def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float, list[_Run]]:
+    """The initial state's value, and where the best action changes, the last step first."""
+    model, first = enumeration.model, enumeration.first_row
+    decided = np.flatnonzero(np.diff(first))
+    starts, counts = first[decided], np.diff(first)[decided]
+    values = np.zeros(len(enumeration.states))
+    if not len(decided):
+        return 0.0, []
+    best_row, runs = np.full(len(decided), -1), []
+    for step in reversed(range(model.horizon)):
+        limits.check_time()
+        after = model.discount * (enumeration.transitions @ values)
+        q = enumeration.reward + after[enumeration.afterstate]
+        best = np.maximum.reduceat(q, starts)
+        # rounding shall not change the action from step to step
+        enough = best - _TIE * (1 + np.abs(best))
+        keep = (best_row >= 0) & (q[best_row] >= enough)
+        candidates = np.where(q >= np.repeat(enough, counts), np.arange(len(q)), len(q))
+        chosen = np.where(keep, best_row, np.minimum.reduceat(candidates, starts))
+        values[decided] = best
+        changed = enumeration.action[chosen] != enumeration.action[best_row]
+        changed = (changed | (best_row < 0)) & (enumeration.depth[decided] <= step)
+        runs.append((step, decided[changed], enumeration.action[chosen[changed]]))
+        best_row = chosen
+    return float(values[0]), runs
+
+
+def _table(problem: Problem, enumeration: Enumeration, runs: list[_Run]) -> ActionTable:
+    model = enumeration.model
+    steps = np.repeat([step for step, _, _ in runs], [len(some) for _, some, _ in runs])
+    states, action = np.zeros((2, 0), np.int64)
+    if runs:
+        states = np.concatenate([some for _, some, _ in runs])
+        action = np.concatenate([played for _, _, played in runs])
+    used = np.unique(states)
+    order = used[np.argsort(keys(enumeration.states[used]))]
+    rank = np.zeros(len(enumeration.states), np.int64)
+    rank[order] = np.arange(len(order))
+    sequence = np.lexsort((steps, rank[states]))
+    counts = np.bincount(rank[states], minlength=len(order))
+    names = [name for name, _ in model.variables]
+    return ActionTable(
+        merges=_merge_array(enumeration),
+        places=np.array(model.packing.places, np.int64),
+        states=enumeration.states[order],
+        first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        until_step=steps[sequence].astype(np.int32),
+        action=action[sequence].astype(np.int32),
+        actions=_action_values(problem, model),
+        fluents=tuple(dict.fromkeys(names)),
+        objects=_object_names(problem, names),
+    )
+
+
+def _merge_array(enumeration: Enumeration) -> np.ndarray:
+    rows = [(m.word, m.mask, m.value, *m.keep.tolist()) for m in enumeration.merges]
+    return np.array(rows, np.uint64).reshape(len(rows), 3 + enumeration.states.shape[1])
+
+
+def _action_values(problem: Problem, model: GroundModel) -> dict[str, np.ndarray]:
+    """Per action fluent its values in every joint action [A, *shape]."""
+    noop = make_environment(problem).sampler.noop_actions
+    found = {}
+    for name, default in noop.items():
+        default = np.asarray(default)
+        values = np.repeat(default[np.newaxis], len(model.actions), axis=0)
+        for number, rules in enumerate(model.actions):
+            for (fluent, place), value in rules.assignment.items():
+                if fluent == name:
+                    values[(number, *place)] = value
+        found[name] = values
+    return found
+
+
+def _object_names(problem: Problem, names: list[str]) -> dict[str, tuple[str, ...]]:
+    rddl = problem.model
+    return {
+        name: tuple(rddl.type_to_objects[rddl.variable_ranges[name]])
+        for name in dict.fromkeys(names)
+        if rddl.variable_ranges[name] in rddl.type_to_objects
+    }

@@ -1,0 +1,1 @@
+"""Which problems exact dynamic programming solves, and what their optimum is."""

@@ -1,0 +1,1 @@
+"""The reachable states of a small discrete problem, and exactly what follows each of them."""

@@ -1,0 +1,53 @@
+"""The expectation of an expression over random variables of the same step."""
+
+from collections.abc import Mapping
+from itertools import product
+
+from mdpo_rddl.problem.enumeration.graph import Graph, Kind
+from mdpo_rddl.problem.enumeration.laws import Law
+from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
+
+_MAX_COMBINATIONS = 4096
+
+
+def expectation(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
+    """The node of an expectation.
+
+    A sum is taken apart first, since each of its terms reads few variables.
+
+    Args:
+      graph: of the nodes.
+      node: whose expectation is wanted.
+      laws: per leaf that stands for a random variable its law, independent of the others.
+
+    Raises:
+      NotEnumerableError: if a term reads too many random variables.
+    """
+    if not graph.depends[node] & Kind.DRAWN:
+        return node
+    operator, arguments = graph.operators[node], graph.arguments[node]
+    if operator == "+":
+        return graph.make("+", *(expectation(graph, each, laws) for each in arguments))
+    if operator == "-":
+        return graph.make("-", *(expectation(graph, each, laws) for each in arguments))
+    if operator == "*":
+        random = [each for each in arguments if graph.depends[each] & Kind.DRAWN]
+        if len(random) == 1:
+            fixed = [each for each in arguments if each != random[0]]
+            return graph.make("*", *fixed, expectation(graph, random[0], laws))
+    return _over_combinations(graph, node, laws)
+
+
+def _over_combinations(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
+    leaves = [each for each in graph.needed([node], Kind.DRAWN) if graph.operators[each] == "leaf"]
+    count = 1
+    for leaf in leaves:
+        count *= len(laws[leaf])
+        if count > _MAX_COMBINATIONS:
+            raise NotEnumerableError("a reward that reads many random fluents of the step")
+    terms = []
+    for branches in product(*(laws[leaf] for leaf in leaves)):
+        values = {leaf: each.value for leaf, each in zip(leaves, branches, strict=True)}
+        (value,) = graph.substitute([node], values)
+        terms.append(graph.make("*", value, *(each.probability for each in branches)))
+    return graph.make("+", *terms)

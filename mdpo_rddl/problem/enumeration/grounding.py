@@ -1,0 +1,253 @@
+"""The expressions of a lifted model, for given objects, as nodes of a graph."""
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.problem.enumeration.graph import Graph, Kind
+from mdpo_rddl.problem.enumeration.laws import Branch, Law, Laws
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.operators import FUNCTION_NAMES
+
+Ground = tuple[str, tuple[int, ...]]
+"""A fluent and the indices of its objects."""
+Binding = Mapping[str, int]
+
+_LEAVES = {"state-fluent": Kind.STATE, "action-fluent": Kind.ACTION}
+_BOOLEAN = {"^": "and", "&": "and", "|": "or", "=>": "implies", "<=>": "iff"}
+_AGGREGATIONS = {
+    "sum": "+",
+    "prod": "*",
+    "avg": "avg",
+    "minimum": "minimum",
+    "maximum": "maximum",
+    "forall": "and",
+    "exists": "or",
+}
+
+
+class Grounder:
+    """Grounds expressions; non-fluents become constants.
+
+    Attributes:
+      graph: of the nodes.
+      drawn: random fluents that other expressions refer to, with the leaves that stand for them.
+    """
+
+    def __init__(self, rddl: Any, values: Mapping[str, Any], limits: EnumerationLimits) -> None:
+        """Starts an empty graph.
+
+        Args:
+          rddl: pyRDDLGym's lifted model.
+          values: of the non-fluents, as pyRDDLGym's simulator holds them.
+          limits: for the time.
+        """
+        self.graph = Graph()
+        self.laws = Laws(self.graph)
+        self.drawn: dict[Ground, int] = {}
+        self._rddl, self._values, self._limits = rddl, values, limits
+        self._known: dict[Ground, Law] = {}
+        self._open: set[Ground] = set()
+        self._has_draws: dict[int, bool] = {}
+        self._kept: list[Any] = []  # so that no identity is used again
+
+    def fluent(self, name: str, indices: tuple[int, ...]) -> Law:
+        """The law of a fluent that a conditional probability function defines."""
+        ground = (name, indices)
+        if ground not in self._known:
+            if ground in self._open:
+                raise NotEnumerableError(f"{name} depends on itself")
+            self._open.add(ground)
+            self._limits.check_time()
+            parameters, expression = self._rddl.cpfs[name]
+            binding = {
+                variable: index
+                for (variable, _), index in zip(parameters or [], indices, strict=True)
+            }
+            self._known[ground] = self.law(expression, binding)
+        return self._known[ground]
+
+    def law(self, expression: Any, binding: Binding) -> Law:
+        """The law of an expression.
+
+        Raises:
+          NotEnumerableError: for a form that is not understood.
+        """
+        if not self._is_random(expression):
+            return self.laws.certain(self.node(expression, binding))
+        kind, name = expression.etype
+        if kind == "randomvar":
+            return self._draw(name, expression.args, binding)
+        if kind == "control" and name == "if":
+            condition, yes, no = expression.args
+            test = self.law(condition, binding)
+            if len(test) == 1 and self.graph.is_constant(test[0].value):
+                return self.law(yes if self.graph.values[test[0].value] else no, binding)
+            return self.laws.choose(test, self.law(yes, binding), self.law(no, binding))
+        operator, parts = self._parts(expression, binding)
+        return self._combine(operator, [self.law(each, bound) for each, bound in parts])
+
+    def node(self, expression: Any, binding: Binding) -> int:
+        """The node of an expression without a draw of its own."""
+        kind, name = expression.etype
+        if kind == "constant":
+            return self.graph.constant(expression.args)
+        if kind == "pvar":
+            return self._variable(expression, binding)
+        if kind == "control" and name == "if":
+            condition, yes, no = expression.args
+            test = self.node(condition, binding)
+            if self.graph.is_constant(test):
+                return self.node(yes if self.graph.values[test] else no, binding)
+            return self.graph.make("if", test, self.node(yes, binding), self.node(no, binding))
+        operator, parts = self._parts(expression, binding)
+        if operator in ("and", "or"):
+            return self._junction(operator, parts)
+        if operator == "*":
+            return self._product(parts)
+        nodes = [self.node(each, bound) for each, bound in parts]
+        return self._combine(operator, [self.laws.certain(node) for node in nodes])[0].value
+
+    def _junction(self, operator: str, parts: Iterator[tuple[Any, Binding]]) -> int:
+        """A conjunction or disjunction, left as soon as a constant decides it."""
+        decides = self.graph.false if operator == "and" else self.graph.true
+        nodes = []
+        for each, bound in parts:
+            node = self.node(each, bound)
+            if node == decides:
+                return node
+            nodes.append(node)
+        return self.graph.make(operator, *nodes) if nodes else self._empty(operator)
+
+    def _product(self, parts: Iterator[tuple[Any, Binding]]) -> int:
+        nodes = []
+        for each, bound in parts:
+            node = self.node(each, bound)
+            if node in (self.graph.zero, self.graph.false):
+                return self.graph.zero
+            nodes.append(node)
+        return self.graph.make("*", *nodes) if nodes else self._empty("*")
+
+    def _empty(self, operator: str) -> int:
+        neutral = {"and": True, "or": False, "+": 0, "*": 1}
+        if operator not in neutral:
+            raise NotEnumerableError("an aggregation over no object")
+        return self.graph.constant(neutral[operator])
+
+    def _combine(self, operator: str, laws: list[Law]) -> Law:
+        if not laws:
+            return self.laws.certain(self._empty(operator))
+        if operator == "implies":
+            return self.laws.apply("or", [self.laws.apply("not", laws[:1]), laws[1]])
+        if operator == "negative":
+            return self.laws.apply("*", [self.laws.certain(self.graph.constant(-1)), *laws])
+        if operator == "avg":
+            count = self.laws.certain(self.graph.constant(len(laws)))
+            return self.laws.apply("/", [self.laws.apply("+", laws), count])
+        return self.laws.apply(operator, laws)
+
+    def _parts(
+        self, expression: Any, binding: Binding
+    ) -> tuple[str, Iterator[tuple[Any, Binding]]]:
+        """An operator, and the expressions that it is applied to."""
+        kind, name = expression.etype
+        arguments = expression.args
+        if kind == "aggregation" and name in _AGGREGATIONS:
+            *typed, body = arguments
+            return _AGGREGATIONS[name], self._bindings(typed, body, binding)
+        plain = [(each, binding) for each in arguments]
+        if kind == "boolean":
+            if name in ("^", "&", "|"):
+                plain.sort(key=lambda part: self._rank(part[0]))
+            unary = "not" if len(plain) == 1 else "xor"
+            return _BOOLEAN.get(name, unary), iter(plain)
+        if kind == "arithmetic":
+            is_negative = name == "-" and len(plain) == 1
+            return "negative" if is_negative else name, iter(plain)
+        if kind == "relational" or (kind == "func" and name in FUNCTION_NAMES):
+            return name, iter(plain)
+        raise NotEnumerableError(f"an expression that is not understood: {kind} {name}")
+
+    def _bindings(
+        self, typed: list[Any], body: Any, binding: Binding
+    ) -> Iterator[tuple[Any, Binding]]:
+        variables = [variable for _, variable in typed]
+        names = [name for name, _ in variables]
+        sizes = [range(len(self._rddl.type_to_objects[kind])) for _, kind in variables]
+        for indices in product(*sizes):
+            yield body, {**binding, **dict(zip(names, indices, strict=True))}
+
+    def _rank(self, expression: Any) -> int:
+        """Non-fluents first: they are the ones that decide."""
+        kind, _ = expression.etype
+        if kind == "pvar":
+            return 0 if self._rddl.variable_types.get(expression.args[0]) == "non-fluent" else 1
+        return 0 if kind in ("constant", "relational") else 2
+
+    def _variable(self, expression: Any, binding: Binding) -> int:
+        name, arguments = expression.args
+        if name in binding:
+            return self.graph.constant(binding[name])
+        if arguments is None and name not in self._rddl.variable_types:
+            return self.graph.constant(self._object(name))
+        indices = tuple(self._index(each, binding) for each in arguments or [])
+        kind = self._rddl.variable_types[name]
+        if kind == "non-fluent":
+            return self.graph.constant(np.asarray(self._values[name])[indices])
+        is_bool = self._rddl.variable_ranges[name] == "bool"
+        if kind in _LEAVES:
+            return self.graph.leaf(_LEAVES[kind], (name, indices), is_bool)
+        law = self.fluent(name, indices)
+        if len(law) == 1:
+            return law[0].value
+        leaf = self.graph.leaf(Kind.DRAWN, (name, indices), is_bool)
+        self.drawn[name, indices] = leaf
+        return leaf
+
+    def _index(self, argument: Any, binding: Binding) -> int:
+        if isinstance(argument, str):
+            return binding[argument] if argument in binding else self._object(argument)
+        node = self.node(argument, binding)
+        if not self.graph.is_constant(node):
+            raise NotEnumerableError("a fluent whose object depends on the state")
+        return int(self.graph.values[node])
+
+    def _object(self, name: str) -> int:
+        try:
+            return self._rddl.object_to_index[name.removeprefix("@")]
+        except KeyError:
+            raise NotEnumerableError(f"a name that is not understood: {name}") from None
+
+    def _draw(self, name: str, arguments: Any, binding: Binding) -> Law:
+        if name in ("KronDelta", "DiracDelta"):
+            return self.law(arguments[0], binding)
+        if name == "Bernoulli":
+            if self._is_random(arguments[0]):
+                raise NotEnumerableError("a random probability")
+            return self.laws.bernoulli(self.node(arguments[0], binding))
+        if name in ("Discrete", "UnnormDiscrete"):
+            cases = [case for _, case in arguments[1:]]
+            weights = [self.node(weight, binding) for _, weight in cases]
+            values = [self.graph.constant(self._object(value)) for value, _ in cases]
+            total = self.graph.make("+", *weights)
+            return tuple(
+                Branch(value, self.graph.make("/", weight, total))
+                for value, weight in zip(values, weights, strict=True)
+            )
+        raise NotEnumerableError(f"a draw from {name}")
+
+    def _is_random(self, expression: Any) -> bool:
+        """Whether a draw stands in the expression itself."""
+        if isinstance(expression, (tuple, list)):
+            return any(map(self._is_random, expression))
+        if not hasattr(expression, "etype"):
+            return False
+        known = self._has_draws.get(id(expression))
+        if known is None:
+            is_draw = expression.etype[0] in ("randomvar", "randomvector")
+            known = is_draw or self._is_random(expression.args)
+            self._has_draws[id(expression)] = known
+            self._kept.append(expression)
+        return known

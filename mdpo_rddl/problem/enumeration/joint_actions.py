@@ -1,0 +1,108 @@
+"""All joint actions of a problem, of which those that no precondition ever allows are left out."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations, product
+from math import comb, prod
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.problem.enumeration.graph import Graph, Kind
+from mdpo_rddl.problem.enumeration.grounding import Ground
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.program import Program
+from mdpo_rddl.problem.legality import action_box
+
+_MAX_PROPOSALS = 200_000
+
+
+def action_variables(env: Any) -> dict[Ground, tuple[Any, list[Any]]]:
+    """Per ground action variable its default and its other values.
+
+    Raises:
+      NotEnumerableError: for a real action, or an int without bounds.
+    """
+    found: dict[Ground, tuple[Any, list[Any]]] = {}
+    box = action_box(env)
+    for name, kind in env.model.action_ranges.items():
+        default = np.asarray(env.sampler.noop_actions[name])
+        lower, upper = (np.broadcast_to(bound, default.shape) for bound in box[name])
+        for place in np.ndindex(default.shape):
+            if kind == "bool":
+                values: Sequence[Any] = (False, True)
+            elif kind == "int" and np.isfinite(lower[place]) and np.isfinite(upper[place]):
+                values = range(int(np.ceil(lower[place])), int(np.floor(upper[place])) + 1)
+            elif kind in env.model.type_to_objects:
+                values = range(len(env.model.type_to_objects[kind]))
+            else:
+                raise NotEnumerableError(f"{kind} actions without bounds: {name}")
+            own = default[place].item()
+            found[name, place] = (own, [value for value in values if value != own])
+    return found
+
+
+def joint_actions(
+    variables: Mapping[Ground, tuple[Any, list[Any]]],
+    most: float,
+    allowed: tuple[Graph, Sequence[int]],
+    limits: EnumerationLimits,
+) -> list[dict[Ground, Any]]:
+    """Assignments to the variables, the defaults first.
+
+    Args:
+      variables: per variable its default and its other values.
+      most: largest number of variables that may differ from their defaults.
+      allowed: a graph and the preconditions in it.
+      limits: for their number.
+
+    Raises:
+      NotEnumerableError: if there are too many.
+    """
+    most = int(min(most, len(variables)))
+    _check_count([len(others) for _, others in variables.values()], most)
+    defaults = {ground: default for ground, (default, _) in variables.items()}
+    proposals = [defaults | changes for changes in _changes(variables, most)]
+    legal = _may_be_legal(proposals, *allowed)
+    # the default comes first even where it is illegal, since others are compared with it
+    found = [proposal for proposal, good in zip(proposals, legal, strict=True) if good]
+    if not legal[0]:
+        found.insert(0, proposals[0])
+    if len(found) > limits.actions:
+        raise NotEnumerableError(f"more than {limits.actions:,} joint actions")
+    return found
+
+
+def _check_count(others: Sequence[int], most: int) -> None:
+    if all(count == 1 for count in others):
+        count = sum(comb(len(others), size) for size in range(most + 1))
+    elif most == 1:
+        count = 1 + sum(others)
+    else:
+        count = prod(1 + each for each in others)
+    if count > _MAX_PROPOSALS:
+        raise NotEnumerableError(f"{float(count):.3g} joint actions")
+
+
+def _changes(
+    variables: Mapping[Ground, tuple[Any, list[Any]]], most: int
+) -> Iterator[dict[Ground, Any]]:
+    for size in range(most + 1):
+        for chosen in combinations(variables, size):
+            for values in product(*(variables[ground][1] for ground in chosen)):
+                yield dict(zip(chosen, values, strict=True))
+
+
+def _may_be_legal(
+    proposals: Sequence[Mapping[Ground, Any]], graph: Graph, preconditions: Sequence[int]
+) -> np.ndarray:
+    """Whether no precondition that reads only the action forbids each proposal."""
+    legal = np.ones(len(proposals), bool)
+    fixed = [node for node in preconditions if not graph.depends[node] & ~Kind.ACTION]
+    needed = [node for node in graph.needed(fixed) if graph.operators[node] == "leaf"]
+    columns = {
+        node: np.array([proposal[graph.values[node]] for proposal in proposals]) for node in needed
+    }
+    values = Program(graph, fixed).run(columns)
+    for node in fixed:
+        legal &= values[node]
+    return legal

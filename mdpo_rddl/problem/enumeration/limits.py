@@ -1,0 +1,41 @@
+"""How far an enumeration may go, and the one way in which it gives up."""
+
+import time
+from dataclasses import dataclass, field
+
+
+class NotEnumerableError(Exception):
+    """The states of a problem cannot be enumerated, or not within the limits; says why."""
+
+
+@dataclass(frozen=True)
+class EnumerationLimits:
+    """What an enumeration may use.
+
+    Attributes:
+      seconds: of wall-clock time, from the making of this object.
+      states: reachable states.
+      transitions: successors with a positive probability, over all states and actions.
+      actions: joint actions.
+    """
+
+    seconds: float = 60.0
+    states: int = 1_000_000
+    transitions: int = 30_000_000
+    actions: int = 5_000
+    _started: float = field(default_factory=time.perf_counter)
+
+    def check_time(self) -> None:
+        """Raises `NotEnumerableError` once the time is over."""
+        if time.perf_counter() - self._started > self.seconds:
+            raise NotEnumerableError(f"more than {self.seconds:g} s")
+
+    def check_states(self, count: int) -> None:
+        """Raises `NotEnumerableError` for too many states."""
+        if count > self.states:
+            raise NotEnumerableError(f"more than {self.states:,} states")
+
+    def check_transitions(self, count: int) -> None:
+        """Raises `NotEnumerableError` for too many transitions."""
+        if count > self.transitions:
+            raise NotEnumerableError(f"more than {self.transitions:,} transitions")

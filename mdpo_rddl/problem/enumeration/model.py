@@ -1,0 +1,179 @@
+"""A problem as ground rules: of each next value its law, for every joint action."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.problem.enumeration.expectation import expectation
+from mdpo_rddl.problem.enumeration.graph import Graph, Kind
+from mdpo_rddl.problem.enumeration.grounding import Ground, Grounder
+from mdpo_rddl.problem.enumeration.joint_actions import action_variables, joint_actions
+from mdpo_rddl.problem.enumeration.laws import Branch, Law
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
+from mdpo_rddl.problem.load import Problem, make_environment
+
+
+@dataclass(frozen=True)
+class ActionRules:
+    """What follows a joint action.
+
+    Attributes:
+      assignment: of every ground action variable that matters.
+      laws: per state variable the law of its next value, independent of the others; of a bool
+        one branch, whose value is the probability of true.
+      reward: node of the expected reward.
+      legal: node of the preconditions.
+    """
+
+    assignment: Mapping[Ground, Any]
+    laws: tuple[Law, ...]
+    reward: int
+    legal: int
+
+    def nodes(self) -> list[int]:
+        """All nodes."""
+        of_laws = [node for law in self.laws for branch in law for node in branch]
+        return [self.reward, self.legal, *of_laws]
+
+
+@dataclass(frozen=True)
+class GroundModel:
+    """All that an enumeration needs to know about a problem.
+
+    Attributes:
+      graph: of all nodes.
+      variables: ground state variables.
+      is_bool: of each variable.
+      packing: of all variables.
+      initial: packed initial state [words].
+      actions: rules per joint action; the first one is the default action.
+      ends: node that is true in states where the episode ends.
+      horizon, discount: of the problem.
+    """
+
+    graph: Graph
+    variables: tuple[Ground, ...]
+    is_bool: tuple[bool, ...]
+    packing: Packing
+    initial: np.ndarray
+    actions: tuple[ActionRules, ...]
+    ends: int
+    horizon: int
+    discount: float
+
+    def leaf(self, number: int) -> int:
+        """The node that stands for a variable's value."""
+        return self.graph.leaf(Kind.STATE, self.variables[number], self.is_bool[number])
+
+
+def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
+    """Grounds a problem.
+
+    Raises:
+      NotEnumerableError: if its states are not discrete or not observed, if an expression is
+        not understood, or if there are too many actions.
+    """
+    rddl = problem.model
+    if rddl.observ_fluents:
+        raise NotEnumerableError("the state is not observed")
+    env = make_environment(problem)
+    initial = env.sampler.init_values
+    grounder = Grounder(rddl, initial, limits)
+    variables = _places(rddl.state_fluents, initial)
+    is_bool = tuple(rddl.variable_ranges[name] == "bool" for name, _ in variables)
+    packing = pack(_sizes(rddl, variables))
+    legal = _conjuncts(grounder, rddl.preconditions)
+    rules = _rules(grounder, rddl, list(zip(variables, is_bool, strict=True)), legal)
+    first = [np.asarray(initial[name])[place].item() for name, place in variables]
+    return GroundModel(
+        graph=grounder.graph,
+        variables=tuple(variables),
+        is_bool=is_bool,
+        packing=packing,
+        initial=packing.encode_all(first),
+        actions=_per_action(env, grounder.graph, rules, legal, limits),
+        ends=_ends(grounder, rddl),
+        horizon=problem.horizon,
+        discount=float(env.discount),
+    )
+
+
+def _rules(
+    grounder: Grounder, rddl: Any, variables: Sequence[tuple[Ground, bool]], legal: Sequence[int]
+) -> ActionRules:
+    """The rules with the action left open."""
+    graph, laws = grounder.graph, []
+    for (name, place), is_bool in variables:
+        law = grounder.fluent(f"{name}'", place)
+        laws.append((Branch(grounder.laws.truth(law), graph.one),) if is_bool else law)
+    reward = grounder.laws.mean(grounder.law(rddl.reward, {}))
+    drawn = {leaf: grounder.fluent(*each) for each, leaf in grounder.drawn.items()}
+    for law in (*laws, *drawn.values()):
+        if any(graph.depends[node] & Kind.DRAWN for branch in law for node in branch):
+            raise NotEnumerableError("fluents that read random fluents of the same step")
+    reward = expectation(graph, reward, drawn)
+    return ActionRules({}, tuple(laws), reward, graph.make("and", *legal, graph.true))
+
+
+def _places(names: Iterable[str], values: Mapping[str, Any]) -> list[Ground]:
+    return [(name, place) for name in names for place in np.ndindex(np.shape(values[name]))]
+
+
+def _sizes(rddl: Any, variables: Sequence[Ground]) -> list[int | None]:
+    try:
+        return sizes_of([rddl.variable_ranges[name] for name, _ in variables], rddl.type_to_objects)
+    except KeyError as error:
+        raise NotEnumerableError(f"{error.args[0]} fluents in the state") from None
+
+
+def _conjuncts(grounder: Grounder, expressions: Iterable[Any]) -> list[int]:
+    """The nodes of the expressions, with conjunctions taken apart."""
+    graph = grounder.graph
+    found: list[int] = []
+    for node in [grounder.node(each, {}) for each in expressions]:
+        found += graph.arguments[node] if graph.operators[node] == "and" else [node]
+    return found
+
+
+def _ends(grounder: Grounder, rddl: Any) -> int:
+    graph = grounder.graph
+    terminal = [grounder.node(each, {}) for each in rddl.terminations]
+    broken = [graph.make("not", grounder.node(each, {})) for each in rddl.invariants]
+    node = graph.make("or", *terminal, *broken, graph.false)
+    if graph.depends[node] & ~Kind.STATE:
+        raise NotEnumerableError("a termination that reads more than the state")
+    return node
+
+
+def _per_action(
+    env: Any, graph: Graph, whole: ActionRules, legal: Sequence[int], limits: EnumerationLimits
+) -> tuple[ActionRules, ...]:
+    """The rules with each joint action put in; of those with equal rules the first."""
+    nodes = whole.nodes()
+    leaves = [n for n in graph.needed(nodes, Kind.ACTION) if graph.operators[n] == "leaf"]
+    read = {graph.values[leaf] for leaf in leaves}
+    variables = {each: item for each, item in action_variables(env).items() if each in read}
+    most = env.model.max_allowed_actions
+    found: dict[tuple[int, ...], ActionRules] = {}
+    for assignment in joint_actions(variables, most, (graph, legal), limits):
+        limits.check_time()
+        constants = {
+            graph.leaf(Kind.ACTION, each, isinstance(value, bool)): graph.constant(value)
+            for each, value in assignment.items()
+        }
+        new = tuple(graph.substitute(nodes, constants))
+        if new not in found:
+            found[new] = _with_nodes(assignment, whole.laws, new)
+    return tuple(found.values())
+
+
+def _with_nodes(
+    assignment: Mapping[Ground, Any], laws: Sequence[Law], nodes: Sequence[int]
+) -> ActionRules:
+    reward, legal, *rest = nodes
+    left = iter(rest)
+    new = tuple(tuple(Branch(next(left), next(left)) for _ in law) for law in laws)
+    return ActionRules(assignment, new, reward, legal)

@@ -1,0 +1,86 @@
+"""What the operators of RDDL compute, over arrays as over numbers."""
+
+from collections.abc import Callable
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+
+def _int(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function with a whole-number result."""
+    return lambda *values: np.asarray(function(*values)).astype(np.int64)
+
+
+def _sum(*values: Any) -> Any:
+    return reduce(np.add, (1 * value for value in values))
+
+
+def _product(*values: Any) -> Any:
+    return reduce(np.multiply, (1 * value for value in values))
+
+
+OPERATORS: dict[str, Callable[..., Any]] = {
+    "and": lambda *values: reduce(np.logical_and, values),
+    "or": lambda *values: reduce(np.logical_or, values),
+    "not": np.logical_not,
+    "iff": np.equal,
+    "xor": np.logical_xor,
+    "if": np.where,
+    "+": _sum,
+    "*": _product,
+    "-": lambda x, y: np.subtract(1 * x, 1 * y),
+    "/": lambda x, y: np.divide(1 * x, 1 * y),
+    "==": np.equal,
+    "~=": np.not_equal,
+    "<=": np.less_equal,
+    "<": np.less,
+    ">=": np.greater_equal,
+    ">": np.greater,
+    "minimum": lambda *values: reduce(np.minimum, (1 * value for value in values)),
+    "maximum": lambda *values: reduce(np.maximum, (1 * value for value in values)),
+}
+OPERATORS |= {"min": OPERATORS["minimum"], "max": OPERATORS["maximum"]}
+
+_ONE_ARGUMENT: dict[str, Callable[..., Any]] = {
+    "abs": np.abs,
+    "sgn": _int(np.sign),
+    "round": _int(np.round),
+    "floor": _int(np.floor),
+    "ceil": _int(np.ceil),
+    "cos": np.cos,
+    "sin": np.sin,
+    "tan": np.tan,
+    "acos": np.arccos,
+    "asin": np.arcsin,
+    "atan": np.arctan,
+    "cosh": np.cosh,
+    "sinh": np.sinh,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "ln": np.log,
+    "sqrt": np.sqrt,
+}
+_TWO_ARGUMENTS: dict[str, Callable[..., Any]] = {
+    "div": _int(np.floor_divide),
+    "mod": _int(np.mod),
+    "fmod": np.mod,
+    "pow": np.power,
+    "log": lambda x, y: np.log(x) / np.log(y),
+    "hypot": np.hypot,
+}
+
+
+def _of_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function with bools taken as 0 and 1."""
+    return lambda *values: function(*(1 * value for value in values))
+
+
+FUNCTIONS = {
+    name: _of_numbers(function) for name, function in (_ONE_ARGUMENT | _TWO_ARGUMENTS).items()
+}
+OPERATORS |= FUNCTIONS
+FUNCTION_NAMES = {*FUNCTIONS, "min", "max"}
+
+BOOL_OPERATORS = {"and", "or", "not", "iff", "xor", "==", "~=", "<=", "<", ">=", ">"}
+"""Operators whose result is a bool."""

@@ -1,0 +1,124 @@
+"""What may be done in each of many states: legal actions, rewards and afterstates."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.problem.enumeration.levels import Afterstates
+from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import GroundModel
+from mdpo_rddl.problem.enumeration.program import Program
+
+
+class Rows(NamedTuple):
+    """States with an action that is worth considering there, sorted by state.
+
+    Attributes:
+      state: of each row, which of the N states [R].
+      action: of each row, its number in the model [R].
+      reward: expected reward of each row [R].
+      afterstates: of each row, packed [R, words].
+    """
+
+    state: np.ndarray
+    action: np.ndarray
+    reward: np.ndarray
+    afterstates: np.ndarray
+
+
+class _Batch:
+    """Values of the nodes in N states."""
+
+    def __init__(self, values: dict[int, Any], count: int) -> None:
+        self._values, self.count = values, count
+
+    def of(self, node: int) -> np.ndarray:
+        return np.broadcast_to(self._values[node], self.count)
+
+
+class RowMaker:
+    """Evaluates a model's rules for many states at a time."""
+
+    def __init__(self, model: GroundModel, afterstates: Afterstates) -> None:
+        """Orders the evaluation."""
+        self._model, self._afterstates = model, afterstates
+        outputs = {node for action in model.actions for node in action.nodes()}
+        self._program = Program(model.graph, outputs)
+        self._ends = Program(model.graph, [model.ends])
+        default = model.actions[0].laws
+        self._differs = [
+            [number for number, law in enumerate(action.laws) if law != default[number]]
+            for action in model.actions
+        ]
+
+    @property
+    def operations(self) -> int:
+        """Number of operations on each state."""
+        return self._program.size
+
+    def ended(self, states: np.ndarray) -> np.ndarray:
+        """Whether the episode has ended in states [N, words]."""
+        values = self._ends.run(self._columns(states))
+        return np.broadcast_to(values[self._model.ends], len(states))
+
+    def rows(self, states: np.ndarray) -> Rows:
+        """The rows of states [N, words] in which the episode goes on.
+
+        An action that does in a state what the default action does, and gives no more reward,
+        is left out.
+
+        Raises:
+          NotEnumerableError: if a state has no legal action.
+        """
+        batch = _Batch(self._program.run(self._columns(states)), len(states))
+        actions = self._model.actions
+        is_default_legal = batch.of(actions[0].legal).astype(bool)
+        unchanged = self._default(batch)
+        encoded: dict[Any, np.ndarray] = {}
+        allowed, found = np.zeros(len(states), bool), []
+        for number, action in enumerate(actions):
+            legal = batch.of(action.legal).astype(bool)
+            allowed |= legal
+            packed = self._changed(number, unchanged, batch, encoded)
+            reward = batch.of(action.reward) * 1.0
+            if number:
+                is_same = np.all(packed == unchanged, axis=1)
+                is_same &= reward <= batch.of(actions[0].reward)
+                legal = legal & ~(is_same & is_default_legal)
+            chosen = np.flatnonzero(legal)
+            found.append((chosen, np.full(len(chosen), number), reward[chosen], packed[chosen]))
+        if not allowed.all():
+            raise NotEnumerableError("a reachable state without a legal action")
+        state, played, reward, packed = map(np.concatenate, zip(*found, strict=True))
+        order = np.argsort(state, kind="stable")
+        return Rows(state[order], played[order].astype(np.int32), reward[order], packed[order])
+
+    def _columns(self, states: np.ndarray) -> dict[int, np.ndarray]:
+        model = self._model
+        return {
+            model.leaf(number): model.packing.decode(number, states)
+            for number in range(len(model.variables))
+        }
+
+    def _default(self, batch: _Batch) -> np.ndarray:
+        """Afterstates [N, words] of the default action."""
+        packing = self._afterstates.packing
+        packed = np.zeros((batch.count, packing.words), np.uint64)
+        for number, law in enumerate(self._model.actions[0].laws):
+            word = packing.places[number].word
+            packed[:, word] |= self._afterstates.encode(number, law, batch.of)
+        return packed
+
+    def _changed(
+        self, action: int, unchanged: np.ndarray, batch: _Batch, encoded: dict[Any, np.ndarray]
+    ) -> np.ndarray:
+        """Afterstates [N, words] of another action; `encoded` keeps what several share."""
+        packed = unchanged.copy()
+        for number in self._differs[action]:
+            law = self._model.actions[action].laws[number]
+            if (number, law) not in encoded:
+                encoded[number, law] = self._afterstates.encode(number, law, batch.of)
+            place = self._afterstates.packing.places[number]
+            packed[:, place.word] &= ~place.mask
+            packed[:, place.word] |= encoded[number, law]
+        return packed

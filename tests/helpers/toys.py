@@ -1,0 +1,137 @@
+"""Problems so small that their optimum is worked out by hand."""
+
+from pathlib import Path
+
+from mdpo_rddl.problem.load import Problem, load_problem
+
+_INSTANCE = """
+non-fluents nf {{
+    domain = {domain};
+    {non_fluents}
+}}
+
+instance inst {{
+    domain = {domain};
+    non-fluents = nf;
+    {start}
+    max-nondef-actions = {actions};
+    horizon = {horizon};
+    discount = {discount};
+}}
+"""
+
+_LAMP = """
+domain lamp {
+    pvariables {
+        on : { state-fluent, bool, default = false };
+        press : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        on' = if (press) then Bernoulli(0.5) else Bernoulli(on * 0.75);
+    };
+    reward = on - 0.125 * press;
+}
+"""
+
+_GAMBLER = """
+domain gambler {
+    pvariables {
+        capital : { state-fluent, int, default = 1 };
+        stake : { action-fluent, bool, default = false };
+        stake-two : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        capital' = capital + (Bernoulli(0.4) * 2 - 1) * (stake + 2 * stake-two);
+    };
+    reward = (capital' == 3);
+    action-preconditions {
+        stake + stake-two <= 1;
+        stake => (capital > 0);
+        stake-two => (capital > 1);
+    };
+    termination {
+        capital >= 3;
+        capital <= 0;
+    };
+}
+"""
+
+_WALK = """
+domain walk {
+    types {
+        cell : object;
+        weather : { @dry, @wet };
+    };
+    pvariables {
+        RIGHT(cell, cell) : { non-fluent, bool, default = false };
+        GOAL(cell) : { non-fluent, bool, default = false };
+        at(cell) : { state-fluent, bool, default = false };
+        sky : { state-fluent, weather, default = @dry };
+        slippery : { interm-fluent, bool };
+        go : { action-fluent, bool, default = false };
+        dance(cell) : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        slippery = sky == @wet;
+        sky' = Discrete(weather, @dry : 0.5, @wet : 0.5);
+        at'(?c) = if (exists_{?d : cell} [at(?d) ^ GOAL(?d)]) then KronDelta(at(?c))
+                  else if (go ^ ~slippery)
+                  then KronDelta(exists_{?d : cell} [RIGHT(?d, ?c) ^ at(?d)])
+                  else KronDelta(at(?c));
+    };
+    reward = sum_{?c : cell} [-1.0 * (GOAL(?c) ^ ~at(?c))];
+}
+"""
+
+
+_SHARED_DRAW = """
+domain shared_draw {
+    pvariables {
+        left : { state-fluent, bool, default = false };
+        right : { state-fluent, bool, default = false };
+        coin : { interm-fluent, bool };
+        flip : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        coin = Bernoulli(0.5);
+        left' = coin ^ flip;
+        right' = coin ^ flip;
+    };
+    reward = left ^ right;
+}
+"""
+
+
+def _load(folder: Path, name: str, domain: str, **instance: object) -> Problem:
+    values = {"non_fluents": "", "start": "", "actions": "pos-inf", "discount": 1.0}
+    text = _INSTANCE.format(domain=name, **(values | instance))
+    paths = folder / f"{name}.rddl", folder / f"{name}_inst.rddl"
+    paths[0].write_text(domain)
+    paths[1].write_text(text)
+    return load_problem(*map(str, paths))
+
+
+def lamp(folder: Path, horizon: int, discount: float = 1.0) -> Problem:
+    """A bool that may be set by a press that costs an eighth."""
+    return _load(folder, "lamp", _LAMP, horizon=horizon, discount=discount)
+
+
+def gambler(folder: Path, horizon: int) -> Problem:
+    """Stakes of one or two until nothing or three are left; a win has the chance 0.4."""
+    return _load(folder, "gambler", _GAMBLER, horizon=horizon)
+
+
+def walk(folder: Path, horizon: int) -> Problem:
+    """Three cells in a row; every second step, by chance, is too wet to go."""
+    non_fluents = (
+        "objects { cell : {c1, c2, c3}; };non-fluents { RIGHT(c1, c2); RIGHT(c2, c3); GOAL(c3); };"
+    )
+    start = "init-state { at(c1); };"
+    return _load(
+        folder, "walk", _WALK, horizon=horizon, actions=1, non_fluents=non_fluents, start=start
+    )
+
+
+def shared_draw(folder: Path) -> Problem:
+    """Two fluents that read one random fluent, so that they are not independent."""
+    return _load(folder, "shared_draw", _SHARED_DRAW, horizon=3)
