@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import toys
+from helpers import toy_mdps as toys
 from helpers.tanks import DOMAIN, INSTANCE
 
 from mdpo_rddl.auto.optimum import find_optimum, solve

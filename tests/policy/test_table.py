@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import toys
+from helpers import toy_mdps as toys
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError

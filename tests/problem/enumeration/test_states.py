@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import toys
+from helpers import toy_mdps as toys
 
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
