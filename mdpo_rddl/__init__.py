@@ -1,7 +1,14 @@
 """Model-driven policy optimization for RDDL: JaxPlan with adaptive noise on the actions."""
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
+from mdpo_rddl.noise import (
+    ActionNoise,
+    AdaptiveNoise,
+    AnnealedNoise,
+    ConstantNoise,
+    NoiseProfile,
+    NoNoise,
+)
 from mdpo_rddl.planner.config.config import load_config, load_config_from_string
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.upstream import (
@@ -18,6 +25,7 @@ __version__ = "0.1.0"
 __all__ = [
     "ActionNoise",
     "AdaptiveNoise",
+    "AnnealedNoise",
     "ConstantNoise",
     "Evaluation",
     "InputError",

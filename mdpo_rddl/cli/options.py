@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.noise.units import RANGE
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
 from mdpo_rddl.planner.config.config import PlannerConfig, relaxation_weights
 
@@ -271,9 +272,17 @@ _NOISE_NUMBERS = {
 
 def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
     values = config.section("Noise")
+    names = ("noise", *_NOISE_NUMBERS)
+    if not values and all(getattr(options, name) is None for name in names):
+        return config  # the planner's default
+    if not values:
+        values["unit"] = RANGE
     values.setdefault("method", "AdaptiveNoise")
     if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
-        values = {"method": _NOISE_METHODS[options.noise]}
+        unit = {"unit": values["unit"]} if "unit" in values else {}
+        values = {"method": _NOISE_METHODS[options.noise], **unit}
+        if options.noise == "none":
+            values.pop("unit", None)
     for name, methods in _NOISE_NUMBERS.items():
         value = getattr(options, name)
         if value is None:

@@ -8,15 +8,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
+from mdpo_rddl.noise import ActionNoise, default_noise
 from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
 from mdpo_rddl.planner.acting import ActingPlanner
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
+from mdpo_rddl.planner.update.action_scales import specs_in_unit
 from mdpo_rddl.planner.update.analysis import compile_analysis, mean_loss
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
+from mdpo_rddl.planner.update.pairs import finite_test_loss, folded
 from mdpo_rddl.planner.update.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -59,7 +61,7 @@ class MDPOPlanner(ActingPlanner):
         """Takes every argument of `JaxBackpropPlanner`, and:
 
         Args:
-          noise: the rule for the action noise; `AdaptiveNoise()` if None.
+          noise: the rule for the action noise; `default_noise()` if None.
           stop_at_termination: whether rewards after a termination condition count for
             nothing, as in the exact environment; JaxPlan counts them.
           keep_group_limits: whether preconditions of the form "at most k of these bools" hold
@@ -68,8 +70,7 @@ class MDPOPlanner(ActingPlanner):
         Raises:
           TypeError: if `noise` is not an `ActionNoise`.
         """
-        if noise is None:
-            noise = AdaptiveNoise()
+        noise = default_noise() if noise is None else noise
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
         self._restarts = Restarts(noise)
@@ -95,8 +96,7 @@ class MDPOPlanner(ActingPlanner):
     def noise(self) -> ActionNoise:
         """The rule for the action noise.
 
-        A rule of the same kind with other numbers can be assigned, and takes effect at the
-        next `optimize` without a recompilation.
+        A rule of the same kind with other numbers takes effect at the next `optimize`.
 
         Raises:
           ValueError: on assignment of a rule that the planner was not compiled for.
@@ -112,8 +112,8 @@ class MDPOPlanner(ActingPlanner):
     ) -> None:
         """Gives each parallel update its own noise rule and optimiser's hyperparameters.
 
-        They hold from the next `optimize` on, without a recompilation: a sweep over them is one
-        run. Called without arguments, all are the same again.
+        They hold from the next `optimize` on, without a recompilation. Called without arguments,
+        all are the same again.
 
         Args:
           noise: one rule for each, of the kind that the planner was compiled for.
@@ -131,6 +131,7 @@ class MDPOPlanner(ActingPlanner):
     def _jax_compile_graph(self) -> None:
         if self.in_calls and (self.use_pgpe or self.preprocessor is not None):
             raise ValueError("several iterations a call need pgpe=None and no preprocessor")
+        self.parallel_updates *= 2 if self.noise.paired else 1
         self._sharding = restart_sharding(self.parallel_updates)
         super()._jax_compile_graph()
 
@@ -142,7 +143,7 @@ class MDPOPlanner(ActingPlanner):
             self.plan.train_policy, self.plan.test_policy = limited_policies(self.plan, limits)
             self.train_policy = jax.jit(self.plan.train_policy)
             self.test_policy = jax.jit(self.plan.test_policy)
-        self.action_specs = action_specs(self.plan, self.compiled)
+        self.action_specs = specs_in_unit(self, action_specs(self.plan, self.compiled))
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
             self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
@@ -248,6 +249,8 @@ class MDPOPlanner(ActingPlanner):
 
     def _jax_compile_test_loss(self) -> None:
         super()._jax_compile_test_loss()
+        if self.noise.paired:
+            self.test_loss = finite_test_loss(self.test_loss)
         if self.in_calls:
             self._calls.compile(self.update, self.test_loss, self._sharding)
             self.update = self._remembering(functools.partial(self._calls.update, self._sizes))
@@ -311,9 +314,9 @@ class MDPOPlanner(ActingPlanner):
     ) -> Generator[dict[str, Any], None, None]:
         """JaxPlan's generator; each callback also holds the noise's own figures.
 
-        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`
-        [parallel updates, H] the return's sensitivity behind it (zeros where no analysis
-        was made). The `policy_hyperparams` that the caller passes are left as they are.
+        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`, of
+        the same shape, the return's sensitivity behind it (zeros without an analysis). The
+        `policy_hyperparams` that the caller passes are left as they are.
         """
         signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
         given = signature.bind(self, *args, **kwargs)
@@ -337,8 +340,8 @@ class MDPOPlanner(ActingPlanner):
             log = callback["train_log"]
             callback["sigma"] = log.get("sigma", silence)
             callback["sensitivity"] = log.get("sensitivity", silence)
-            if self.in_calls:
-                callback.update(self._calls.callback_entries())
+            callback.update(self._calls.callback_entries() if self.in_calls else {})
+            callback.update(folded(callback) if self.noise.paired else {})
             if once and not callback["status"].is_terminal():
                 budget = JaxPlannerStatus.ITER_BUDGET_REACHED
                 callback.update(status=budget, progress=100.0)

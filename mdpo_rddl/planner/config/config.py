@@ -19,6 +19,7 @@ from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.config.extensions import OPTIMIZERS, PLANS, stand_ins
+from mdpo_rddl.planner.config.noise_section import NOT_NUMBERS, rule_values
 from mdpo_rddl.planner.config.search_section import Search
 from mdpo_rddl.planner.config.text import one_line, parse_sections
 from mdpo_rddl.planner.config.values import (
@@ -41,7 +42,6 @@ _SECTIONS = (*_JAXPLAN_SECTIONS, "Noise", "MDPO", "Search")
 _SWITCHES = {"stop_at_termination", "keep_group_limits"}
 _SIZES = ("iterations_per_call", "test_every")
 _DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
-_DEFAULT_NOISE = "AdaptiveNoise"
 
 _POSITIVE_INTEGERS = {
     "Planner": ("batch_size_train", "batch_size_test", "parallel_updates", "rollout_horizon"),
@@ -136,10 +136,11 @@ class PlannerConfig:
         return "\n\n".join(blocks) + "\n"
 
     def noise(self) -> ActionNoise:
-        """The noise rule that `[Noise]` describes; `AdaptiveNoise()` without the section."""
-        values = self.section("Noise")
-        rule = getattr(noise_rules, values.pop("method", _DEFAULT_NOISE))
-        return rule(**values)
+        """The noise rule that `[Noise]` describes; the planner's default without the section."""
+        if "Noise" not in self.sections:
+            return noise_rules.default_noise()
+        values = rule_values(self.section("Noise"))
+        return getattr(noise_rules, values.pop("method"))(**values)
 
     def jaxplan_arguments(self) -> JaxPlanArguments:
         """JaxPlan's triple: the planner's, the plan's and `optimize`'s keyword arguments.
@@ -157,8 +158,9 @@ class PlannerConfig:
         return {**planner_args, **ours}, plan_args, train_args
 
     def mdpo_arguments(self) -> dict[str, Any]:
-        """What `MDPOPlanner` takes beside JaxPlan's arguments: the noise and the switches."""
-        return {"noise": self.noise(), **self.section("MDPO")}
+        """What `MDPOPlanner` takes beside JaxPlan's arguments: the switches and any noise."""
+        noise = {"noise": self.noise()} if "Noise" in self.sections else {}
+        return {**noise, **self.section("MDPO")}
 
     def compiler_class(self) -> type:
         """The class that compiles the relaxed model."""
@@ -264,15 +266,14 @@ class PlannerConfig:
                 raise self._error(f"[{section}] {key}: must be a positive {name}, got {value!r}")
 
     def _check_noise(self) -> None:
-        values = self.section("Noise")
-        method = values.pop("method", _DEFAULT_NOISE)
+        values = rule_values(self.section("Noise"))
+        method = values.pop("method")
         rule = concrete_class(noise_rules, method, ActionNoise)
         if rule is None:
             raise self._error(f"[Noise] method: no noise rule {method!r}")
-        known = parameters(rule)
-        self._check_keys("Noise", known | {"method"})
+        self._check_keys("Noise", parameters(rule) | {"method"})
         for key, value in values.items():
-            if not is_number(value, int | float):
+            if key not in NOT_NUMBERS and not is_number(value, int | float):
                 raise self._error(f"[Noise] {key} must be a number, got {value!r}")
         try:
             rule(**values)
@@ -330,7 +331,8 @@ def load_config(path: str | Path) -> JaxPlanArguments:
     """JaxPlan's `load_config`, with `[Noise]` and `[MDPO]` read into the planner's arguments.
 
     Returns:
-      The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`.
+      The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`. There is a `noise`
+      only where the file has a section `[Noise]`.
 
     Raises:
       InputError: naming file, section and key.
