@@ -19,6 +19,7 @@ from mdpo_rddl.bench.problems.ipc_smoke import DOMAINS, INSTANCES, ipc_smoke_tab
 from mdpo_rddl.bench.speed.growth import AXES, growth_table, run_growth
 from mdpo_rddl.bench.speed.profile import profile_table, run_profile
 from mdpo_rddl.bench.speed.speed import SETTINGS, run_speed, speed_table
+from mdpo_rddl.cli.bench_noise import add_noise_command
 from mdpo_rddl.cli.bench_paper import add_paper_commands
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 from mdpo_rddl.errors import InputError
@@ -120,6 +121,7 @@ def _parser() -> OneLineParser:
     auto.set_defaults(run=_auto, out=Path("results/auto"))
 
     others = [auto, *_add_trial_commands(commands), *add_paper_commands(commands)]
+    others.append(add_noise_command(commands))
     for command in (noise, paper, speed, profile, *others):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser

@@ -48,6 +48,8 @@ instance one {
 }
 """
 
+TWO = ConstantNoise(2.0, "absolute")
+
 
 @pytest.fixture
 def problem(tmp_path, request):
@@ -173,7 +175,7 @@ RULE = "(sum_{?s : site} [pick(?s)]) <= 1;"
 @pytest.mark.parametrize("problem", [("pos-inf", RULE)], indirect=True)
 @pytest.mark.parametrize("kind", ["drp", "slp"])
 def test_group_limits_hold_in_training_and_in_play(problem, kind):
-    planner = make_planner(MDPOPlanner, problem, make_plan(kind), noise=ConstantNoise(2.0))
+    planner = make_planner(MDPOPlanner, problem, make_plan(kind), noise=TWO)
     actions = perturbed_actions(planner)
     assert np.max(np.sum(actions["pick"], axis=1)) <= 1.0 + 1e-5
     callback = optimize(planner, 60)
@@ -188,7 +190,11 @@ def test_group_limits_hold_in_training_and_in_play(problem, kind):
 @pytest.mark.parametrize("problem", [("pos-inf", RULE)], indirect=True)
 def test_group_limits_can_be_left_to_jaxplan(problem):
     planner = make_planner(
-        MDPOPlanner, problem, make_plan("slp"), noise=ConstantNoise(2.0), keep_group_limits=False
+        MDPOPlanner,
+        problem,
+        make_plan("slp"),
+        noise=TWO,
+        keep_group_limits=False,
     )
     actions = perturbed_actions(planner)
     assert np.max(np.sum(actions["pick"], axis=1)) > 1.5

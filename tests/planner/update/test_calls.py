@@ -21,7 +21,9 @@ SILENT = {"print_summary": False, "print_progress": False, "train_seconds": 1e30
 
 def tiny_planner(folder, **arguments):
     problem = load_problem(*tiny_files(folder, horizon=4, spread=0.3))
-    return make_planner(MDPOPlanner, problem, make_plan("drp"), **arguments)
+    return make_planner(
+        MDPOPlanner, problem, make_plan("drp"), **{"noise": AdaptiveNoise(), **arguments}
+    )
 
 
 def callbacks(planner, epochs, **arguments):
