@@ -171,7 +171,8 @@ import numpy as np
 from mdpo_rddl import AdaptiveNoise, JaxDeepReactivePolicy, MDPOPlanner, load_problem
 problem = load_problem(sys.argv[1], sys.argv[2])
 planner = MDPOPlanner(problem.model, JaxDeepReactivePolicy(topology=[12]), batch_size_train=1,
-    batch_size_test=2, pgpe=None, parallel_updates=6, noise=AdaptiveNoise(sigma_max=0.5, unit="absolute"),
+    batch_size_test=2, pgpe=None, parallel_updates=6,
+    noise=AdaptiveNoise(sigma_max=0.5, unit="absolute"),
     compiler_kwargs={"print_warnings": False}, iterations_per_call=4, test_every=2)
 last = planner.optimize(key=jax.random.PRNGKey(1), epochs=8, print_summary=False,
     print_progress=False)
