@@ -18,7 +18,7 @@ from mdpo_rddl.planner.update.action_scales import specs_in_unit
 from mdpo_rddl.planner.update.analysis import compile_analysis, mean_loss
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
-from mdpo_rddl.planner.update.pairs import finite_test_loss, folded
+from mdpo_rddl.planner.update.pairs import finite_test_loss, folded, half_the_lanes, side_by_side
 from mdpo_rddl.planner.update.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -112,8 +112,7 @@ class MDPOPlanner(ActingPlanner):
     ) -> None:
         """Gives each parallel update its own noise rule and optimiser's hyperparameters.
 
-        They hold from the next `optimize` on, without a recompilation. Called without arguments,
-        all are the same again.
+        They hold from the next `optimize` on. Called without arguments, all are the same again.
 
         Args:
           noise: one rule for each, of the kind that the planner was compiled for.
@@ -125,8 +124,6 @@ class MDPOPlanner(ActingPlanner):
         """
         lay_out = functools.partial(shard, sharding=self._sharding)
         self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
-
-    # JaxPlan's compilation hooks, in the order in which it calls them
 
     def _jax_compile_graph(self) -> None:
         if self.in_calls and (self.use_pgpe or self.preprocessor is not None):
@@ -274,20 +271,23 @@ class MDPOPlanner(ActingPlanner):
         return update_and_remember
 
     def _jax_update(self, loss: Callable) -> Callable:
-        plain_update = super()._jax_update(loss)
-        if not self.is_noisy:
-            return plain_update
-        update = noisy_update(
-            plain_update,
-            self._jax_analysis() if self.noise.analysis_samples else None,
-            sensed_gradients(self.plan, self.noise),
-            self.action_specs,
-            horizon=self.horizon,
-            batch_size=self.batch_size_train,
-            parallel_updates=self.parallel_updates,
-            dtype=self.compiled.REAL,
-        )
-        return jax.jit(update)
+        is_paired = self.is_noisy and self.noise.paired
+        with half_the_lanes(self, is_paired):
+            plain_update = super()._jax_update(loss)
+            if not self.is_noisy:
+                return plain_update
+            update = noisy_update(
+                plain_update,
+                self._jax_analysis() if self.noise.analysis_samples else None,
+                sensed_gradients(self.plan, self.noise),
+                self.action_specs,
+                horizon=self.horizon,
+                batch_size=self.batch_size_train,
+                parallel_updates=self.parallel_updates,
+                dtype=self.compiled.REAL,
+            )
+        update = jax.jit(update)
+        return side_by_side(plain_update, update, self.horizon) if is_paired else update
 
     def _jax_analysis(self) -> Callable:
         return compile_analysis(
@@ -315,8 +315,7 @@ class MDPOPlanner(ActingPlanner):
         """JaxPlan's generator; each callback also holds the noise's own figures.
 
         `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`, of
-        the same shape, the return's sensitivity behind it (zeros without an analysis). The
-        `policy_hyperparams` that the caller passes are left as they are.
+        the same shape, the return's sensitivity behind it (zeros without an analysis).
         """
         signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
         given = signature.bind(self, *args, **kwargs)

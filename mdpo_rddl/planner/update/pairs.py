@@ -1,19 +1,21 @@
 """Parallel updates in pairs: JaxPlan's own, and beside each of them one with noise.
 
-Update i of JaxPlan's R is lane i, its noisy companion lane R + i. JAX's keys of a lane do not
-depend on how many lanes there are, so that the first R draw what they draw in JaxPlan.
+Update i of JaxPlan's R is lane i, its noisy companion lane R + i. JAX's initial key of a lane does
+not depend on how many lanes there are, and the first R are updated by JaxPlan's compiled update, so
+that their parameters are JaxPlan's bit for bit.
 """
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, random
 
-from mdpo_rddl.noise import ActionNoise
-
+# folded into JaxPlan's key of an iteration
+_NOISY_STREAM = 0x706169
 # what a return that is not a number counts as, in units of the largest finite one: it is never
 # the best, and JaxPlan's running sums still keep their last digits
 _PENALTY = 1e3
@@ -33,19 +35,57 @@ _BY_LANE = (
 )
 
 
-def paired_rules(noise: ActionNoise, broadcast: Callable[[Any], Any]) -> Any:
-    """The noise rules of all lanes as one tree, without noise for the first half.
+@contextlib.contextmanager
+def half_the_lanes(planner: Any, wanted: bool) -> Iterator[None]:
+    """Has a planner compile for JaxPlan's number of parallel updates instead of all lanes."""
+    lanes = planner.parallel_updates
+    planner.parallel_updates = lanes // 2 if wanted else lanes
+    try:
+        yield
+    finally:
+        planner.parallel_updates = lanes
+
+
+def side_by_side(plain: Callable, noisy: Callable, horizon: int) -> Callable:
+    """One update of all lanes: JaxPlan's compiled update as it is, and the noisy one.
 
     Args:
-      noise: the rule.
-      broadcast: adds the axis of lanes to a tree.
+      plain: JaxPlan's batched update of R lanes.
+      noisy: the same with noise, whose log has `sigma` and `sensitivity` besides.
+      horizon: number of steps H.
+
+    Returns:
+      A function with the arguments and results of JaxPlan's update of 2 R lanes.
     """
 
-    def halves(plain: Array, noisy: Array) -> Array:
-        count = plain.shape[0] // 2
-        return jnp.concatenate([plain[:count], noisy[count:]])
+    def update(key, params, hyperparams, fluents, nonfluents, model, critic, opt_state, opt_aux):
+        halves = _split((params, model, opt_state, opt_aux))
+        keys = key, random.fold_in(key, _NOISY_STREAM)
+        results = [
+            function(key, params, hyperparams, fluents, nonfluents, model, critic, state, aux)
+            for function, key, (params, model, state, aux) in zip(
+                (plain, noisy), keys, halves, strict=True
+            )
+        ]
+        log = results[0][5]
+        silence = jnp.zeros((len(results[0][1]), horizon), results[1][5]["sigma"].dtype)
+        log = {**log, "sigma": silence, "sensitivity": silence}
+        return _join((*results[0][:5], log, *results[0][6:]), results[1])
 
-    return jax.tree.map(halves, broadcast(noise.scaled(0.0)), broadcast(noise))
+    return update
+
+
+@jax.jit
+def _split(tree: Any) -> tuple[Any, Any]:
+    def half(second: bool) -> Any:
+        return jax.tree.map(lambda leaf: jnp.split(leaf, 2)[second], tree)
+
+    return half(False), half(True)
+
+
+@jax.jit
+def _join(first: Any, second: Any) -> Any:
+    return jax.tree.map(lambda one, other: jnp.concatenate([one, other]), first, second)
 
 
 def finite_test_loss(test_loss: Callable) -> Callable:

@@ -10,7 +10,6 @@ import optax
 from jax import Array
 
 from mdpo_rddl.noise import ActionNoise
-from mdpo_rddl.planner.update.pairs import paired_rules
 
 
 @dataclass(frozen=True)
@@ -82,11 +81,7 @@ class Restarts:
         Args:
           broadcast: adds that axis to a tree.
         """
-        if self._rules is not None:
-            return self._rules
-        if self._noise.paired:
-            return paired_rules(self._noise, broadcast)
-        return broadcast(self._noise)
+        return broadcast(self._noise) if self._rules is None else self._rules
 
     def with_hyperparams(self, opt_state: Any) -> Any:
         """The optimiser's batched state with each restart's own hyperparameters."""

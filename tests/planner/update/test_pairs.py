@@ -8,7 +8,7 @@ from helpers.problems import make_plan, make_planner, optimize, tiny_files
 
 from mdpo_rddl import MDPOPlanner, load_problem
 from mdpo_rddl.noise import AnnealedNoise
-from mdpo_rddl.planner.update.pairs import finite_test_loss, folded, paired_rules
+from mdpo_rddl.planner.update.pairs import finite_test_loss, folded
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
 
@@ -37,7 +37,7 @@ def test_the_best_is_at_least_jaxplans_and_the_shapes_are_its_own(tmp_path, upda
         assert mine["sigma"].shape == (updates, 4)
 
 
-def test_jaxplans_own_updates_are_among_the_lanes(tmp_path):
+def test_jaxplans_own_updates_are_among_the_lanes_bit_for_bit(tmp_path):
     problem = load_problem(*tiny_files(tmp_path, spread=0.2))
     theirs = optimize(make_planner(JaxBackpropPlanner, problem, make_plan("slp")), 6)
     noise = AnnealedNoise(sigma_max=0.3)
@@ -52,21 +52,9 @@ def test_jaxplans_own_updates_are_among_the_lanes(tmp_path):
 
     planner.update = watched
     optimize(planner, 6)
-    np.testing.assert_allclose(
-        lanes[-1]["push"][0], theirs["params"]["push"][0], rtol=1e-4, atol=1e-6
-    )
+    np.testing.assert_array_equal(lanes[-1]["push"][0], theirs["params"]["push"][0])
     assert lanes[-1]["push"].shape[0] == 2
     assert not np.allclose(lanes[-1]["push"][1], lanes[-1]["push"][0])
-
-
-def test_the_first_half_of_the_rules_has_no_noise():
-    def broadcast(tree):
-        return jax.tree.map(lambda leaf: jnp.stack([jnp.asarray(leaf)] * 4), tree)
-
-    rules = paired_rules(AnnealedNoise(0.1, 0.5), broadcast)
-    np.testing.assert_allclose(rules.sigma_max, [0.0, 0.0, 0.5, 0.5])
-    np.testing.assert_allclose(rules.sigma_min, [0.0, 0.0, 0.1, 0.1])
-    np.testing.assert_allclose(rules.cycle, [40.0] * 4)
 
 
 def test_a_lane_that_diverged_does_not_hide_the_others():
