@@ -1,8 +1,8 @@
 """Parallel updates in pairs: JaxPlan's own, and beside each of them one with noise.
 
 Update i of JaxPlan's R is lane i, its noisy companion lane R + i. JAX's initial key of a lane does
-not depend on how many lanes there are, and the first R are updated by JaxPlan's compiled update, so
-that their parameters are JaxPlan's bit for bit.
+not depend on how many lanes there are, and the first R are updated by JaxPlan's own update, so that
+their training is JaxPlan's but for rounding.
 """
 
 import contextlib
