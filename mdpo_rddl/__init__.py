@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mdpo_rddl.errors import InputError
-    from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
+    from mdpo_rddl.noise import (
+        ActionNoise,
+        AdaptiveNoise,
+        AnnealedNoise,
+        ConstantNoise,
+        NoiseProfile,
+        NoNoise,
+    )
     from mdpo_rddl.planner.config.config import load_config, load_config_from_string
     from mdpo_rddl.planner.planner import MDPOPlanner
     from mdpo_rddl.planner.upstream import (
@@ -26,6 +33,7 @@ __version__ = "0.1.0"
 __all__ = [
     "ActionNoise",
     "AdaptiveNoise",
+    "AnnealedNoise",
     "ConstantNoise",
     "Evaluation",
     "InputError",
@@ -46,7 +54,14 @@ __all__ = [
 
 _SOURCES = {
     "errors": ("InputError",),
-    "noise": ("ActionNoise", "AdaptiveNoise", "ConstantNoise", "NoNoise", "NoiseProfile"),
+    "noise": (
+        "ActionNoise",
+        "AdaptiveNoise",
+        "AnnealedNoise",
+        "ConstantNoise",
+        "NoNoise",
+        "NoiseProfile",
+    ),
     "planner.config.config": ("load_config", "load_config_from_string"),
     "planner.planner": ("MDPOPlanner",),
     "planner.upstream": (

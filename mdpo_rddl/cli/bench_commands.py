@@ -21,6 +21,7 @@ from mdpo_rddl.bench.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
 from mdpo_rddl.bench.speed.growth import growth_table, run_growth
 from mdpo_rddl.bench.speed.profile import profile_table, run_profile
 from mdpo_rddl.bench.speed.speed import run_speed, speed_table
+from mdpo_rddl.cli.bench_noise import noise_value
 from mdpo_rddl.cli.bench_paper import PAPER_COMMANDS
 from mdpo_rddl.cli.bench_tasks import TASK_COMMANDS
 from mdpo_rddl.machine.guarded import Limits
@@ -138,6 +139,7 @@ COMMANDS = {
     "exactness": _exactness,
     "ipc-smoke": _ipc_smoke,
     "optima": _optima,
+    "noise-value": noise_value,
     "configs": _configs,
     "growth": _growth,
     **TASK_COMMANDS,

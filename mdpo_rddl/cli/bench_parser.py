@@ -9,6 +9,7 @@ from mdpo_rddl.bench.optima.names import OPTIMA_INSTANCES
 from mdpo_rddl.bench.presets.names import NOISES, PLANNERS
 from mdpo_rddl.bench.problems.names import DOMAINS, INSTANCES
 from mdpo_rddl.bench.speed.names import AXES, SPEED_SETTINGS
+from mdpo_rddl.cli.bench_noise_parser import add_noise_command
 from mdpo_rddl.cli.bench_paper_parser import add_paper_commands
 from mdpo_rddl.cli.bench_tasks_parser import add_task_commands
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
@@ -79,7 +80,7 @@ def bench_parser() -> OneLineParser:
     auto.set_defaults(run="auto", out=Path("results/auto"))
 
     others = [auto, *_add_trial_commands(commands), *add_task_commands(commands)]
-    others += add_paper_commands(commands)
+    others += [*add_paper_commands(commands), add_noise_command(commands)]
     for command in (noise, paper, speed, profile, *others):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")
     return parser

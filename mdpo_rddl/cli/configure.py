@@ -2,8 +2,9 @@
 
 import argparse
 
-from mdpo_rddl.cli.options import noise_numbers
+from mdpo_rddl.cli.options import any_noise_number, noise_numbers
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.noise.units import RANGE
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.values import relaxation_weights
@@ -54,9 +55,14 @@ _NOISE_METHODS = {"adaptive": "AdaptiveNoise", "constant": "ConstantNoise", "non
 
 def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
     values = config.section("Noise")
+    if not values and options.noise is None and not any_noise_number(options):
+        return config  # the planner's default
+    if not values:
+        values["unit"] = RANGE
     values.setdefault("method", "AdaptiveNoise")
     if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
-        values = {"method": _NOISE_METHODS[options.noise]}
+        unit = {"unit": values["unit"]} if "unit" in values and options.noise != "none" else {}
+        values = {"method": _NOISE_METHODS[options.noise], **unit}
     names = {method: noise for noise, method in _NOISE_METHODS.items()}
     values |= noise_numbers(options, names.get(values["method"], values["method"]))
     lowest, highest = values.get("sigma_min"), values.get("sigma_max")

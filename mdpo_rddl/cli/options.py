@@ -229,6 +229,11 @@ _NOISE_NUMBERS = {
 }
 
 
+def any_noise_number(options: argparse.Namespace) -> bool:
+    """Whether one of the noise's numbers was given, for whichever rule."""
+    return any(getattr(options, name) is not None for name in _NOISE_NUMBERS)
+
+
 def noise_numbers(options: argparse.Namespace, noise: str) -> dict[str, float]:
     """The noise's numbers that were given.
 

@@ -27,6 +27,8 @@ class ActionSpec:
       upper: upper bounds [*shape], inf where there is none; unused likewise.
       squashed: whether the plan squashes raw values into the box instead of clipping them.
       unit: what a noise of scale 1 means [*shape]; 1 for plans without units of their own.
+      of_model: whether a perturbation is of the action that the model sees, so that it is
+        divided by the squashing function's slope; else of the raw action.
     """
 
     name: str
@@ -36,3 +38,4 @@ class ActionSpec:
     upper: np.ndarray
     squashed: bool = False
     unit: np.ndarray = field(default_factory=lambda: np.ones(()))
+    of_model: bool = False

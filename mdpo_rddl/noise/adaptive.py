@@ -1,4 +1,4 @@
-"""MDPO's adaptive noise: loud where the return is sensitive to the action."""
+"""MDPO's adaptive noise: larger where the return is more sensitive to the action."""
 
 import numbers
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from jax import Array
 from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
 from mdpo_rddl.noise.checks import floats_only, require_number
 from mdpo_rddl.noise.sensitivity import normalised_sensitivity, step_sensitivity
+from mdpo_rddl.noise.units import RANGE, require_unit
 
 
 @jax.tree_util.register_dataclass
@@ -29,25 +30,28 @@ class AdaptiveNoise(ActionNoise):
     a non-finite gradient count as insensitive and are left out of the quantile.
 
     Attributes:
-      sigma_min: standard deviation where the return is insensitive; at least 0.
-      sigma_max: standard deviation where it is most sensitive; at least `sigma_min`.
-      alpha: shape of the map, above 0; larger values make moderate sensitivities loud.
+      sigma_min: standard deviation where the return is insensitive, in `unit`; at least 0.
+      sigma_max: standard deviation where it is most sensitive; at least `sigma_min`. The paper
+        takes 9 to 11, absolute.
+      alpha: shape of the map, above 0; larger values give moderate sensitivities more noise.
       quantile: which quantile of the sensitivities counts as "most sensitive", in (0, 1].
       regularization: the small lambda beside the quantile, in return per unit of action.
       analysis_samples: noise-free rollouts whose mean return is differentiated; the paper
         takes one. With 0 the update of the iteration before stands in for the analysis, where
         the plan can say how its return answered to each action (`FeedbackPlan` with a plan).
+      unit: "range" or "absolute", see `ActionNoise.unit`; sensitivities are in return per unit.
 
     Raises:
       ValueError: if a number is out of range.
     """
 
     sigma_min: float = 0.0
-    sigma_max: float = 10.0
+    sigma_max: float = 0.1
     alpha: float = 1.0
     quantile: float = 0.95
     regularization: float = 1e-8
     analysis_samples: int = field(default=1, metadata={"static": True})
+    unit: str = field(default=RANGE, metadata={"static": True})
 
     def __post_init__(self) -> None:
         require_number("sigma_min", self.sigma_min, at_least=0.0)
@@ -56,7 +60,8 @@ class AdaptiveNoise(ActionNoise):
         require_number("alpha", self.alpha, above=0.0)
         require_number("quantile", self.quantile, above=0.0, at_most=1.0)
         require_number("regularization", self.regularization, above=0.0)
-        floats_only(self, but=("analysis_samples",))
+        floats_only(self, but=("analysis_samples", "paired"))
+        require_unit(self.unit)
         if not isinstance(self.analysis_samples, int) or isinstance(self.analysis_samples, bool):
             raise ValueError(f"analysis_samples must be an integer, got {self.analysis_samples!r}")
         require_number("analysis_samples", self.analysis_samples, at_least=0)

@@ -7,14 +7,16 @@ from typing import Any, NamedTuple, Self
 
 from jax import Array
 
+from mdpo_rddl.noise.units import ABSOLUTE
+
 
 class NoiseProfile(NamedTuple):
     """How strongly to perturb each step of one update rollout.
 
     Attributes:
       sigma: scale of the noise per step [H]. For reals and integers it is the standard
-        deviation, in the unit of the raw action; for bools and choices the scale of the
-        logistic or Gumbel law on their log-odds or logits.
+        deviation, in the rule's unit; for bools and choices the scale of the logistic or
+        Gumbel law on their log-odds or logits.
       sensitivity: the raw sensitivity score s_t per step [H], in return per unit of action;
         zeros where no analysis rollout was made.
     """
@@ -42,6 +44,13 @@ class ActionNoise(abc.ABC):
 
     analysis_samples = 0
     """Noise-free rollouts to differentiate before each update; 0 makes none."""
+
+    unit: str = ABSOLUTE
+    """What a scale of 1 means: "absolute", one unit of the raw action (of the plan, if it has
+    units of its own), or "range", the width of the action's box (`mdpo_rddl.noise.units`)."""
+
+    paired: bool = False
+    """Whether each parallel update has another one beside it that has no noise."""
 
     @property
     def silent(self) -> bool:

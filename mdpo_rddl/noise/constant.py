@@ -2,7 +2,7 @@
 
 import numbers
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -11,6 +11,7 @@ from jax import Array
 
 from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
 from mdpo_rddl.noise.checks import floats_only, require_number
+from mdpo_rddl.noise.units import RANGE, require_unit
 
 
 @jax.tree_util.register_dataclass
@@ -37,15 +38,18 @@ class ConstantNoise(ActionNoise):
     """The same noise at every step.
 
     Attributes:
-      sigma: standard deviation, in the unit of the raw action; at least 0.
+      sigma: standard deviation, in `unit`; at least 0.
+      unit: "range" or "absolute", see `ActionNoise.unit`.
 
     Raises:
-      ValueError: if sigma is out of range.
+      ValueError: if a value is out of range.
     """
 
-    sigma: float = 1.0
+    sigma: float = 0.1
+    unit: str = field(default=RANGE, metadata={"static": True})
 
     def __post_init__(self) -> None:
+        require_unit(self.unit)
         require_number("sigma", self.sigma, at_least=0.0)
         floats_only(self)
 

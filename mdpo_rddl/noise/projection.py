@@ -12,6 +12,8 @@ from jax import Array
 
 from mdpo_rddl.noise.actions import ActionKind, ActionSpec
 
+_LEAST_SLOPE = 0.1
+
 
 def clip_to_box(raw: Array, spec: ActionSpec) -> Array:
     """Clips raw values [*shape], in the action's own unit, to the action's box.
@@ -42,6 +44,21 @@ def squash_to_box(raw: Array, spec: ActionSpec) -> Array:
     )
 
 
+def squashing_slope(raw: Array, spec: ActionSpec) -> Array:
+    """Derivative [*shape] of `squash_to_box` at `raw`, but at least a tenth of its largest.
+
+    In a saturated component the slope goes to 0, and no shift of the raw value could be called
+    small any more.
+    """
+    has_lower, has_upper = jnp.isfinite(spec.lower), jnp.isfinite(spec.upper)
+    width = jnp.where(has_lower & has_upper, spec.upper - spec.lower, 1.0).astype(raw.dtype)
+    rising, falling = jax.nn.sigmoid(raw), jax.nn.sigmoid(-raw)
+    two_sided = width * jnp.maximum(rising * falling, _LEAST_SLOPE / 4.0)
+    one_sided = jnp.maximum(jnp.where(has_lower, rising, falling), _LEAST_SLOPE)
+    bounded = jnp.where(has_lower & has_upper, two_sided, one_sided)
+    return jnp.where(has_lower | has_upper, bounded, 1.0)
+
+
 def shift_logit(probability: Array, shift: Array) -> Array:
     """Adds `shift` to the log-odds of a probability: sigmoid(logit(p) + shift).
 
@@ -69,7 +86,9 @@ def perturb_and_project(
         plans that clip, before the squashing function for plans that squash, and the
         probability of true for bools.
       perturbation: per fluent, what to add [*shape], for bools to the log-odds. Fluents
-        without an entry keep their raw value.
+        without an entry keep their raw value. Where a fluent's spec says `of_model` and the plan
+        squashes, it is meant in units of the squashed action, to first order: it is divided by
+        the slope at the raw value, which gradients take as constant.
       specs: per perturbed fluent, its kind and box.
 
     Returns:
@@ -81,6 +100,9 @@ def perturb_and_project(
         if spec.kind is ActionKind.BOOL:
             actions[name] = shift_logit(raw[name], shift)
         elif spec.squashed:
+            if spec.of_model:
+                # the noise's size is no way for the policy to change its return
+                shift = shift / jax.lax.stop_gradient(squashing_slope(raw[name], spec))
             actions[name] = squash_to_box(raw[name] + shift, spec)
         else:
             actions[name] = clip_to_box(raw[name] + shift, spec)

@@ -129,10 +129,15 @@ class CallingPlanner(ActingPlanner):
 
     def _jax_compile_test_loss(self) -> None:
         super()._jax_compile_test_loss()
+        self.test_loss: Callable = self._comparable(self.test_loss)
         if self.in_calls:
             self._calls.compile(self.update, self.test_loss, self._sharding)
             self.update: Callable = functools.partial(self._calls.update, lambda: self._sizes)
             self.test_loss = self._calls.test_loss
+
+    def _comparable(self, test_loss: Callable) -> Callable:
+        """The test loss [parallel updates] by which JaxPlan's loop compares the updates."""
+        return test_loss
 
     @functools.wraps(JaxBackpropPlanner.optimize_generator, assigned=())
     def optimize_generator(

@@ -9,13 +9,14 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from mdpo_rddl.noise import ActionNoise, AdaptiveNoise
+from mdpo_rddl.noise import ActionNoise, default_noise
 from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
 from mdpo_rddl.planner.calling import CallingPlanner
 from mdpo_rddl.planner.plans.legal import legal_policy
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
+from mdpo_rddl.planner.update.action_scales import specs_in_unit
 from mdpo_rddl.planner.update.analysis import (
     LossArguments,
     NoiseShape,
@@ -23,6 +24,7 @@ from mdpo_rddl.planner.update.analysis import (
     mean_loss,
 )
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
+from mdpo_rddl.planner.update.pairs import finite_test_loss, folded, half_the_lanes, side_by_side
 from mdpo_rddl.planner.update.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -63,7 +65,7 @@ class MDPOPlanner(CallingPlanner):
         """Takes every argument of `JaxBackpropPlanner` and of `CallingPlanner`, and:
 
         Args:
-          noise: the rule for the action noise; `AdaptiveNoise()` if None.
+          noise: the rule for the action noise; `default_noise()` if None.
           stop_at_termination: whether rewards after a termination condition do not count, as
             in the exact environment; JaxPlan counts them.
           keep_group_limits: whether preconditions of the form "at most k of these bools" hold
@@ -72,8 +74,7 @@ class MDPOPlanner(CallingPlanner):
         Raises:
           TypeError: if `noise` is not an `ActionNoise`.
         """
-        if noise is None:
-            noise = AdaptiveNoise()
+        noise = default_noise() if noise is None else noise
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
         self._restarts = Restarts(noise)
@@ -89,8 +90,7 @@ class MDPOPlanner(CallingPlanner):
     def noise(self) -> ActionNoise:
         """The rule for the action noise.
 
-        A rule of the same kind with other numbers can be assigned, and takes effect at the
-        next `optimize` without a recompilation.
+        A rule of the same kind with other numbers takes effect at the next `optimize`.
 
         Raises:
           ValueError: on assignment of a rule that the planner was not compiled for.
@@ -106,8 +106,7 @@ class MDPOPlanner(CallingPlanner):
     ) -> None:
         """Gives each parallel update its own noise rule and optimiser's hyperparameters.
 
-        They hold from the next `optimize` on, without a recompilation: a sweep over them is one
-        run. Called without arguments, all are the same again.
+        They hold from the next `optimize` on. Called without arguments, all are the same again.
 
         Args:
           noise: one rule for each, of the kind that the planner was compiled for.
@@ -122,6 +121,10 @@ class MDPOPlanner(CallingPlanner):
 
     # JaxPlan's compilation hooks, in the order in which it calls them
 
+    def _jax_compile_graph(self) -> None:
+        self.parallel_updates *= 2 if self.noise.paired else 1
+        super()._jax_compile_graph()
+
     def _jax_compile_policy(self) -> None:
         raw = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
@@ -132,7 +135,7 @@ class MDPOPlanner(CallingPlanner):
         plain, exact, legal = self.plan.test_policy, self.test_compiled, self.keep_group_limits
         self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
         self.test_policy = jax.jit(self.legal_policy)
-        self.action_specs = action_specs(self.plan, self.compiled)
+        self.action_specs = specs_in_unit(self, action_specs(self.plan, self.compiled))
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
             self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
@@ -223,17 +226,23 @@ class MDPOPlanner(CallingPlanner):
         return update_and_remember
 
     def _jax_update(self, loss: Callable) -> Callable:
-        plain_update = super()._jax_update(loss)
-        if not self.is_noisy:
-            return plain_update
-        update = noisy_update(
-            plain_update,
-            self.compile_analysis() if self.noise.analysis_samples else None,
-            sensed_gradients(self.plan, self.noise),
-            self._noise_shape(),
-            self.parallel_updates,
-        )
-        return jax.jit(update)
+        is_paired = self.is_noisy and self.noise.paired
+        with half_the_lanes(self, is_paired):
+            plain_update = super()._jax_update(loss)
+            if not self.is_noisy:
+                return plain_update
+            update = noisy_update(
+                plain_update,
+                self.compile_analysis() if self.noise.analysis_samples else None,
+                sensed_gradients(self.plan, self.noise),
+                self._noise_shape(),
+                self.parallel_updates,
+            )
+        update = jax.jit(update)
+        return side_by_side(plain_update, update, self.horizon) if is_paired else update
+
+    def _comparable(self, test_loss: Callable) -> Callable:
+        return finite_test_loss(test_loss) if self.noise.paired else test_loss
 
     def compile_analysis(self) -> Callable[[Array, LossArguments], dict[str, Array]]:
         """The pass that differentiates the return by the actions, as an iteration makes it."""
@@ -259,9 +268,8 @@ class MDPOPlanner(CallingPlanner):
     ) -> Generator[dict[str, Any], None, None]:
         """JaxPlan's generator; each callback also holds the noise's own figures.
 
-        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`
-        [parallel updates, H] the return's sensitivity behind it (zeros where no analysis
-        was made). The `policy_hyperparams` that the caller passes are left as they are.
+        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`, of
+        the same shape, the return's sensitivity behind it (zeros without an analysis).
         """
         signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
         given = signature.bind(self, *args, **kwargs)
@@ -277,4 +285,6 @@ class MDPOPlanner(CallingPlanner):
             log = callback["train_log"]
             callback["sigma"] = log.get("sigma", silence)
             callback["sensitivity"] = log.get("sensitivity", silence)
+            if self.noise.paired:
+                callback.update(folded(callback))
             yield callback

@@ -99,15 +99,16 @@ def test_options_on_a_file_without_noise() -> None:
     config = PlannerConfig.from_text(TEXT)
     assert configured(config, "--alpha 2").noise() == AdaptiveNoise(alpha=2.0)
     assert configured(config, "--noise constant").noise() == ConstantNoise()
-    assert configured(config, "").noise() == AdaptiveNoise()
+    assert configured(config, "") == config  # the planner has a default
 
 
 def test_options_on_a_file_with_its_own_noise() -> None:
     config = PlannerConfig.from_text(TEXT + "[Noise]\nmethod='ConstantNoise'\nsigma=3\n")
-    assert configured(config, "").noise() == ConstantNoise(sigma=3)
-    assert configured(config, "--noise constant").noise() == ConstantNoise(sigma=3)
-    assert configured(config, "--sigma 4").noise() == ConstantNoise(sigma=4.0)
-    assert configured(config, "--noise adaptive").noise() == AdaptiveNoise()
+    assert configured(config, "").noise() == ConstantNoise(sigma=3, unit="absolute")
+    assert configured(config, "--noise constant").noise() == ConstantNoise(3, "absolute")
+    assert configured(config, "--sigma 4").noise() == ConstantNoise(4.0, "absolute")
+    adaptive = AdaptiveNoise(sigma_max=10.0, unit="absolute")
+    assert configured(config, "--noise adaptive").noise() == adaptive
 
 
 def test_the_policy_that_a_file_has_keeps_its_arguments() -> None:

@@ -59,7 +59,7 @@ def test_alpha_bends_the_map(alpha, expected):
 
 
 def test_zero_sensitivity_is_quiet_everywhere():
-    sigma, _ = profile(AdaptiveNoise(sigma_min=0.5), {"a": np.zeros((4, 3))})
+    sigma, _ = profile(AdaptiveNoise(0.5, 1.0), {"a": np.zeros((4, 3))})
     assert sigma.tolist() == [0.5] * 4
 
 

@@ -49,6 +49,8 @@ instance one {
 }
 """
 
+TWO = ConstantNoise(2.0, "absolute")
+
 
 @pytest.fixture
 def problem(tmp_path, request):
@@ -177,7 +179,7 @@ def test_group_limits_hold_in_training_and_in_play(problem, kind):
         MDPOPlanner,
         problem,
         make_plan(kind),
-        noise=ConstantNoise(2.0),
+        noise=TWO,
         optimizer_kwargs={"learning_rate": 0.1},
     )
     actions = perturbed_actions(planner)
@@ -203,7 +205,11 @@ def test_group_limits_hold_in_training_and_in_play(problem, kind):
 @pytest.mark.parametrize("problem", [("pos-inf", RULE)], indirect=True)
 def test_group_limits_can_be_left_to_jaxplan(problem):
     planner = make_planner(
-        MDPOPlanner, problem, make_plan("slp"), noise=ConstantNoise(2.0), keep_group_limits=False
+        MDPOPlanner,
+        problem,
+        make_plan("slp"),
+        noise=TWO,
+        keep_group_limits=False,
     )
     actions = perturbed_actions(planner)
     assert np.max(np.sum(actions["pick"], axis=1)) > 1.5

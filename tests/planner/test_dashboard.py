@@ -38,7 +38,7 @@ def test_the_dashboard_is_told_of_every_iteration_and_sees_the_noise_in_it(probl
         MDPOPlanner,
         problem,
         make_plan("slp"),
-        noise=ConstantNoise(0.5),
+        noise=ConstantNoise(0.5, "absolute"),
         parallel_updates=2,
         dashboard=dashboard,
         dashboard_viz=viz,

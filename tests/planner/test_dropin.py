@@ -209,7 +209,7 @@ def test_a_single_iteration_is_the_first_of_several(tiny):
 
 
 def test_the_key_decides_everything_but_the_clock(windy):
-    planner = make_planner(MDPOPlanner, windy, make_plan("slp"))
+    planner = make_planner(MDPOPlanner, windy, make_plan("slp"), noise=AdaptiveNoise())
     one, again, other = (
         optimize(planner, 4, seed=seed, train_seconds=FOREVER) for seed in (1, 1, 2)
     )
@@ -243,7 +243,10 @@ def test_the_sensitivity_is_the_mean_return_s_whatever_is_optimised(windy):
                 key=jax.random.PRNGKey(3), epochs=2, **SILENT
             )
         )
-        for extra in (arguments, {"batch_size_train": 8})
+        for extra in (
+            {"noise": AdaptiveNoise(), **arguments},
+            {"noise": AdaptiveNoise(), "batch_size_train": 8},
+        )
     )
     assert np.any(first["sensitivity"] > 0.0)
     assert_same_bits(first["sensitivity"], mean["sensitivity"])

@@ -32,7 +32,8 @@ def test_analysis_gradient_equals_finite_differences_in_64_bit(kind, wrap):
         # no straight-through estimator and a soft weight: the loss has the derivative it shows
         compiler = {"use64bit": True, "sigmoid_weight": 0.05, "print_warnings": False}
         compiler |= {"use_sigmoid_ste": False, "use_if_else_ste": False}
-        planner = make_planner(MDPOPlanner, problem, plan, compiler_kwargs=compiler)
+        noise = AdaptiveNoise(unit="absolute")
+        planner = make_planner(MDPOPlanner, problem, plan, noise=noise, compiler_kwargs=compiler)
         params, hyperparams, fluents, nonfluents, model = rollout_arguments(planner)
         if kind == "slp" and not wrap:  # away from the bound, inside the box
             params = jax.tree.map(lambda leaf: leaf + 20.0, params)
@@ -78,9 +79,8 @@ def test_noise_keeps_every_training_action_in_its_box():
 
 def test_update_noise_follows_the_profile_and_leaves_the_model_s_draws_alone():
     problem = shipped("hvac10", horizon=15)
-    noisy = make_planner(
-        MDPOPlanner, problem, make_plan("drp"), noise=AdaptiveNoise(), parallel_updates=3
-    )
+    noise = AdaptiveNoise(sigma_max=10.0, unit="absolute")
+    noisy = make_planner(MDPOPlanner, problem, make_plan("drp"), noise=noise, parallel_updates=3)
     silent = make_planner(
         MDPOPlanner, problem, make_plan("drp"), noise=NoNoise(), parallel_updates=3
     )
@@ -178,6 +178,7 @@ def test_noise_works_with_line_search_gradient_noise_utility_and_symlog():
         utility="mean_var",
         utility_kwargs={"beta": 1e-6},
         use_symlog_reward=True,
+        noise=AdaptiveNoise(),
     )
     callback = optimize(planner, 4)
     assert np.all(np.isfinite(callback["train_return"]))

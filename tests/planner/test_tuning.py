@@ -90,7 +90,7 @@ def test_a_worker_trains_mdpo_with_the_noise_it_is_given(tuning, env, tmp_path):
     agent = tuner.build_best_controller()
     assert type(agent) is JaxOfflineController
     assert type(agent.planner) is MDPOPlanner
-    assert agent.planner.noise == ConstantNoise(best["SIGMA_TUNE"])
+    assert agent.planner.noise == ConstantNoise(best["SIGMA_TUNE"], "absolute")
 
 
 @pytest.mark.parametrize("online", [False, True])
@@ -124,7 +124,7 @@ def test_the_best_online_controller_replans_with_mdpo(tuning, env):
     tuner.best_params = {"SIGMA_TUNE": 2.5}
     agent = tuner.build_best_controller()
     assert type(agent) is JaxOnlineController
-    assert agent.planner.noise == ConstantNoise(2.5)
+    assert agent.planner.noise == ConstantNoise(2.5, "absolute")
     assert agent.train_kwargs["epochs"] == 4
 
 

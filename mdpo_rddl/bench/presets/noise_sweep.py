@@ -15,6 +15,7 @@ from mdpo_rddl.bench.common.records import Records, mean_and_spread
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.noise import AdaptiveNoise
+from mdpo_rddl.noise.units import ABSOLUTE
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
@@ -84,7 +85,7 @@ def sweep(
         env = make_environment(problem)
         for alpha, sigma_max in open_points:
             # the noise's numbers are arguments of the compiled update: nothing is recompiled
-            planner.noise = AdaptiveNoise(alpha=alpha, sigma_max=sigma_max)
+            planner.noise = AdaptiveNoise(alpha=alpha, sigma_max=sigma_max, unit=ABSOLUTE)
             result = train_fully(built, jax.random.PRNGKey(0), size.iterations)
             for seed in range(size.seeds):
                 params = select_restart(result.last_params_by_restart, seed)

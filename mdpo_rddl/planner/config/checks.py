@@ -12,6 +12,7 @@ from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.config.extensions import OPTIMIZERS, PLANS
+from mdpo_rddl.planner.config.noise_section import NOT_NUMBERS, rule_values
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.values import (
     compiler_parameters,
@@ -173,15 +174,14 @@ class _Checks:
                 raise self._error(f"[{section}] {key}: must be a positive {name}, got {value!r}")
 
     def _check_noise(self) -> None:
-        values = self._section("Noise")
-        method = values.pop("method", DEFAULT_NOISE)
+        values = rule_values(self._section("Noise"))
+        method = values.pop("method")
         rule = concrete_class(noise_rules, method, ActionNoise)
         if rule is None:
             raise self._error(f"[Noise] method: no noise rule {method!r}")
-        known = parameters(rule)
-        self._check_keys("Noise", known | {"method"})
+        self._check_keys("Noise", parameters(rule) | {"method"})
         for key, value in values.items():
-            if not is_number(value, int | float):
+            if key not in NOT_NUMBERS and not is_number(value, int | float):
                 raise self._error(f"[Noise] {key} must be a number, got {value!r}")
         try:
             rule(**values)

@@ -23,6 +23,7 @@ from mdpo_rddl.planner.config.checks import (
     check_sections,
 )
 from mdpo_rddl.planner.config.extensions import stand_ins
+from mdpo_rddl.planner.config.noise_section import rule_values
 from mdpo_rddl.planner.config.text import format_sections, one_line, parse_sections
 from mdpo_rddl.planner.upstream import logic, planner
 
@@ -161,8 +162,11 @@ class PlannerConfig:
         return format_sections(self.sections, JAXPLAN_SECTIONS if for_jaxplan else SECTIONS)
 
     def noise(self) -> ActionNoise:
-        """The noise rule that `[Noise]` describes; `AdaptiveNoise()` without the section."""
-        return getattr(noise_rules, self.noise_method)(**self.noise_numbers)
+        """The noise rule that `[Noise]` describes; the planner's default without the section."""
+        if "Noise" not in self.sections:
+            return noise_rules.default_noise()
+        values = rule_values(self.section("Noise"))
+        return getattr(noise_rules, values.pop("method"))(**values)
 
     def jaxplan_arguments(self) -> JaxPlanArguments:
         """JaxPlan's triple: the planner's, the plan's and `optimize`'s keyword arguments.
@@ -180,8 +184,9 @@ class PlannerConfig:
         return {**planner_args, **ours}, plan_args, train_args
 
     def mdpo_arguments(self) -> dict[str, Any]:
-        """What `MDPOPlanner` takes beside JaxPlan's arguments: the noise and the switches."""
-        return {"noise": self.noise(), **self.section("MDPO")}
+        """What `MDPOPlanner` takes beside JaxPlan's arguments: the switches and any noise."""
+        noise = {"noise": self.noise()} if "Noise" in self.sections else {}
+        return {**noise, **self.section("MDPO")}
 
     def compiler_class(self) -> type:
         """The class that compiles the relaxed model."""
@@ -192,7 +197,8 @@ def load_config(path: str | Path) -> JaxPlanArguments:
     """JaxPlan's `load_config`, with `[Noise]` and `[MDPO]` read into the planner's arguments.
 
     Returns:
-      The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`.
+      The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`. There is a `noise`
+      only where the file has a section `[Noise]`.
 
     Raises:
       InputError: naming file, section and key.

@@ -64,7 +64,7 @@ def draw_noise(path: Path, sigma: np.ndarray, iterations: Sequence[int], title: 
         steps, low, high, color=TEST_COLOUR, alpha=0.2, label="10% to 90% of iterations"
     )
     profile.plot(steps, sigma.mean(axis=0), color=TEST_COLOUR, label="mean over iterations")
-    profile.set(xlabel="time step", ylabel="sigma (action units)", title="mean noise per step")
+    profile.set(xlabel="time step", ylabel="sigma", title="mean noise per step")
     profile.set_ylim(bottom=0.0)
     profile.grid(alpha=0.25)
     profile.legend(frameon=False)

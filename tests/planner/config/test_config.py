@@ -12,6 +12,7 @@ from helpers.files import changed
 from helpers.problems import JAXPLAN_EXAMPLES
 
 from mdpo_rddl import AdaptiveNoise, ConstantNoise, InputError, NoNoise, load_config
+from mdpo_rddl.noise import AnnealedNoise
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig, load_config_from_string
@@ -57,7 +58,6 @@ def test_there_are_example_configurations() -> None:
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_jaxplans_own_configurations_give_what_jaxplan_reads(path: Path) -> None:
     planner_args, plan_args, train_args = load_config(path)
-    assert planner_args.pop("noise") == AdaptiveNoise()
     assert_same((planner_args, plan_args, train_args), planner.load_config(str(path)))
 
 
@@ -68,7 +68,7 @@ def test_a_noise_section_changes_nothing_for_jaxplan(path: Path, tmp_path: Path)
     assert_same(planner.load_config(str(with_noise)), planner.load_config(str(path)))
 
     planner_args, plan_args, train_args = load_config(str(with_noise))
-    assert planner_args.pop("noise") == AdaptiveNoise(sigma_max=3, alpha=0.5)
+    assert planner_args.pop("noise") == AdaptiveNoise(sigma_max=3, alpha=0.5, unit="absolute")
     assert_same((planner_args, plan_args, train_args), planner.load_config(str(path)))
 
 
@@ -87,19 +87,30 @@ def test_the_first_placeholder_of_a_template_is_named_with_its_line(path: Path) 
 @pytest.mark.parametrize(
     ("section", "noise"),
     [
-        ("", AdaptiveNoise()),
-        ("[Noise]\n", AdaptiveNoise()),
+        ("[Noise]\n", AdaptiveNoise(sigma_max=10.0, unit="absolute")),
+        ("[Noise]\nunit='range'\n", AdaptiveNoise()),
+        ("[Noise]\nmethod='AnnealedNoise'\npaired=False\n", AnnealedNoise(paired=False)),
         ("[Noise]\nmethod='NoNoise'\n", NoNoise()),
-        ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", ConstantNoise(sigma=2)),
-        ("[Noise]\nsigma_min=1.5\nquantile=1\n", AdaptiveNoise(sigma_min=1.5, quantile=1)),
+        ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", ConstantNoise(2.0, "absolute")),
+        ("[Noise]\nmethod='ConstantNoise'\nunit='range'\n", ConstantNoise(0.1, "range")),
+        (
+            "[Noise]\nsigma_min=1.5\nquantile=1\n",
+            AdaptiveNoise(1.5, 10.0, quantile=1, unit="absolute"),
+        ),
         (
             "[Noise]\nmethod='AdaptiveNoise'\nanalysis_samples=4\nregularization=1e-6\n",
-            AdaptiveNoise(analysis_samples=4, regularization=1e-6),
+            AdaptiveNoise(sigma_max=10.0, analysis_samples=4, regularization=1e-6, unit="absolute"),
         ),
     ],
 )
 def test_the_noise_that_a_section_describes(section: str, noise: object) -> None:
     assert load_config_from_string(TEXT + section)[0]["noise"] == noise
+
+
+def test_without_the_section_the_planner_is_left_its_default() -> None:
+    planner_args, _, _ = load_config_from_string(TEXT)
+    assert "noise" not in planner_args
+    assert PlannerConfig.from_text(TEXT).noise() == AnnealedNoise()
 
 
 def test_a_string_gives_what_jaxplan_reads_from_it() -> None:

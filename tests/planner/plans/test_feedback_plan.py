@@ -47,6 +47,8 @@ instance one {
 }
 """
 
+FROM_UPDATES = AdaptiveNoise(0.0, 0.1, analysis_samples=0, unit="absolute")
+
 
 def make(folder, limit="pos-inf", noise=None, units=None, **arguments):
     domain, instance = folder / "d.rddl", folder / "i.rddl"
@@ -123,7 +125,7 @@ def test_noise_is_in_the_plans_units(tmp_path):
     problem = shipped("reservoir15", 2)
     plan = FeedbackPlan(FeedbackShape(topology=None))
     planner = MDPOPlanner(
-        problem.model, plan, pgpe=None, batch_size_train=1, noise=ConstantNoise(0.1)
+        problem.model, plan, pgpe=None, batch_size_train=1, noise=ConstantNoise(0.1, "absolute")
     )
     width = np.median(problem.model.non_fluents["TOP_RES"])
     np.testing.assert_allclose(planner.action_specs["release"].unit, np.full(15, width))
@@ -196,7 +198,7 @@ def test_restarts_can_start_from_different_policies(tmp_path):
 
 
 def test_the_last_update_stands_in_for_the_analysis(tmp_path):
-    planner = make(tmp_path, noise=AdaptiveNoise(0.0, 0.1, analysis_samples=0), plan=True)
+    planner = make(tmp_path, noise=FROM_UPDATES, plan=True)
     generator = planner.optimize_generator(
         key=KEY, epochs=3, print_summary=False, print_progress=False, print_hyperparams=False
     )
@@ -212,7 +214,7 @@ def test_the_last_update_stands_in_for_the_analysis(tmp_path):
 
 
 def test_a_plan_that_cannot_say_needs_rollouts(tmp_path):
-    planner = make(tmp_path, noise=AdaptiveNoise(0.0, 0.1, analysis_samples=0), plan=False)
+    planner = make(tmp_path, noise=FROM_UPDATES, plan=False)
     with pytest.raises(InputError, match="by rollouts only"):
         train(Built(planner, Budget(2, 10.0)), KEY)
 

@@ -1,5 +1,6 @@
 """Many iterations in one compiled call: the same training, tests on their own cadence."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -18,9 +19,12 @@ KEY = jax.random.PRNGKey(5)
 SILENT = {"print_summary": False, "print_progress": False, "train_seconds": 1e300}
 
 
+ABSOLUTE = AdaptiveNoise(sigma_max=10.0, unit="absolute")
+
+
 def tiny_planner(folder, **arguments):
     problem = load_problem(*tiny_files(folder, horizon=4, spread=0.3))
-    return make_planner(MDPOPlanner, problem, make_plan("drp"), **arguments)
+    return make_planner(MDPOPlanner, problem, make_plan("drp"), **{"noise": ABSOLUTE, **arguments})
 
 
 def callbacks(planner, epochs, **arguments):
@@ -33,7 +37,7 @@ def assert_close(ours, theirs):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize("noise", [NoNoise(), AdaptiveNoise(sigma_max=0.5)])
+@pytest.mark.parametrize("noise", [NoNoise(), AdaptiveNoise(sigma_max=0.5, unit="absolute")])
 def test_the_training_is_that_of_jaxplan_s_loop(tmp_path, noise):
     common = {"noise": noise, "parallel_updates": 2}
     single = callbacks(tiny_planner(tmp_path, **common), 12)
@@ -100,7 +104,7 @@ def test_nothing_is_compiled_anew_for_other_numbers(tmp_path):
 
     jax.monitoring.register_event_duration_secs_listener(monitor)
     try:
-        planner.noise = AdaptiveNoise(alpha=3.0, sigma_max=0.1)
+        planner.noise = AdaptiveNoise(alpha=3.0, sigma_max=0.1, unit="absolute")
         with planner.call_sizes(6, 3):
             list(planner.optimize_generator(key=jax.random.PRNGKey(8), epochs=11, **SILENT))
     finally:
@@ -134,7 +138,7 @@ def test_a_warm_start_continues_jaxplan_s_keys(tmp_path):
 
 def test_straight_line_plans_too():
     problem = shipped("reservoir15", horizon=6)
-    common = {"noise": AdaptiveNoise(sigma_max=2.0)}
+    common = {"noise": AdaptiveNoise(sigma_max=2.0, unit="absolute")}
     single = make_planner(MDPOPlanner, problem, make_plan("slp"), **common)
     calls = make_planner(MDPOPlanner, problem, make_plan("slp"), **common, iterations_per_call=3)
     assert_close(callbacks(calls, 6)[-1]["params"], callbacks(single, 6)[-1]["params"])
@@ -166,7 +170,8 @@ import numpy as np
 from mdpo_rddl import AdaptiveNoise, JaxDeepReactivePolicy, MDPOPlanner, load_problem
 problem = load_problem(sys.argv[1], sys.argv[2])
 planner = MDPOPlanner(problem.model, JaxDeepReactivePolicy(topology=[12]), batch_size_train=1,
-    batch_size_test=2, pgpe=None, parallel_updates=6, noise=AdaptiveNoise(sigma_max=0.5),
+    batch_size_test=2, pgpe=None, parallel_updates=6,
+    noise=AdaptiveNoise(sigma_max=0.5, unit="absolute"),
     compiler_kwargs={"print_warnings": False}, iterations_per_call=4, test_every=2)
 last = planner.optimize(key=jax.random.PRNGKey(1), epochs=8, print_summary=False,
     print_progress=False)
@@ -191,7 +196,10 @@ def test_restarts_are_spread_over_devices(tmp_path):
         np.testing.assert_allclose(found[devices]["best"], found[1]["best"], rtol=1e-3)
 
 
-RULES = [AdaptiveNoise(sigma_max=0.1), AdaptiveNoise(alpha=3.0), AdaptiveNoise(quantile=0.5)]
+RULES = [
+    dataclasses.replace(ABSOLUTE, **values)
+    for values in ({"sigma_max": 0.1}, {"alpha": 3.0}, {"quantile": 0.5})
+]
 RATES = [0.001, 0.01, 0.1]
 
 

@@ -1,0 +1,1 @@
+"""What noise is worth: JaxPlan's planner against ours with several rules."""

@@ -1,0 +1,92 @@
+"""One problem, plan, configuration and method: what is trained, and what is kept of it."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.bench.noise_value.methods import cell_config
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.versions import versions
+
+OK = "ok"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell, and how it is measured.
+
+    Attributes:
+      out: results folder.
+      problem, instance: names of rddlrepository.
+      plan: "slp" or "drp".
+      configuration: one of `CONFIGURATIONS`.
+      method: one of `METHODS`.
+      seeds: number of seeds, from 0.
+      iterations: of each training.
+      max_horizon: a longer horizon is cut to it.
+      rollouts: of each best iterate on the exact compiled model.
+    """
+
+    out: Path
+    problem: str
+    instance: str
+    plan: str
+    configuration: str
+    method: str
+    seeds: int
+    iterations: int
+    max_horizon: int
+    rollouts: int
+
+    @property
+    def path(self) -> Path:
+        """Its file."""
+        names = (self.problem, self.instance, self.plan, self.configuration, self.method)
+        return self.out / "cells" / ("_".join(names) + ".json")
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """What its results depend on, but for the machine."""
+        values = {name: value for name, value in asdict(self).items() if name != "out"}
+        text = cell_config(self.problem, self.plan, self.configuration, self.method).to_text()
+        return {**values, "text": text, "versions": versions("optax")}
+
+
+def save(cell: Cell, result: Mapping[str, Any]) -> None:
+    """Writes a cell's file in one step."""
+    cell.path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"conditions": cell.conditions, **result}, indent=1) + "\n"
+    write_atomically(cell.path, text.encode())
+
+
+def load(cell: Cell) -> dict[str, Any] | None:
+    """What a cell's file holds; None if there is none.
+
+    Raises:
+      InputError: if it was made under other conditions.
+    """
+    if not cell.path.exists():
+        return None
+    kept = read(cell.path)
+    wanted = cell.conditions
+    for name in wanted:
+        if name != "versions" and kept["conditions"].get(name) != wanted[name]:
+            raise InputError(f"{cell.path}: was made with another {name}; use another --out")
+    return kept
+
+
+def read(path: Path) -> dict[str, Any]:
+    """One file.
+
+    Raises:
+      InputError: if it is not a cell's.
+    """
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        kept["conditions"]["method"], kept["status"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is not a result of noise-value") from error
+    return kept

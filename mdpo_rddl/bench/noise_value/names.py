@@ -1,0 +1,5 @@
+"""The names that the command line offers, for those who import no JAX."""
+
+NOISE_VALUE_PLANS = ("slp", "drp")
+CONFIGURATIONS = ("own", "no-pgpe")
+METHODS = ("none", "none-twice", "constant", "default", "adaptive", "paper")

@@ -1,0 +1,28 @@
+"""The command of `mdpo-bench` that measures what noise is worth."""
+
+import argparse
+
+from mdpo_rddl.bench.noise_value.problems import with_instances
+from mdpo_rddl.bench.noise_value.report import write_report
+from mdpo_rddl.bench.noise_value.run import Shard, all_cells, run_noise_value
+from mdpo_rddl.cli.executor_options import executor_from
+from mdpo_rddl.machine.jax_setup import keep_compiled_programs, use_all_cores
+
+
+def noise_value(options: argparse.Namespace) -> str:
+    """Measures the cells that are missing; returns the report."""
+    use_all_cores()
+    keep_compiled_programs()
+    cells = all_cells(
+        with_instances(options.problems),
+        options.plans,
+        options.configurations,
+        options.methods,
+        out=options.out,
+        seeds=options.seeds,
+        iterations=options.iterations,
+        max_horizon=options.max_horizon,
+        rollouts=options.rollouts,
+    )
+    run_noise_value(cells, executor_from(options, options.out), Shard(*options.shard))
+    return write_report(options.out)

@@ -1,0 +1,57 @@
+"""The options of the command of `mdpo-bench` that measures what noise is worth."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, METHODS, NOISE_VALUE_PLANS
+from mdpo_rddl.cli.executor_options import add_executor_options
+from mdpo_rddl.cli.options import OneLineParser, positive_int
+
+
+def add_noise_command(commands: Any) -> OneLineParser:
+    """Adds `noise-value`; returns its parser."""
+    command = commands.add_parser(
+        "noise-value", help="rules for the noise against JaxPlan's planner, over many problems"
+    )
+    command.add_argument(
+        "--problems",
+        nargs="+",
+        metavar="NAME",
+        help="of rddlrepository, or NAME:INSTANCE (default: all; the first instance, of the 2023 "
+        "competition all five)",
+    )
+    command.add_argument(
+        "--plans", nargs="+", choices=NOISE_VALUE_PLANS, default=list(NOISE_VALUE_PLANS)
+    )
+    command.add_argument(
+        "--configurations",
+        nargs="+",
+        choices=CONFIGURATIONS,
+        default=list(CONFIGURATIONS),
+        help="JaxPlan's own for the problem, else its default; the same without PGPE",
+    )
+    command.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    command.add_argument("--seeds", type=positive_int, default=5)
+    command.add_argument("--iterations", type=positive_int, default=1000)
+    command.add_argument(
+        "--max-horizon", type=positive_int, default=40, help="cuts a longer one (default: 40)"
+    )
+    command.add_argument("--rollouts", type=positive_int, default=64, help="of each best iterate")
+    command.add_argument(
+        "--shard",
+        type=_shard,
+        default=(1, 1),
+        metavar="I/N",
+        help="measure every N-th cell from the I-th, for machines that share a folder",
+    )
+    add_executor_options(command)
+    command.set_defaults(run="noise-value", out=Path("results/noise_value"))
+    return command
+
+
+def _shard(text: str) -> tuple[int, int]:
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+        raise argparse.ArgumentTypeError(f"must be I/N with 1 <= I <= N, got {text!r}")
+    return int(index), int(count)

@@ -1,0 +1,101 @@
+"""How large an action without a box must be for the return to answer."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, random
+
+from mdpo_rddl.noise.actions import ActionSpec
+from mdpo_rddl.noise.units import RANGE, has_box, in_range_units
+from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
+from mdpo_rddl.planner.rollouts.termination import stop_at_termination
+from mdpo_rddl.planner.start import initial_values
+
+logger = logging.getLogger(__name__)
+
+_SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
+# a constant action is better than the no-op if it gains so much of the no-op's return
+_GAIN = 0.005
+# and does no harm if it loses no more than that
+_LOSS = 0.1
+
+
+def specs_in_unit(planner: Any, specs: Mapping[str, ActionSpec]) -> dict[str, ActionSpec]:
+    """The action fluents in the unit of the planner's noise rule.
+
+    Args:
+      planner: with its models and its plan compiled.
+      specs: the fluents that take noise, as the plan has them.
+    """
+    if planner.noise.unit != RANGE:
+        return dict(specs)
+    unbounded = [name for name, spec in specs.items() if not has_box(spec)]
+    return in_range_units(specs, _scales(planner, unbounded))
+
+
+def _scales(planner: Any, names: Sequence[str]) -> dict[str, float]:
+    """Per fluent the best constant action's size, or the largest that does no harm.
+
+    The exact model is played from the initial state with one fluent constant, all its
+    components the same, and the others at their no-op.
+    """
+    if not names:
+        return {}
+    play = _constant_play(planner)
+    values = planner.test_compiled.init_values
+    noop = {name: jnp.asarray(values[name]) for name in planner.rddl.action_fluents}
+    sizes = np.concatenate([[0.0], _SIZES, -_SIZES])
+    scales = {}
+    for name in names:
+        actions = {key: jnp.stack([value] * len(sizes)) for key, value in noop.items()}
+        shape = (-1,) + (1,) * noop[name].ndim
+        lower, upper = planner.plan.bounds[name]
+        constant = np.clip(noop[name] + sizes.reshape(shape), lower, upper)
+        actions[name] = jnp.asarray(constant, noop[name].dtype)
+        returns = np.asarray(play(random.PRNGKey(0), actions), np.float64)
+        scales[name] = answering_size(sizes, np.where(np.isfinite(returns), returns, -np.inf))
+        logger.info("noise on %s in units of %g", name, scales[name])
+    return scales
+
+
+def answering_size(sizes: np.ndarray, returns: np.ndarray) -> float:
+    """The size of the best constant action where it beats the no-op, else the largest harmless.
+
+    Args:
+      sizes: of the constant actions [N], the first one 0.
+      returns: theirs [N].
+    """
+    noop, best = returns[0], int(np.argmax(returns))
+    margin = abs(noop) if np.isfinite(noop) else 0.0
+    if returns[best] > noop + _GAIN * margin:
+        return float(abs(sizes[best]))
+    harmless = np.abs(sizes[1:])[returns[1:] >= noop - _LOSS * margin]
+    return float(np.max(harmless, initial=_SIZES[0]))
+
+
+def _constant_play(planner: Any) -> Any:
+    """Compiles the exact return of constant actions [N, *shape] per fluent, one rollout each."""
+    compiled, stopping = planner.test_compiled, bool(planner.rddl.terminations)
+    rollout = compile_rollouts(
+        compiled,
+        lambda key, params, *rest: params,
+        planner.horizon,
+        1,
+        RolloutOptions(check_constraints=stopping, differentiated=False),
+    )
+    if stopping:
+        rollout = stop_at_termination(rollout)
+    fluents, nonfluents = initial_values(planner).test
+    start = jax.tree.map(lambda leaf: leaf[:1], fluents)
+    discounts = planner.rddl.discount ** jnp.arange(planner.horizon)
+
+    def play(key: Array, actions: dict[str, Array]) -> Array:
+        model = compiled.model_aux["params"]
+        log, _ = rollout(key, actions, {}, start, nonfluents, model)
+        return jnp.sum(discounts * log["reward"][0])
+
+    return jax.jit(jax.vmap(play, in_axes=(None, 0)))
