@@ -2,10 +2,12 @@
 
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import pytest
 from helpers.caches import use_own_caches
 from hypothesis import settings
 
@@ -18,6 +20,19 @@ use_own_caches()
 
 settings.register_profile("few", derandomize=True, database=None, deadline=None, max_examples=25)
 settings.load_profile("few")
+
+
+@pytest.fixture(autouse=True)
+def _jax_keeps_its_cache() -> Iterator[None]:
+    """What a command says to JAX in this process is undone: the next test has its cache again."""
+    yield
+    if "jax" in sys.modules:
+        import jax
+
+        folder = os.environ["JAX_COMPILATION_CACHE_DIR"]
+        if jax.config.values["jax_compilation_cache_dir"] != folder:
+            jax.config.update("jax_compilation_cache_dir", folder)
+
 
 # its fixtures serve several files
 pytest_plugins = ["helpers.plan_command"]

@@ -20,7 +20,7 @@ from mdpo_rddl.planner.exact import compile_exact_returns
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory):
     lake = write_lake(tmp_path_factory.mktemp("lake"))
-    return build_planner(lake, without_scales(preset(1.0)))[0]
+    return build_planner(lake, without_scales(preset(1.0))).planner
 
 
 def judge(rollouts: int = 4) -> Judge:

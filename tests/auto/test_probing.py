@@ -19,7 +19,7 @@ def lake(tmp_path_factory):
 
 
 def test_probing_finds_units_and_scales(lake):
-    seen = probing.probe(build_planner(lake, without_scales(preset(1.0)))[0], seed=0)
+    seen = probing.probe(build_planner(lake, without_scales(preset(1.0))).planner, seed=0)
     # 300 above, in a few steps
     assert 10.0 <= seen.units["pump"] <= 320.0
     center, scale = seen.state_scales["depth"]
@@ -30,7 +30,7 @@ def test_probing_finds_units_and_scales(lake):
     assert seen.start_return > seen.noop_return
     assert not seen.deterministic
     assert seen.policy_seconds is None
-    plan = build_planner(lake, scaled(preset(1.0), seen))[0].plan
+    plan = build_planner(lake, scaled(preset(1.0), seen)).planner.plan
     assert isinstance(plan, FeedbackPlan)
     assert plan.units["pump"] == pytest.approx(seen.units["pump"], rel=1e-3)
 
@@ -68,7 +68,7 @@ def test_plans_fit_unless_they_are_too_large(lake, monkeypatch):
 def test_the_same_seed_starts_the_same_search(tmp_path):
     problem = load_problem(*tiny_files(tmp_path))
     one, two = (
-        probing.probe(build_planner(problem, without_scales(preset(1.0)))[0], seed=0)
+        probing.probe(build_planner(problem, without_scales(preset(1.0))).planner, seed=0)
         for _ in range(2)
     )
     assert one.state_scales == two.state_scales

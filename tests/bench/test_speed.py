@@ -84,7 +84,7 @@ def test_a_rate_is_iterations_of_all_seeds_by_the_clock(monkeypatch):
     monkeypatch.setattr(measuring, "time", clock)
 
     class Planner:
-        def optimize_generator(self, **arguments):
+        def callbacks(self, key, budget):
             for iteration in itertools.count(step=5):
                 clock.now += 0.25
                 yield {"iteration": iteration}
@@ -111,7 +111,8 @@ def test_speeds_are_measured_in_turn_and_once(tmp_path, monkeypatch):
             asked.append((side, seeds, seconds))
             yield scale * rate
 
-    def rates(planner, seeds, seconds):
+    def rates(built, seeds, seconds):
+        planner = built.planner
         assert planner.parallel_updates == seeds
         return shown(type(planner), 2.0 if type(planner) is MDPOPlanner else 1.0, seeds, seconds)
 

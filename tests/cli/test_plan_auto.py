@@ -21,7 +21,7 @@ def raced(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """One run, which the tests look at and none changes."""
     cwd = tmp_path_factory.mktemp("raced")
     write_problem(cwd)
-    return Run(cwd, cwd / "run", in_a_process(f"{OPTIONS} --seconds 12 --out run", cwd))
+    return Run(cwd, cwd / "run", in_a_process(f"{OPTIONS} --seconds 6 --out run", cwd))
 
 
 def test_it_is_the_default_and_the_policy_can_be_played_again(

@@ -13,6 +13,7 @@ from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProf
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
+from mdpo_rddl.planner.update.analysis import LossArguments
 
 
 def rollout_arguments(planner, seed=0):
@@ -38,9 +39,10 @@ def test_analysis_gradient_equals_finite_differences_in_64_bit(kind, wrap):
         if kind == "slp" and not wrap:  # away from the bound, inside the box
             params = jax.tree.map(lambda leaf: leaf + 20.0, params)
         key = jax.random.PRNGKey(7)
-        analyse = jax.jit(planner._jax_analysis())
+        analyse = jax.jit(planner.compile_analysis())
         rollouts = jax.jit(planner.train_rollouts)
-        gradients = analyse(key, params, hyperparams, fluents, nonfluents, model, None)
+        given = LossArguments(params, hyperparams, fluents, nonfluents, model, None)
+        gradients = analyse(key, given)
 
         def mean_return(perturbation):
             perturbed = PerturbedModel(model, perturbation)

@@ -139,10 +139,9 @@ def random_actions(problem: Problem, random: np.random.Generator) -> dict[str, n
         for number in random.permutation(len(places))[: random.integers(most + 1)]:
             name, index = places[number]
             space = env.action_space[name]
-            lower, upper = (
-                float(np.broadcast_to(end, np.shape(actions[name]))[index])
-                for end in (space.low, space.high)
-            )
+            shape = np.shape(actions[name])
+            ends = (np.resize(end, shape) for end in (space.low, space.high))
+            lower, upper = (float(end[index]) for end in ends)
             center = float(actions[name][index])
             lower, upper = max(lower, center - 10.0), min(upper, center + 10.0)
             if model.action_ranges[name] == "real":

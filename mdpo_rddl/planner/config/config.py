@@ -85,7 +85,7 @@ class PlannerConfig:
 
     def without_section(self, name: str) -> "PlannerConfig":
         """A copy without one of the optional sections."""
-        rest = {key: values for key, values in self.sections.items() if key != name}
+        rest = {key: self.sections[key] for key in self.sections if key != name}
         return dataclasses.replace(self, sections=rest)
 
     def with_values(self, name: str, **values: Any) -> "PlannerConfig":
@@ -115,11 +115,7 @@ class PlannerConfig:
         return self.section("Optimize").get("key") or 0
 
     def budget(self, seconds: float = JAXPLAN_SECONDS) -> Budget:
-        """Iterations and seconds of training.
-
-        Args:
-          seconds: what holds where none are given.
-        """
+        """Iterations and seconds of training; JaxPlan's and `seconds` where none are given."""
         values = self.section("Optimize")
         return Budget(values.get("epochs", JAXPLAN_EPOCHS), values.get("train_seconds", seconds))
 
@@ -154,11 +150,7 @@ class PlannerConfig:
         return {key: value for key, value in self.section("Noise").items() if key != "method"}
 
     def to_text(self, for_jaxplan: bool = False) -> str:
-        """The configuration as a file's text, which `from_text` reads back.
-
-        Args:
-          for_jaxplan: leave out the sections that JaxPlan does not know.
-        """
+        """The text that `from_text` reads back; without our own sections if `for_jaxplan`."""
         return format_sections(self.sections, JAXPLAN_SECTIONS if for_jaxplan else SECTIONS)
 
     def noise(self) -> ActionNoise:
@@ -177,10 +169,10 @@ class PlannerConfig:
         try:
             section, ours = stand_ins(self.section("Planner"))
             known = dataclasses.replace(self, sections={**self.sections, "Planner": section})
-            text = known.to_text(for_jaxplan=True)
-            planner_args, plan_args, train_args = planner.load_config_from_string(text)
+            loaded = planner.load_config_from_string(known.to_text(for_jaxplan=True))
         except Exception as error:  # JaxPlan raises whatever the values make Python raise
             raise InputError(f"{self.source}: JaxPlan refuses it: {one_line(error)}") from error
+        planner_args, plan_args, train_args = loaded
         return {**planner_args, **ours}, plan_args, train_args
 
     def mdpo_arguments(self) -> dict[str, Any]:

@@ -21,7 +21,8 @@ class Feature(NamedTuple):
     Attributes:
       name: for diagnostics, such as "rlevel" or "rlevel via RES_CONNECT".
       fluent: the state fluent that it reads.
-      spread: from that fluent's value [*its shape] to one per object [*action shape].
+      spread: from that fluent's value [*its shape] to one per object, an array that broadcasts
+        to the action's shape: of size 1 along the axes on which it does not depend.
     """
 
     name: str
@@ -89,7 +90,7 @@ def _aligned(
     def spread(value: Array) -> Array:
         value = jnp.mean(value, axis=rest) if rest else value
         value = jnp.transpose(value, order)
-        return jnp.broadcast_to(jnp.reshape(value, broadcast), shape)
+        return jnp.reshape(value, broadcast)
 
     return spread
 
@@ -142,15 +143,13 @@ def _at_each_end(
     for place in places:
         sizes = tuple(size if axis == place else 1 for axis, size in enumerate(shape))
         label = name if len(places) == 1 else f"{name} at argument {place + 1}"
-        spread = partial(_along, change, sizes, shape)
+        spread = partial(_along, change, sizes)
         features.append(Feature(label, fluent, spread))
     return features
 
 
-def _along(
-    change: Callable[[Array], Array], sizes: tuple[int, ...], shape: tuple[int, ...], value: Array
-) -> Array:
-    return jnp.broadcast_to(jnp.reshape(change(value), sizes), shape)
+def _along(change: Callable[[Array], Array], sizes: tuple[int, ...], value: Array) -> Array:
+    return jnp.reshape(change(value), sizes)
 
 
 def _constants(
@@ -162,7 +161,7 @@ def _constants(
         if not set(own) & set(types):
             continue
         value = jnp.asarray(np.asarray(values[name], float))
-        per_object = np.asarray(_aligned(own, types, shape)(value), float)
+        per_object = np.asarray(jnp.broadcast_to(_aligned(own, types, shape)(value), shape), float)
         deviation = per_object.std()
         if deviation > 1e-6 * np.max(np.abs(per_object), initial=1e-9):
             found[name] = (per_object - per_object.mean()) / deviation

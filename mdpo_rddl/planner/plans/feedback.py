@@ -145,8 +145,7 @@ class Feedback:
         actions = {}
         for name, shape in self.action_shapes.items():
             own = params["own"][name]
-            value = jnp.tensordot(params["shared"][name], self._stacked(name, scaled, time), 1)
-            value = value + own["bias"]
+            value = own["bias"] + self._shared(name, params["shared"][name], scaled, time)
             for fluent in self._own[name]:
                 value = value + own[f"{_GAIN}{fluent}"] * scaled[fluent]
             if self.shape.plan:
@@ -164,17 +163,35 @@ class Feedback:
         scaled = lax.stop_gradient(scaled) if self.shape.cut_feedback else scaled
         return jnp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)
 
-    def _stacked(self, name: str, scaled: Mapping[str, Array], time: Any) -> Array:
-        """phi_a [features, *shape]."""
+    def _shared(self, name: str, weights: Array, scaled: Mapping[str, Array], time: Any) -> Array:
+        """w_a . phi_a, an array that broadcasts to the action's shape.
+
+        Features that depend on the same axes are summed along these alone: a feature of one
+        object costs little for an action of two or three.
+        """
+        groups: dict[tuple[int, ...], list[int]] = {}
+        columns = self._columns(name, scaled, time)
+        fixed = len(columns) - len(self.features[name].constant) - self.shape.cosines
+        for number, column in enumerate(columns[:fixed]):
+            groups.setdefault(jnp.shape(column), []).append(number)
+        places = [*groups.values(), *([number] for number in range(fixed, len(columns)))]
+        parts = [
+            jnp.tensordot(weights[np.array(numbers)], jnp.stack([columns[n] for n in numbers]), 1)
+            for numbers in places
+        ]
+        return sum(parts[1:], start=parts[0])
+
+    def _columns(self, name: str, scaled: Mapping[str, Array], time: Any) -> list[Array]:
+        """phi_a, the features in the order of their weights, each as `Feature.spread` gives it."""
         shape, found = self.action_shapes[name], self.features[name]
         seen = [feature.spread(scaled[feature.fluent]) for feature in found.state]
-        columns = [jnp.ones(shape, self.dtype), *seen]
+        one = jnp.ones((1,) * len(shape), self.dtype)
+        columns = [one, *seen]
         if self.shape.squares:
             columns += [value**2 - 1.0 for value in seen]
         columns += [jnp.asarray(value, self.dtype) for value in found.constant.values()]
         angle = jnp.pi * jnp.asarray(time, self.dtype)
-        waves = [jnp.cos(k * angle) for k in range(1, self.shape.cosines + 1)]
-        return jnp.stack([*columns, *(jnp.full(shape, wave) for wave in waves)])
+        return columns + [one * jnp.cos(k * angle) for k in range(1, self.shape.cosines + 1)]
 
     def _hidden(self, net: Mapping[str, Any], scaled: Mapping[str, Array]) -> Array | None:
         if not net:

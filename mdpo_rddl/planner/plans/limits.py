@@ -76,6 +76,12 @@ def _are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
     members = _members(group, len(limits))
     places = int(np.clip(np.max(limits), 1, members.shape[1]))
     padded = jnp.append(values, -jnp.inf)
+    if places == 1:  # without a sort and a scatter
+        best = jnp.take_along_axis(
+            jnp.asarray(members), jnp.argmax(padded[members], axis=1, keepdims=True), axis=1
+        )
+        is_best = best[np.maximum(group, 0), 0] == np.arange(len(group))
+        return (is_best & (limits > 0)[np.maximum(group, 0)]) | (group < 0)
     _, top = jax.lax.top_k(padded[members], places)
     largest = jnp.take_along_axis(jnp.asarray(members), top, axis=1)
     is_within = np.arange(places) < limits[:, np.newaxis]

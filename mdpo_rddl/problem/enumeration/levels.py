@@ -5,7 +5,7 @@ each afterstate. A variable that is never random stands in an afterstate with it
 other one with the number of its distribution, its level.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,15 +35,20 @@ class Levels:
         """Starts with none."""
         self._numbers: dict[tuple[float, ...], int] = {}
 
-    def number(self, distribution: np.ndarray) -> np.ndarray:
+    def of_bools(self, chances: np.ndarray) -> np.ndarray:
+        """The level [N] of each chance of true [N]."""
+        if np.all(chances == chances[:1]):
+            return np.full(len(chances), self._add([1, 0, chances[0], 1 - chances[0]]))
+        unique, inverse = np.unique(chances, return_inverse=True)
+        return np.array([self._add([1, 0, each, 1 - each]) for each in unique])[inverse.ravel()]
+
+    def of_rows(self, distributions: np.ndarray) -> np.ndarray:
         """The level [N] of each row of distributions [N, 2 B]: values, then probabilities."""
-        if np.all(distribution == distribution[:1]):
-            return np.full(len(distribution), self._add(distribution[0]))
-        unique, inverse = np.unique(distribution, axis=0, return_inverse=True)
+        unique, inverse = np.unique(distributions, axis=0, return_inverse=True)
         return np.array([self._add(row) for row in unique])[inverse.ravel()]
 
-    def _add(self, row: np.ndarray) -> int:
-        number = self._numbers.setdefault(tuple(row.tolist()), len(self._numbers))
+    def _add(self, row: Iterable[float]) -> int:
+        number = self._numbers.setdefault(tuple(map(float, row)), len(self._numbers))
         if number >= _MAX_LEVELS:
             raise NotEnumerableError(f"a fluent with more than {_MAX_LEVELS} distributions")
         return number
@@ -100,7 +105,7 @@ class Afterstates:
           of: the values [N] of a node.
         """
         if self.is_random[number]:
-            return self.packing.encode(number, self._levels[number].number(self._rows(law, of)))
+            return self.packing.encode(number, self._level(number, law, of))
         values = of(law[0].value)
         if values.dtype.kind == "f" and np.any(values != np.round(values)):
             raise NotEnumerableError("a state that is no whole number")
@@ -111,13 +116,13 @@ class Afterstates:
         shift = self._model.packing.places[number].shift
         return (bits >> np.uint64(shift)) << np.uint64(self.packing.places[number].shift)
 
-    def _rows(self, law: Law, of: Callable[[int], np.ndarray]) -> np.ndarray:
+    def _level(self, number: int, law: Law, of: Callable[[int], np.ndarray]) -> np.ndarray:
+        levels = self._levels[number]
+        if self._model.is_bool[number]:
+            return levels.of_bools(of(law[0].value).astype(float))
         values = [of(branch.value) for branch in law]
         probabilities = [of(branch.probability) for branch in law]
-        if len(law) == 1:
-            true = values[0].astype(float)
-            return np.stack([np.ones(len(true)), np.zeros(len(true)), true, 1 - true], axis=1)
-        return np.stack([*values, *probabilities], axis=1).astype(float)
+        return levels.of_rows(np.stack([*values, *probabilities], axis=1).astype(float))
 
     def draw(self, afterstates: np.ndarray) -> list[Draws]:
         """All next states of afterstates [N, words], in chunks.

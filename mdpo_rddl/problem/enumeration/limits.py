@@ -20,7 +20,7 @@ class EnumerationLimits:
     """
 
     seconds: float = 60.0
-    states: int = 1_000_000
+    states: int = 4_000_000
     transitions: int = 30_000_000
     actions: int = 5_000
     _started: float = field(default_factory=time.perf_counter)

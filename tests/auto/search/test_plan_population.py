@@ -19,7 +19,7 @@ from mdpo_rddl.problem.load import load_problem
 
 def plans_of(problem):
     config = auto_preset("toy").without_section("Search")
-    seen = probe(build_planner(problem, without_scales(config))[0], seed=0)
+    seen = probe(build_planner(problem, without_scales(config)).planner, seed=0)
     planner = build_planner(problem, scaled(config, seen)).planner
     return seen, planner, planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
 

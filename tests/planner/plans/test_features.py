@@ -39,7 +39,7 @@ HOUSE = SimpleNamespace(
 def spread(name: str, value: object) -> np.ndarray:
     features = action_features(HOUSE, VALUES, "open").state
     feature = next(feature for feature in features if feature.name == name)
-    return np.asarray(feature.spread(np.asarray(value, float)))
+    return np.broadcast_to(feature.spread(np.asarray(value, float)), (3, 2))
 
 
 def test_a_fluent_counts_at_the_actions_own_objects():
@@ -90,7 +90,10 @@ def test_a_fluent_of_one_object_is_seen_at_both_ends_of_an_action():
         **vars(HOUSE) | {"variable_params": params, "state_fluents": {"warm": None}}
     )
     features = action_features(house, {**VALUES, "move": np.zeros((2, 2))}, "move").state
-    spreads = {feature.name: feature.spread(np.array([1.0, 2.0])) for feature in features}
+    spreads = {
+        feature.name: np.broadcast_to(feature.spread(np.array([1.0, 2.0])), (2, 2))
+        for feature in features
+    }
     np.testing.assert_array_equal(spreads["warm at argument 1"], [[1, 1], [2, 2]])
     np.testing.assert_array_equal(spreads["warm at argument 2"], [[1, 2], [1, 2]])
 

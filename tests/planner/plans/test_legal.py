@@ -7,6 +7,7 @@ import pytest
 
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.policy.playable import playable
@@ -56,7 +57,7 @@ def problem(folder, rules, most="pos-inf"):
 
 
 def make(problem):
-    plan = FeedbackPlan(topology=None, plan=True)
+    plan = FeedbackPlan(FeedbackShape(topology=None, plan=True))
     return MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
 
 

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from helpers.problems import make_plan, make_planner, optimize, shipped
 
@@ -94,7 +95,8 @@ def test_training_is_the_same_either_way(monkeypatch, kind, kept_bytes):
     found = []
     for most in (memory.KEPT_BYTES, kept_bytes):
         monkeypatch.setattr(memory, "KEPT_BYTES", most)
-        planner = make_planner(MDPOPlanner, problem, make_plan(kind))
+        # unlike RMSProp, it does not make a large step of a gradient that is nothing but rounding
+        planner = make_planner(MDPOPlanner, problem, make_plan(kind), optimizer=optax.sgd)
         callback = optimize(planner, epochs=4)
         found.append((callback["params"], callback["sigma"], callback["train_return"]))
     for one, other in zip(*map(jax.tree.leaves, found), strict=True):
