@@ -10,7 +10,7 @@ from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.problem.competition import REPOSITORY_NAMES
 from mdpo_rddl.problem.load import Problem
 
@@ -30,7 +30,7 @@ class JaxPlanPlanner(GradientPlanner):
 
     def config(self, problem: Problem) -> PlannerConfig:
         """JaxPlan's configuration for the problem's domain."""
-        return own_config(REPOSITORY_NAMES.get(problem.domain_name, "default"), self._method)
+        return jaxplan_config(REPOSITORY_NAMES.get(problem.domain_name, "default"), self._method)
 
     def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
         started = time.perf_counter()

@@ -41,7 +41,7 @@ class Trial:
       trial: counted from 0.
       status: of `mdpo_rddl.ipc.trial.Played`, or one of `FINAL`.
       cause: one line; empty if "ok".
-      total: the return; what had been earned, if the trial ended early; None where it is not
+      total: the return; that of the steps played, if the trial ended early; None where it is not
         finite or ended with the process.
       steps, violations: of `Played`; 0 where they ended with the process.
       seconds: wall time.

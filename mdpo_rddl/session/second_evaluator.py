@@ -102,7 +102,7 @@ class SecondEvaluator:
         self._is_asked = True
 
     def result(self) -> Evaluation | None:
-        """What the policy earned; None if the process was not started or did not manage it."""
+        """The policy's evaluation; None if the process was not started or did not manage it."""
         if self._child is None or not self._is_asked:
             return None
         try:

@@ -17,7 +17,7 @@ from mdpo_rddl.problem.load import load_problem, make_environment
         (1, 1.0, 0.0),
         # press once: half of one step, an eighth paid
         (2, 1.0, -0.125 + 0.5),
-        # pressed and lit: 1.75 in two steps left; pressed in vain: 0.375
+        # pressed and lit: 1.75 in two steps left; pressed without effect: 0.375
         (3, 1.0, -0.125 + 0.5 * 1.75 + 0.5 * 0.375),
         (3, 0.5, -0.125 + 0.5 * (0.5 * (1 + 0.5 * 0.75) + 0.5 * 0.125)),
     ],

@@ -16,7 +16,7 @@ from mdpo_rddl.auto.arms import gradient, jaxplan
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 NOOP, CONSTANT = "no-op", "constant"
 
@@ -234,7 +234,7 @@ class Alternatives:
 def test_a_better_alternative_is_taken(
     lake, in_one_arena, no_gradient, monkeypatch, mean, is_taken
 ):
-    config = own_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
+    config = jaxplan_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
     name = "JaxPlan's default slp"
     if mean is not None:
         params = {"pump": np.zeros(8)}

@@ -88,7 +88,7 @@ def made_up(folder, *found):
 
 
 def on(instance, error=0, **returns):
-    """Rows of one instance: doing nothing earns 0."""
+    """Rows of one instance: the no-op scores 0."""
     names = {"theirs": BASELINE}
     tried = {NOOP: 0, **{names.get(name, name): mean for name, mean in returns.items()}}
     return [(instance, name, mean, error) for name, mean in tried.items()]

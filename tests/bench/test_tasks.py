@@ -104,8 +104,8 @@ def test_the_published_tasks():
     rows = published()
     assert len(rows) == 81
     for task, row in rows.items():
-        rivals = [row[name] for name in row if name.endswith(("_1", "_3", "_5", "_ippc2014"))]
-        assert float(row["best"]) == max(float(value) for value in rivals if value), task
+        others = [row[name] for name in row if name.endswith(("_1", "_3", "_5", "_ippc2014"))]
+        assert float(row["best"]) == max(float(value) for value in others if value), task
 
 
 def test_the_published_table_counts_what_reaches_the_best(tmp_path):

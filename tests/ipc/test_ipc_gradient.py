@@ -10,7 +10,7 @@ from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.ipc.planner import Restorable
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.trial import play
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -56,8 +56,8 @@ def test_jaxplan_has_its_own_configurations_where_it_ships_them():
         planner = JaxPlanPlanner(method)
         known = load_problem("MarsRover_ippc2023", "1")
         unknown = load_problem("Wildfire_MDP_ippc2014", "1")
-        assert planner.config(known) == own_config("MarsRover_ippc2023", method)
-        assert planner.config(unknown) == own_config("default", method)
+        assert planner.config(known) == jaxplan_config("MarsRover_ippc2023", method)
+        assert planner.config(unknown) == jaxplan_config("default", method)
         assert type(planner._build(unknown, planner.config(unknown))) is JaxBackpropPlanner
 
 

@@ -26,7 +26,7 @@ from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.training import train
 from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
 from mdpo_rddl.problem.load import Problem
@@ -192,7 +192,7 @@ def serve(messages: Messages) -> None:
 
 
 def _config(method: str) -> PlannerConfig:
-    return own_config("default", method).with_section("Noise", {"method": "NoNoise"})
+    return jaxplan_config("default", method).with_section("Noise", {"method": "NoNoise"})
 
 
 def _file(folder: Path, method: str) -> Path:

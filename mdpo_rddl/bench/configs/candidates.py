@@ -4,7 +4,7 @@ from typing import Any
 
 from mdpo_rddl.bench.configs.names import SCALES
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 MANY = 1_000_000
 """Iterations: only the time ends a training."""
@@ -22,7 +22,7 @@ def candidates(domain: str, plan: str) -> dict[str, PlannerConfig]:
       domain: a key of `SCALES`.
       plan: one of `PLANS`.
     """
-    own = own_config(f"{domain}_ippc2023", plan)
+    own = jaxplan_config(f"{domain}_ippc2023", plan)
     budget = {"epochs": MANY, "train_seconds": _SHIPPED_SECONDS}
     base = own.with_values("Optimize", **budget).with_section("MDPO", {"stop_at_termination": True})
     still = base.with_section("Noise", {"method": "NoNoise"})

@@ -16,7 +16,7 @@ _LEVEL = 0.02
 def choose(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> str:
     """The candidate that the rows speak for.
 
-    On each instance a return earns the competition's score, (return - doing nothing) / (best -
+    On each instance a return has the competition's score, (return - doing nothing) / (best -
     doing nothing) over all that was tried there, at least 0. Fit are the candidates that were
     tried on most instances and whose mean score is not below JaxPlan's by more than its standard
     error. Of these the largest mean wins, or one level with it (within 0.02) that needs fewer
@@ -59,7 +59,7 @@ class Score(NamedTuple):
 def mean_scores(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> dict[str, Score]:
     """Per candidate and reference, over the instances on which it has a return.
 
-    Where doing nothing was not tried, the worst return stands for it. What failed earns 0.
+    Where doing nothing was not tried, the worst return stands for it. What failed scores 0.
 
     Args:
       rows: with `COLUMNS`.
@@ -81,11 +81,11 @@ def mean_scores(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> di
             found.setdefault(name, []).append((score, error))
     return {
         name: Score(
-            float(np.mean([score for score, _ in earned])),
-            math.hypot(*(error for _, error in earned)) / len(earned),
-            len(earned),
+            float(np.mean([score for score, _ in scores])),
+            math.hypot(*(error for _, error in scores)) / len(scores),
+            len(scores),
         )
-        for name, earned in found.items()
+        for name, scores in found.items()
     }
 
 

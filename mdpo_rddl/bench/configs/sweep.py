@@ -24,7 +24,7 @@ from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline, build_planner
 from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.training import train
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
@@ -142,7 +142,7 @@ def _train_and_play(run: Run) -> tuple[Evaluation, int]:
         return evaluate(make_environment(problem), lambda step, state: {}, run.episodes, 0), 0
     key, budget = jax.random.PRNGKey(0), Budget(MANY, run.seconds)
     if run.candidate == BASELINE:
-        own = own_config(f"{run.domain}_ippc2023", run.plan)
+        own = jaxplan_config(f"{run.domain}_ippc2023", run.plan)
         trained = train_baseline(build_baseline(problem, own), key, budget)
         return _play(problem, run, *trained[:3]), trained.iterations
     built = build_planner(problem, candidates(run.domain, run.plan)[run.candidate])

@@ -3,7 +3,7 @@
 from typing import Any
 
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 NONE, TWICE = "none", "none-twice"
 
@@ -31,7 +31,7 @@ def cell_config(problem: str, plan: str, configuration: str, method: str) -> Pla
       configuration: "own", or "no-pgpe" for the same without PGPE.
       method: one of `METHODS`.
     """
-    config = own_config(problem, plan)
+    config = jaxplan_config(problem, plan)
     if configuration == "no-pgpe":
         config = config.with_values("Planner", pgpe=None)
     if method == TWICE:

@@ -22,7 +22,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline
 from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.config.jaxplan_configs import own_config
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.problem.evaluation import Policy, evaluate
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
@@ -104,7 +104,7 @@ def _try(
     else:
         method = planner.split("-")[1]
         built, key = (
-            build_baseline(problem, own_config("default", method)),
+            build_baseline(problem, jaxplan_config("default", method)),
             jax.random.PRNGKey(seed),
         )
         trained = train_baseline(built, key, Budget(10**6, seconds))

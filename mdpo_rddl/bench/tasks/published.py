@@ -18,7 +18,7 @@ from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
 from mdpo_rddl.errors import InputError
 
 AT_THE_BEST = 0.99
-RIVALS = {
+OTHERS = {
     "PROST 1 s": "prost_1",
     "JaxPlan 1 s": "jaxplan_1",
     "GurobiPlan 1 s": "gurobiplan_1",
@@ -89,9 +89,9 @@ def published_table(records: Records) -> str:
             failed[task] = record["status"]
     lines = [
         "| problem | instance | ours | score | best published | by | "
-        + " | ".join(RIVALS)
+        + " | ".join(OTHERS)
         + " | no-op | random |",
-        "|" + "---|" * (len(RIVALS) + 8),
+        "|" + "---|" * (len(OTHERS) + 8),
     ]
     scores = []
     for task, row in rows.items():
@@ -101,7 +101,7 @@ def published_table(records: Records) -> str:
         scores.append(score(ours, row) if task in means else 0.0)
         shown = f"{ours:,.6g}" if task in means else failed[task]
         cells = [task.problem, task.instance, shown, f"{scores[-1]:.3f}", _number(row["best"])]
-        cells += [row["best_by"], *(_number(row[name]) for name in RIVALS.values())]
+        cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
         cells += [_number(row["noop"]), _number(row["random"])]
         lines.append("| " + " | ".join(cells) + " |")
     lines += ["", _totals(np.array(scores))]

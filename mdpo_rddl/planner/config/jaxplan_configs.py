@@ -10,7 +10,7 @@ METHODS = ("drp", "slp", "replan")
 _FOLDER = Path(planner.__file__).parent.parent / "examples" / "configs"
 
 
-def own_config(domain: str, method: str) -> PlannerConfig:
+def jaxplan_config(domain: str, method: str) -> PlannerConfig:
     """What `jaxplan plan` reads: JaxPlan's file for a domain, else its default.
 
     Args:

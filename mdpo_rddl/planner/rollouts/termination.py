@@ -24,7 +24,7 @@ def steps_alive(ended: Array) -> Array:
 def stop_at_termination(rollouts: Callable) -> Callable:
     """Rollouts whose rewards are zero once a termination condition or an invariant has ended them.
 
-    Which step is the last is taken as given: the gradient passes through the rewards that
+    Which step is the last is treated as constant: the gradient passes through the rewards that
     count, not through the moment of the end.
 
     Args:

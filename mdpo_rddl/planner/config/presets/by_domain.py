@@ -6,7 +6,7 @@ Ours are in `mdpo_rddl/planner/config/shipped`, chosen by `mdpo-bench configs` (
 from importlib import resources
 
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.jaxplan_configs import METHODS, own_config
+from mdpo_rddl.planner.config.jaxplan_configs import METHODS, jaxplan_config
 from mdpo_rddl.problem.competition import REPOSITORY_NAMES
 from mdpo_rddl.problem.files import looks_like_file
 
@@ -32,7 +32,7 @@ def config_for_domain(given_name: str, domain_name: str, method: str) -> Planner
         if file.is_file():
             text = file.read_text(encoding="utf-8")
             return PlannerConfig.from_text(text, f"shipped configuration {file.name}")
-    return own_config(known_name, method)
+    return jaxplan_config(known_name, method)
 
 
 __all__ = ["METHODS", "config_for_domain"]
