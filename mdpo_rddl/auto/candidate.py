@@ -17,8 +17,9 @@ class Candidate:
       arm: name of the arm that found it.
       label: what it is, for people.
       config: of the planner that it belongs to.
-      planner: compiled for the configuration; None if it has yet to be built here.
-      params: parameters of one policy.
+      planner: compiled for the configuration; None if it has yet to be built here, or if the
+        policy is a table.
+      params: parameters of one policy; None of a table.
       policy_hyperparams: JaxPlan's policy hyperparameters.
       parents: names of the arms whose policies it was made from, the earliest first.
       uses_noise: whether it, or what it was made from, was trained with noise on the actions.

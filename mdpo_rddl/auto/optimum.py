@@ -14,7 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.policy.table import ActionTable, TablePolicy
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.policy.table import ActionTable, Optimum
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
@@ -33,50 +35,57 @@ class Solution:
     """A problem's optimum.
 
     Attributes:
-      value: expected return of the best policy from the initial state: the optimum, proven up
-        to rounding.
-      table: a policy that attains it.
-      states: number of reachable states.
-      transitions: probabilities that were stored.
-      actions: number of joint actions that differ.
-      seconds: that it took.
+      problem: that it is of.
+      optimum: the best expected return, proven up to rounding, and what it took.
+      table: actions that attain it.
     """
 
-    value: float
+    problem: Problem
+    optimum: Optimum
     table: ActionTable
-    states: int
-    transitions: int
-    actions: int
-    seconds: float
 
-    def policy(self) -> TablePolicy:
-        """Plays the table."""
-        return TablePolicy(self.table)
+    @property
+    def value(self) -> float:
+        """Expected return of the best policy from the initial state."""
+        return self.optimum.value
+
+    def policy(self, seed: int = 0) -> TablePolicy:
+        """Plays the table.
+
+        Args:
+          seed: of the run, to be kept with it; nothing is drawn.
+        """
+        return TablePolicy(self.problem, self.table, self.optimum, seed)
 
 
-def solve(problem: Problem, seconds: float, memory_gb: float = 4.0) -> Solution | None:
+def solve(
+    problem: Problem, seconds: float, memory_gb: float = 4.0, clock: Clock = time.monotonic
+) -> Solution | None:
     """The optimum; None if the states can't be enumerated within the time and the memory."""
     try:
-        return find_optimum(problem, seconds, memory_gb)
+        return find_optimum(problem, seconds, memory_gb, clock)
     except NotEnumerableError as error:
         logger.info("no exact dynamic programming: %s", error)
         return None
 
 
-def find_optimum(problem: Problem, seconds: float, memory_gb: float = 4.0) -> Solution:
+def find_optimum(
+    problem: Problem, seconds: float, memory_gb: float = 4.0, clock: Clock = time.monotonic
+) -> Solution:
     """The optimum.
 
     Args:
       problem: with discrete, observed states.
-      seconds: wall-clock limit.
+      seconds: limit of the time by the clock.
       memory_gb: limit of the memory that the enumeration takes, roughly.
+      clock: what is asked for the time.
 
     Raises:
       NotEnumerableError: says why there is none.
     """
-    started = time.perf_counter()
+    started = clock()
     most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
-    limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most))
+    limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most), clock=clock)
     model = ground_model(problem, limits)
     try:
         enumeration = enumerate_factored(model, limits)
@@ -84,14 +93,15 @@ def find_optimum(problem: Problem, seconds: float, memory_gb: float = 4.0) -> So
         logger.debug("not factored: %s", error)
         enumeration = enumerate_states(model, limits)
     value, runs = _induct(enumeration, limits)
-    return Solution(
+    table = _table(problem, enumeration, runs)
+    optimum = Optimum(
         value=value,
-        table=_table(problem, enumeration, runs),
         states=len(enumeration.states),
         transitions=enumeration.transitions.nnz,
         actions=len(enumeration.model.actions),
-        seconds=time.perf_counter() - started,
+        seconds=clock() - started,
     )
+    return Solution(problem, optimum, table)
 
 
 _Run = tuple[int, np.ndarray, np.ndarray]

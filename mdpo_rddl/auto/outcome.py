@@ -1,6 +1,6 @@
 """What a race came to: the policy, and how all arms got there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,11 @@ from mdpo_rddl.auto.arms.base import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.table import Optimum
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
 
 _NO_NOISE = {"method": "NoNoise"}
@@ -26,22 +30,32 @@ class RaceOutcome:
       chosen: the candidate that it was.
       judged: all candidates in the order in which the judge played them, with the seconds.
       arms: what each arm was given and did, in the order in which they began.
-      probe: what constant actions have shown.
+      probe: what constant actions have shown; None if the optimum was proven before.
       random_return: mean return of uniformly random actions; None where it is not known.
       compile_seconds: of `seconds`, spent in compilation.
       seconds: that everything took.
       interrupted: whether the race was ended early.
     """
 
-    policy: Policy
+    policy: AnyPolicy
     chosen: Candidate
     judged: Sequence[Judged]
     arms: Sequence[ArmLog]
-    probe: Probe
+    probe: Probe | None
     random_return: float | None
     compile_seconds: float
     seconds: float
     interrupted: bool
+
+    @property
+    def optimum(self) -> Optimum | None:
+        """What is proven of the policy, if anything is."""
+        return self.policy.optimum if isinstance(self.policy, TablePolicy) else None
+
+    @property
+    def config(self) -> PlannerConfig:
+        """Of the policy's planner; of the race where the policy is a table."""
+        return self.chosen.config if isinstance(self.policy, TablePolicy) else self.policy.config
 
     @property
     def noise_log(self) -> ArmLog | None:
@@ -52,16 +66,17 @@ class RaceOutcome:
 
     def diagnostics(self) -> dict[str, Any]:
         """What was found by which arm and when, as JSON can hold it."""
+        probe = self.probe
         return {
             "chosen": self.chosen.label,
             "arm": self.chosen.arm,
             "parents": list(self.chosen.parents),
-            "noop_return": _finite(self.probe.noop_return),
+            "noop_return": _finite(probe.noop_return if probe else None),
             "random_return": _finite(self.random_return),
             "arms": {log.name: _arm(log) for log in self.arms},
             "candidates": [_candidate(judged) for judged in self.judged],
-            "units": self.probe.units,
-            "state_scales": {name: list(pair) for name, pair in self.probe.state_scales.items()},
+            "units": probe.units if probe else {},
+            "state_scales": _lists(probe.state_scales) if probe else {},
         }
 
 
@@ -81,6 +96,10 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> Policy:
     params = jax.tree.map(np.asarray, candidate.params)
     hyperparams = jax.tree.map(np.asarray, dict(candidate.policy_hyperparams))
     return Policy(problem, config, planner, params, hyperparams, seed)
+
+
+def _lists(pairs: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:
+    return {name: list(pair) for name, pair in pairs.items()}
 
 
 def _arm(log: ArmLog) -> dict[str, Any]:

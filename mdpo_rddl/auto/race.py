@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdpo_rddl.auto.arena import UNLIMITED, Arena
+from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.judge import Judge
@@ -23,6 +24,7 @@ from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -83,11 +85,15 @@ def plan_automatically(
     seconds, shares = config.budget().seconds, _shares(config)
     wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
     with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
+        exact = _dynamic_programming(problem, config, started, options)
+        if exact is not None and exact.solution is not None:
+            return _proven(exact, seed, started, clock)
         options.on_stage("probing")
         arena = _arena(problem, config, seed, started, options)
         if arena.probe.policy_seconds is not None:
             alternatives.stop()  # its memory is needed
         recipe, interrupted = Recipe(arena, shares, options.on_stage), False
+        recipe.arms += [] if exact is None else [exact]
         try:
             recipe.run()
             late = arena.deadline + _LATE_SHARE * seconds
@@ -105,15 +111,49 @@ def _shares(config: PlannerConfig) -> Shares:
     return read_search(config.sections) or Shares()
 
 
+def _dynamic_programming(
+    problem: Problem, config: PlannerConfig, began: float, options: RaceOptions
+) -> DynamicProgrammingArm | None:
+    """Looks for the optimum before anything is compiled; None where that has no prospect."""
+    share = _shares(config).optimum_until
+    if share == 0.0 or not is_discrete(problem):
+        return None
+    options.on_stage("enumerating")
+    arm = DynamicProgrammingArm(problem, config, options.clock)
+    arm.work(began + share * config.budget().seconds)
+    return arm
+
+
+def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -> RaceOutcome:
+    """The outcome of a race that nobody can win any more."""
+    assert arm.solution is not None
+    judge = Judge(_ROLLOUTS, seed, clock, began)
+    (candidate,) = arm.take_candidates()
+    judge.record(candidate)
+    arm.judged(candidate)
+    return RaceOutcome(
+        policy=arm.solution.policy(seed),
+        chosen=candidate,
+        judged=judge.judged,
+        arms=[arm.log],
+        probe=None,
+        random_return=None,
+        compile_seconds=0.0,
+        seconds=clock() - began,
+        interrupted=False,
+    )
+
+
 def _arena(
     problem: Problem, config: PlannerConfig, seed: int, began: float, options: RaceOptions
 ) -> Arena:
     """Probes, and compiles the planner that suits the problem."""
-    clock, seconds, shares = options.clock, config.budget().seconds, _shares(config)
+    clock, shares = options.clock, _shares(config)
+    deadline, now = began + config.budget().seconds, clock()
     config = config.without_section(SEARCH)
     # the same for all seeds, whose programs then are the same too
     bare = build_planner(problem, without_scales(config)).planner
-    seen = probe(bare, _PROBING_SEED, began + shares.shared_until * seconds, clock)
+    seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
     config = scaled(config, seen)
     large = seen.policy_seconds is not None
     if large:
@@ -128,7 +168,7 @@ def _arena(
         probe=seen,
         judge=Judge(_FEW_ROLLOUTS if large else _ROLLOUTS, seed, clock, began),
         seed=seed,
-        deadline=began + seconds,
+        deadline=deadline,
         clock=clock,
         search_share=shares.shared_until,
         most_iterations=options.most_iterations,

@@ -1,5 +1,7 @@
 """The recipe of the preset `auto`: which arm works when.
 
+Where all states can be enumerated, the optimum is known before any of this begins.
+
 1. Constant actions on the exact model say in which units states and actions are of order 1.
 2. The few weights that all objects share are adapted without a gradient on the exact return,
    which neither flat regions nor cliffs stop; then an open-loop plan, or each object's own

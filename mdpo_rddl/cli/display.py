@@ -89,6 +89,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
     table.add_section()
     table.add_row("episodes, exact environment", str(summary["episodes"]))
     table.add_row("mean return", f"[bold]{_number(summary['mean_return'])}[/bold]")
+    if "optimum" in summary:
+        table.add_row("proven optimum", f"[bold]{_number(summary['optimum']['value'])}[/bold]")
     if summary["ci95"] is not None:
         low, high = summary["ci95"]
         table.add_row("95% interval", f"\\[{_number(low)}, {_number(high)}]")
@@ -128,7 +130,10 @@ def _add_race(table: Table, summary: Mapping[str, Any]) -> None:
     if race["parents"]:
         result += f", from {' and '.join(race['parents'])}"
     table.add_row("result", result)
-    table.add_row("return of the no-op", _number(race["noop_return"]))
+    if "optimum" in summary:
+        table.add_row("reachable states", f"{summary['optimum']['states']:,}")
+    else:
+        table.add_row("return of the no-op", _number(race["noop_return"]))
     for name, arm in race["arms"].items():
         best = "none" if arm["best_return"] is None else _number(arm["best_return"])
         mark = " *" if name == race["arm"] else ""

@@ -1,4 +1,4 @@
-"""What planners of JaxPlan's kind have in common: a policy that is trained, kept and played."""
+"""What JaxPlan's planners have in common: a policy that is trained, kept and played."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
+from mdpo_rddl.policy.file import SavedPolicy, load_parameters, problem_identity, save_policy
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -32,13 +32,17 @@ class Found(NamedTuple):
     hyperparams: dict[str, Any]
 
 
+def training_seconds(seconds: float) -> float:
+    """What a training may take of the time for a preparation: all but a margin."""
+    return max(seconds - min(_MARGIN_SHARE * seconds, _MOST_MARGIN_SECONDS), 1.0)
+
+
 class GradientPlanner(ABC):
     """A planner that trains the parameters of a policy and then plays it."""
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Trains for the time given, less a margin."""
-        margin = min(_MARGIN_SHARE * seconds, _MOST_MARGIN_SECONDS)
-        found = self._find(problem, max(seconds - margin, 1.0), seed)
+        found = self._find(problem, training_seconds(seconds), seed)
         self._saved = SavedPolicy(
             params=found.params,
             policy_hyperparams=found.hyperparams,
@@ -54,7 +58,7 @@ class GradientPlanner(ABC):
 
     def restore(self, problem: Problem, folder: Path) -> None:
         """Reads the policy and compiles it."""
-        self._saved = load_policy(folder / _FILE)
+        self._saved = load_parameters(folder / _FILE)
         planner = self._build(problem, PlannerConfig.from_text(self._saved.config))
         self._take_up(problem, planner)
 

@@ -7,39 +7,41 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.ipc.gradient import Found, GradientPlanner
-from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
+from mdpo_rddl.policy.file import load_policy, save_policy
+from mdpo_rddl.policy.kinds import AnyPolicy, restored
 from mdpo_rddl.problem.legal_moves import LegalMoves
-from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.load import Problem, make_environment
+
+_FILE = "policy.safetensors"
 
 
-class MDPO(GradientPlanner):
-    """Trains a policy by the default preset, and plays a legal action near the policy's."""
+class MDPO:
+    """Finds a policy by the default preset, and plays a legal action near the policy's."""
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
-        """Trains for the time given, less a margin."""
-        super().prepare(problem, seconds, seed)
-        self._moves = LegalMoves(problem)
+        """Looks for a policy for the time given, less a margin."""
+        config = PRESETS[DEFAULT_PRESET](problem.domain_name)
+        config = config.with_values("Optimize", train_seconds=training_seconds(seconds))
+        self._take_up(plan_automatically(problem, config, seed).policy)
+
+    def save(self, folder: Path) -> None:
+        """Writes the policy."""
+        save_policy(folder / _FILE, self._policy.to_saved())
 
     def restore(self, problem: Problem, folder: Path) -> None:
         """Reads the policy and compiles it."""
-        super().restore(problem, folder)
-        self._moves = LegalMoves(problem)
+        path = folder / _FILE
+        self._take_up(restored(load_policy(path), problem, str(path)))
 
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
     ) -> Mapping[str, Any]:
         """What the policy does if it is legal; it draws nothing."""
-        return self._moves.rule(super().act(step, state, rng), state).actions
+        return self._moves.rule(self._policy(step, state), state).actions
 
-    def _find(self, problem: Problem, seconds: float, seed: int) -> Found:
-        config = PRESETS[DEFAULT_PRESET](problem.domain_name)
-        config = config.with_values("Optimize", train_seconds=seconds)
-        policy = plan_automatically(problem, config, seed).policy
-        hyperparams = dict(policy.policy_hyperparams)
-        return Found(policy.planner, policy.config, policy.params, hyperparams)
-
-    def _build(self, problem: Problem, config: PlannerConfig) -> Any:
-        return build_planner(problem, config).planner
+    def _take_up(self, policy: AnyPolicy) -> None:
+        self._policy, self._moves = policy, LegalMoves(policy.problem)
+        state, _ = make_environment(policy.problem).reset(seed=0)
+        policy(0, state)  # compiles it

@@ -1,20 +1,20 @@
-"""A trained policy as a safetensors file: tensors and text, nothing that executes."""
+"""A policy as a file: the parameters of a planner, or a table of actions."""
 
-import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-import safetensors
-from safetensors.numpy import save
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
+from mdpo_rddl.policy.table import ActionTable, Optimum, parse_table, table_tensors, table_text
 from mdpo_rddl.problem.load import Problem
 
 FORMAT = "mdpo-rddl policy 1"
+TABLE_FORMAT = "mdpo-rddl table 2"
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,23 @@ class SavedPolicy:
     seed: int
 
 
+@dataclass(frozen=True)
+class SavedTable:
+    """What is needed to play a table again.
+
+    Attributes:
+      table: of actions by state and step.
+      optimum: what is proven of it.
+      problem: identity of the problem, as in `SavedPolicy`.
+      seed: of the run that found it.
+    """
+
+    table: ActionTable
+    optimum: Optimum
+    problem: dict[str, Any]
+    seed: int
+
+
 def problem_identity(problem: Problem) -> dict[str, Any]:
     """What tells one problem from another."""
     return {
@@ -47,66 +64,88 @@ def problem_identity(problem: Problem) -> dict[str, Any]:
     }
 
 
-def save_policy(path: Path, policy: SavedPolicy) -> None:
+def require_same_problem(saved: SavedPolicy | SavedTable, problem: Problem, source: str) -> None:
+    """Raises `InputError` unless a policy was saved for a problem.
+
+    Args:
+      saved: the policy.
+      problem: on which to play it.
+      source: where the policy came from, for the message.
+    """
+    here = problem_identity(problem)
+    if saved.problem.get("digest") != here["digest"]:
+        raise InputError(
+            f"{source}: saved for {saved.problem.get('label')} "
+            f"({saved.problem.get('domain')}/{saved.problem.get('instance')}), "
+            f"not for {here['label']} ({here['domain']}/{here['instance']}) as its files are now"
+        )
+
+
+def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
     """Writes a policy.
 
     Raises:
       ValueError: if a tree holds anything but nested dictionaries with string keys.
     """
+    common = {"problem": json.dumps(policy.problem), "seed": str(policy.seed)}
+    if isinstance(policy, SavedTable):
+        text = table_text(policy.table, policy.optimum)
+        metadata = {"format": TABLE_FORMAT, **common, **text}
+        write_container(path, table_tensors(policy.table), metadata)
+        return
     tensors = {
         **flatten(policy.params, "params"),
         **flatten(policy.policy_hyperparams, "hyperparams"),
     }
-    metadata = {
-        "format": FORMAT,
-        "config": policy.config,
-        "problem": json.dumps(policy.problem),
-        "seed": str(policy.seed),
-    }
-    metadata["digest"] = _digest(tensors, metadata)
-    path.write_bytes(save(tensors, metadata=metadata))
+    write_container(path, tensors, {"format": FORMAT, "config": policy.config, **common})
 
 
-def load_policy(path: Path) -> SavedPolicy:
+def load_policy(path: Path) -> SavedPolicy | SavedTable:
     """Reads a policy back, bit for bit.
 
     Raises:
       InputError: naming the file, if it is missing, damaged or not such a policy.
     """
+    readers: dict[str, Callable[[Metadata, Tensors], SavedPolicy | SavedTable]]
+    readers = {FORMAT: _parameters, TABLE_FORMAT: _table}
+    return _load(path, readers)
+
+
+def load_parameters(path: Path) -> SavedPolicy:
+    """Reads the parameters of a planner back.
+
+    Raises:
+      InputError: as `load_policy` does, and for a table.
+    """
+    return _load(path, {FORMAT: _parameters})
+
+
+_Saved = TypeVar("_Saved")
+
+
+def _load(path: Path, readers: Mapping[str, Callable[[Metadata, Tensors], _Saved]]) -> _Saved:
+    """What the reader of the file's format makes of it."""
+    metadata, tensors = read_container(path, readers)
     try:
-        with safetensors.safe_open(str(path), framework="numpy") as file:
-            metadata = file.metadata() or {}
-            if metadata.get("format") != FORMAT:
-                found = metadata.get("format")
-                raise InputError(f"{path}: not a policy of mdpo-rddl (format {found!r})")
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such policy") from error
-    except (OSError, safetensors.SafetensorError) as error:
-        cause = " ".join(str(error).split())
-        raise InputError(f"{path}: damaged policy file: {cause}") from error
-    if metadata.pop("digest", None) != _digest(tensors, metadata):
-        raise InputError(f"{path}: damaged policy file: its contents do not match their digest")
-    try:
-        trees = unflatten(tensors)
-        return SavedPolicy(
-            params=trees["params"],
-            policy_hyperparams=trees.get("hyperparams", {}),
-            config=metadata["config"],
-            problem=json.loads(metadata["problem"]),
-            seed=int(metadata["seed"]),
-        )
-    except (KeyError, ValueError) as error:
+        return readers[metadata["format"]](metadata, tensors)
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged policy file: {error!r}") from error
 
 
-def _digest(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
-    """The sha256 (hex) of everything in the file but the digest itself."""
-    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
-    for name, tensor in sorted(tensors.items()):
-        digest.update(f"{name} {tensor.dtype} {tensor.shape} ".encode())
-        digest.update(tensor.tobytes())
-    return digest.hexdigest()
+def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
+    trees = unflatten(tensors)
+    return SavedPolicy(
+        params=trees["params"],
+        policy_hyperparams=trees.get("hyperparams", {}),
+        config=metadata["config"],
+        problem=json.loads(metadata["problem"]),
+        seed=int(metadata["seed"]),
+    )
+
+
+def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
+    table, optimum = parse_table(tensors, metadata)
+    return SavedTable(table, optimum, json.loads(metadata["problem"]), int(metadata["seed"]))
 
 
 def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.policy.file import SavedPolicy, problem_identity
+from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem import evaluation
 from mdpo_rddl.problem.load import Problem
@@ -51,7 +51,7 @@ class Policy:
           InputError: if it was saved for another problem, its configuration cannot be used,
             or its tensors do not fit.
         """
-        _require_same_problem(saved, problem, source)
+        require_same_problem(saved, problem, source)
         config = PlannerConfig.from_text(saved.config, source)
         planner = build_planner(problem, config).planner
         _require_params(saved, planner, source)
@@ -79,16 +79,6 @@ class Policy:
     @cached_property
     def _play(self) -> evaluation.Policy:
         return playable(self.planner, self.params, self.policy_hyperparams, self.seed)
-
-
-def _require_same_problem(saved: SavedPolicy, problem: Problem, source: str) -> None:
-    here = problem_identity(problem)
-    if saved.problem.get("digest") != here["digest"]:
-        raise InputError(
-            f"{source}: saved for {saved.problem.get('label')} "
-            f"({saved.problem.get('domain')}/{saved.problem.get('instance')}), "
-            f"not for {here['label']} ({here['domain']}/{here['instance']}) as its files are now"
-        )
 
 
 def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> None:

@@ -1,20 +1,14 @@
-"""A policy that looks its action up by step and state: arrays, in memory and in a file."""
+"""A table of actions by state and step, and the optimum that it attains: plain data."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from pathlib import Path
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import safetensors
-from safetensors.numpy import save
 
-from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import write_atomically
-from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
-from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
-
-FORMAT = "mdpo-rddl table 1"
+_ARRAYS = ("places", "merges", "states", "first_run", "until_step", "action")
+_WORD = 64
 
 
 @dataclass(frozen=True)
@@ -45,111 +39,106 @@ class ActionTable:
     objects: Mapping[str, tuple[str, ...]]
 
 
-class TablePolicy:
-    """Plays a table; where a state is not in it, the no-op.
+@dataclass(frozen=True)
+class Optimum:
+    """What backward induction has proven.
 
     Attributes:
-      misses: at how many decisions the state was not in the table.
+      value: expected return of the best policy from the initial state.
+      states: number of reachable states.
+      transitions: probabilities that were stored.
+      actions: number of joint actions that differ.
+      seconds: that it took.
     """
 
-    def __init__(self, table: ActionTable) -> None:
-        """Makes the keys of the table's states."""
-        self.table, self.misses = table, 0
-        self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
-        self._merges = [
-            Merge(int(word), int(mask), int(value), np.array(keep, np.uint64))
-            for word, mask, value, *keep in table.merges
-        ]
-        self._keys = keys(table.states)
-
-    def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """The action at a step.
-
-        Args:
-          step: number of decisions before this one.
-          observation: per state fluent its values [*shape], as the vectorized environment's.
-
-        Returns:
-          Per action fluent its values [*shape].
-        """
-        number = self._number(step, observation)
-        return {
-            name: values[number] if values.ndim > 1 else values[number].item()
-            for name, values in self.table.actions.items()
-        }
-
-    def _number(self, step: int, observation: Mapping[str, Any]) -> int:
-        """The number of the action; 0, the no-op's, for an unknown state."""
-        table = self.table
-        values = np.concatenate([self._values(name, observation[name]) for name in table.fluents])
-        try:
-            (state,) = merged(self._packing.encode_all(values.tolist())[np.newaxis], self._merges)
-        except OverflowError:
-            self.misses += 1
-            return 0
-        place = int(np.searchsorted(self._keys, keys(state[np.newaxis])[0]))
-        if place == len(self._keys) or not np.array_equal(table.states[place], state):
-            self.misses += 1
-            return 0
-        start, stop = table.first_run[place : place + 2]
-        run = start + np.searchsorted(table.until_step[start:stop], step)
-        return int(table.action[min(run, stop - 1)])
-
-    def _values(self, name: str, observed: Any) -> np.ndarray:
-        values = np.ravel(np.asarray(observed))
-        if values.dtype.kind in "UO":
-            names = self.table.objects[name]
-            return np.array([names.index(str(each).removeprefix("@")) for each in values])
-        return values.astype(np.int64)
+    value: float
+    states: int
+    transitions: int
+    actions: int
+    seconds: float
 
 
-def save_table(path: Path, table: ActionTable, digest: str) -> None:
-    """Writes a table.
-
-    Args:
-      path: of the file.
-      table: what to write.
-      digest: of the problem that it belongs to.
-    """
-    arrays = {
-        field.name: getattr(table, field.name)
-        for field in fields(table)
-        if isinstance(getattr(table, field.name), np.ndarray)
-    }
+def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
+    """The arrays of a table by their names; those of the actions after `actions/`."""
+    arrays = {name: getattr(table, name) for name in _ARRAYS}
     arrays |= {f"actions/{name}": values for name, values in table.actions.items()}
-    metadata = {"format": FORMAT, "problem": digest, "fluents": "\n".join(table.fluents)}
-    metadata |= {f"objects/{name}": "\n".join(names) for name, names in table.objects.items()}
-    arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
-    write_atomically(path, save(arrays, metadata=metadata))
+    return {name: np.ascontiguousarray(values) for name, values in arrays.items()}
 
 
-def load_table(path: Path, digest: str) -> ActionTable:
-    """Reads a table back.
+def table_text(table: ActionTable, optimum: Optimum) -> dict[str, str]:
+    """The rest of a table, and the optimum, as JSON."""
+    return {
+        "fluents": json.dumps(table.fluents),
+        "objects": json.dumps(dict(table.objects)),
+        "optimum": json.dumps(asdict(optimum)),
+    }
+
+
+def parse_table(
+    tensors: Mapping[str, np.ndarray], text: Mapping[str, str]
+) -> tuple[ActionTable, Optimum]:
+    """A table of its tensors and its text, whoever wrote them.
 
     Raises:
-      InputError: naming the file, if it is missing, damaged or of another problem.
+      AttributeError, KeyError, OverflowError, TypeError, ValueError: if something is missing,
+        or does not fit together.
     """
-    try:
-        with safetensors.safe_open(str(path), framework="numpy") as file:
-            metadata = file.metadata() or {}
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such table") from error
-    except (OSError, safetensors.SafetensorError) as error:
-        raise InputError(f"{path}: damaged table: {' '.join(str(error).split())}") from error
-    if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: not a table of mdpo-rddl")
-    if metadata.get("problem") != digest:
-        raise InputError(f"{path}: a table of another problem")
-    named = {name.partition("/")[2]: value for name, value in arrays.items() if "/" in name}
-    plain = {name: value for name, value in arrays.items() if "/" not in name}
-    objects = {
-        name.partition("/")[2]: tuple(text.split("\n"))
-        for name, text in metadata.items()
-        if name.startswith("objects/")
+    prefix = "actions/"
+    actions = {
+        name.removeprefix(prefix): values
+        for name, values in tensors.items()
+        if name.startswith(prefix)
     }
-    try:
-        fluents = tuple(metadata["fluents"].split("\n"))
-        return ActionTable(actions=named, fluents=fluents, objects=objects, **plain)
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: damaged table: {error}") from error
+    _require(set(tensors) == {*_ARRAYS, *(prefix + name for name in actions)}, "tensors")
+    objects = {name: _names(values) for name, values in json.loads(text["objects"]).items()}
+    table = ActionTable(
+        **{name: tensors[name] for name in _ARRAYS},
+        actions=actions,
+        fluents=_names(json.loads(text["fluents"])),
+        objects=objects,
+    )
+    _check(table)
+    return table, _optimum(json.loads(text["optimum"]))
+
+
+def _names(values: Iterable[Any]) -> tuple[str, ...]:
+    names = tuple(values)
+    _require(all(isinstance(name, str) for name in names), "names")
+    return names
+
+
+def _optimum(figures: Mapping[str, Any]) -> Optimum:
+    value, seconds = float(figures["value"]), float(figures["seconds"])
+    _require(bool(np.isfinite([value, seconds]).all()), "figures")
+    counts = {name: int(figures[name]) for name in ("states", "transitions", "actions")}
+    return Optimum(value=value, seconds=seconds, **counts)
+
+
+def _require(holds: bool, what: str) -> None:
+    if not holds:
+        raise ValueError(f"its {what} do not fit together")
+
+
+def _check(table: ActionTable) -> None:
+    """Raises ValueError unless every number that points somewhere points into the table."""
+    places, runs = table.places, len(table.action)
+    for name in ("places", "first_run", "until_step", "action"):
+        _require(getattr(table, name).dtype.kind == "i", name)
+    _require(places.ndim == 2 and places.shape[1:] == (4,), "places")
+    word, shift, bits = places[:, 0], places[:, 1], places[:, 2]
+    _require(bool(np.all((word >= 0) & (shift >= 0) & (bits > 0) & (bits < _WORD))), "places")
+    _require(bool(np.all(shift + bits <= _WORD)), "places")
+    words = int(word[-1]) + 1 if len(word) else 1
+    _require(bool(np.all(word < words)), "places")
+    states, merges = table.states, table.merges
+    _require(states.ndim == 2 and states.shape[1:] == (words,), "states")
+    _require(merges.ndim == 2 and merges.shape[1:] == (3 + words,), "merges")
+    _require(states.dtype == merges.dtype == np.uint64, "states")
+    _require(bool(np.all(merges[:, 0] < words)), "merges")
+    first = table.first_run
+    _require(first.shape == (len(states) + 1,) and bool(np.all(np.diff(first) > 0)), "runs")
+    _require(int(first[0]) == 0 and int(first[-1]) == runs, "runs")
+    _require(table.until_step.shape == table.action.shape == (runs,), "runs")
+    counts = {len(values) if values.ndim else 0 for values in table.actions.values()}
+    _require(len(counts) == 1 and min(counts) > 0, "actions")
+    _require(bool(np.all((table.action >= 0) & (table.action < min(counts)))), "actions")

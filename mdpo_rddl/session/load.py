@@ -1,17 +1,23 @@
 """Evaluate what an earlier session saved."""
 
 import contextlib
+import dataclasses
 from typing import Any
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import load_policy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
-from mdpo_rddl.session.report.summary import identity, return_figures
-from mdpo_rddl.session.requests import LoadRequest, PlanRequest, Reporter
+from mdpo_rddl.session.report.summary import (
+    identity,
+    optimum_figures,
+    policy_figures,
+    return_figures,
+)
+from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
 
 
 def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
@@ -34,21 +40,19 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         folder = None if request.out is None else stack.enter_context(RunFolder(request.out))
         reporter.stage("compiling")
-        policy = Policy.from_saved(saved, problem, str(path))
+        policy = restored(dataclasses.replace(saved, seed=seed), problem, str(path))
         reporter.stage("evaluating")
-        out = request.out or request.folder
-        played = PlanRequest(problem, policy.config, str(path), seed, request.episodes, out)
-        evaluator = Evaluator(played, policy.planner, policy.policy_hyperparams, reporter)
+        evaluator = Evaluator(Terms(problem, seed, request.episodes), reporter)
         summary = {
             **identity(
                 problem,
-                policy.config,
-                policy.planner,
+                policy_figures(policy),
                 config_name=str(path),
                 seed=seed,
                 episodes=request.episodes,
             ),
-            **return_figures(evaluator.run(policy.params)),
+            **return_figures(evaluator.run(policy)),
+            **({} if horizon != saved.problem["horizon"] else optimum_figures(policy)),
             "loaded_from": str(request.folder),
             "versions": package_versions(),
         }

@@ -12,12 +12,18 @@ from mdpo_rddl.planner.config.search_section import read_search
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
+from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.report.race import race_figures, write_race
 from mdpo_rddl.session.report.run_folder import RunFolder, write_summary
-from mdpo_rddl.session.report.summary import identity, return_figures, training_figures
+from mdpo_rddl.session.report.summary import (
+    identity,
+    policy_figures,
+    return_figures,
+    training_figures,
+)
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
@@ -52,10 +58,10 @@ def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> 
             request.problem, request.config, planner, result.best_params, hyperparams, seed
         )
         reporter.stage("evaluating")
-        evaluator = Evaluator(request, planner, hyperparams, reporter)
+        evaluator = Evaluator(request, reporter)
         second.begin(policy.params, hyperparams)
-        last = evaluator.run(result.last_params)
-        best = second.result() or evaluator.run(policy.params)
+        last = evaluator.run(policy.with_params(result.last_params))
+        best = second.result() or evaluator.run(policy)
     summary = {
         **_identity(policy, request),
         **return_figures(best),
@@ -73,24 +79,23 @@ def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[s
     outcome = _plan_automatically(request, reporter)
     policy = outcome.policy
     reporter.stage("evaluating")
-    evaluator = Evaluator(request, policy.planner, policy.policy_hyperparams, reporter)
+    evaluator = Evaluator(request, reporter)
     summary = {
         **_identity(policy, request),
-        **return_figures(evaluator.run(policy.params)),
+        **return_figures(evaluator.run(policy)),
         **race_figures(outcome),
     }
     with folder.writing():
         write_race(folder.staging, outcome, summary)
-        write_summary(folder.staging, policy.config, summary)
+        write_summary(folder.staging, outcome.config, summary)
     folder.commit()
     return summary
 
 
-def _identity(policy: Policy, request: PlanRequest) -> dict[str, Any]:
+def _identity(policy: AnyPolicy, request: PlanRequest) -> dict[str, Any]:
     return identity(
         policy.problem,
-        policy.config,
-        policy.planner,
+        policy_figures(policy),
         config_name=request.config_name,
         seed=policy.seed,
         episodes=request.episodes,

@@ -14,7 +14,7 @@ from mdpo_rddl.policy.replanning import Decision, OnlinePolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, write_json
-from mdpo_rddl.session.report.summary import identity, return_figures
+from mdpo_rddl.session.report.summary import identity, planner_figures, return_figures
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 
 
@@ -52,8 +52,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         summary = {
             **identity(
                 request.problem,
-                request.config,
-                planner,
+                planner_figures(request.config, planner),
                 config_name=request.config_name,
                 seed=request.seed,
                 episodes=request.episodes,

@@ -39,6 +39,19 @@ class EvaluationTerms(Protocol):
 
 
 @dataclass(frozen=True)
+class Terms:
+    """An evaluation's terms, and no more.
+
+    Attributes:
+      problem, seed, episodes: as in `EvaluationTerms`.
+    """
+
+    problem: Problem
+    seed: int
+    episodes: int
+
+
+@dataclass(frozen=True)
 class PlanRequest:
     """What to plan and how.
 

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -19,27 +19,19 @@ from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.machine.jax_setup import kept_tables, leave_out_of_collections
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
+from mdpo_rddl.policy.file import SavedPolicy, load_parameters, problem_identity, save_policy
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.session.preparation import prepare
-from mdpo_rddl.session.requests import PlanRequest
+from mdpo_rddl.session.requests import PlanRequest, Terms
 
 logger = logging.getLogger(__name__)
 
 # with fewer steps to play, starting a process takes longer than playing them
 _WORTH_STEPS = 1000
 _POLICY = "policy.safetensors"
-
-
-class _Terms(NamedTuple):
-    """How the policy is played."""
-
-    problem: Problem
-    seed: int
-    episodes: int
 
 
 class SecondEvaluator:
@@ -128,9 +120,9 @@ def serve(messages: Messages) -> None:
     config = PlannerConfig.from_text(asked["config"])
     seed, episodes = asked["seed"], asked["episodes"]
     planner = build_planner(problem, config).planner
-    prepare(planner, _Terms(problem, seed, episodes))
+    prepare(planner, Terms(problem, seed, episodes))
     leave_out_of_collections()
-    saved = load_policy(Path(messages.receive()))
+    saved = load_parameters(Path(messages.receive()))
     policy = playable(planner, saved.params, saved.policy_hyperparams, seed)
     found = evaluate(make_environment(problem), policy, episodes, seed)
     messages.send(

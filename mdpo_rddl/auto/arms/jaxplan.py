@@ -28,7 +28,7 @@ from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.training import train
-from mdpo_rddl.policy.file import SavedPolicy, load_policy, problem_identity, save_policy
+from mdpo_rddl.policy.file import SavedPolicy, load_parameters, problem_identity, save_policy
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 
@@ -228,7 +228,7 @@ def _received(answer: dict[str, Any], folder: Path, problem: Problem) -> Alterna
       InputError: if the file is not a policy of the problem.
     """
     method = answer["method"]
-    saved = load_policy(_file(folder, method))
+    saved = load_parameters(_file(folder, method))
     if saved.problem != problem_identity(problem):
         raise InputError(f"the policy of {method} is one for another problem")
     return Alternative(

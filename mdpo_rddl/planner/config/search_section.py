@@ -10,9 +10,14 @@ SEARCH = "Search"
 
 @dataclass(frozen=True)
 class Search:
-    """Shares of the time that is left of `[Optimize] train_seconds` once the model was probed.
+    """Shares of the time.
+
+    The first is of all of `[Optimize] train_seconds`, the others are of what is left of it once
+    the model was probed.
 
     Attributes:
+      optimum_until: how long exact dynamic programming is tried where states and actions are
+        discrete and observed; 0 for not at all.
       shared_until: where the search for the shared weights ends.
       own_until: where the search for an open-loop plan ends, or, if none promises to become as
         good as the shared weights, that for each object's own weights.
@@ -23,6 +28,7 @@ class Search:
       ValueError: if the shares are not in order between 0 and 1.
     """
 
+    optimum_until: float = 0.4
     shared_until: float = 0.25
     own_until: float = 0.45
     gradient_until: float = 0.85
@@ -33,6 +39,8 @@ class Search:
         shares = [0.0, *(getattr(self, name) for name in names), 1.0]
         if self.shared_until == 0.0 or shares != sorted(shares):
             raise ValueError(f"0 < {' <= '.join(names)} <= 1 must hold")
+        if not 0.0 <= self.optimum_until < 1.0:
+            raise ValueError(f"0 <= optimum_until < 1 must hold, got {self.optimum_until!r}")
         if not isinstance(self.alternatives, bool):
             raise ValueError(f"alternatives: must be True or False, got {self.alternatives!r}")
 

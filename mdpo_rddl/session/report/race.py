@@ -11,6 +11,7 @@ from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import save_policy
 from mdpo_rddl.session.report.race_figure import draw_race
 from mdpo_rddl.session.report.run_folder import POLICY
+from mdpo_rddl.session.report.summary import optimum_figures
 from mdpo_rddl.session.report.training import write_history
 
 if TYPE_CHECKING:
@@ -21,8 +22,10 @@ COLUMNS = ("seconds", "arm", "candidate", "mean_return", "error", "became_incumb
 
 def race_figures(outcome: "RaceOutcome") -> dict[str, Any]:
     """How the race went, on what; `train_seconds` is what compilation has left of the time."""
+    ended = "time_budget_reached" if outcome.optimum is None else "optimum_proven"
     return {
-        "status": "interrupted" if outcome.interrupted else "time_budget_reached",
+        **optimum_figures(outcome.policy),
+        "status": "interrupted" if outcome.interrupted else ended,
         "train_seconds": max(0.0, outcome.seconds - outcome.compile_seconds),
         "compile_seconds": outcome.compile_seconds,
         "device": str(jax.devices()[0]),

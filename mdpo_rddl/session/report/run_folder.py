@@ -156,13 +156,21 @@ def free_name(parent: Path, stem: str) -> Path:
 
 
 def write_summary(folder: Path, config: PlannerConfig, summary: Mapping[str, Any]) -> None:
-    """Writes the configuration that the policy belongs to, and the summary of the run."""
+    """Writes the configuration that the policy belongs to, and the summary of the run.
+
+    Args:
+      folder: where.
+      config: of the policy's planner; of the race if the policy is a table.
+      summary: of the run; what is proven of a table is written beside the configuration too.
+    """
     described = {
         "source": summary["config"],
         "sections": config.sections,
         "seed": summary["seed"],
         "episodes": summary["episodes"],
     }
+    if "optimum" in summary:
+        described["optimum"] = summary["optimum"]
     write_json(folder / "config.json", described)
     write_json(folder / SUMMARY, summary)
 

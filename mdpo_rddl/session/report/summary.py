@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import jax
@@ -10,6 +11,8 @@ from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import TrainingResult
+from mdpo_rddl.policy.kinds import AnyPolicy
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
 
@@ -23,8 +26,7 @@ _POLICY_NAMES = {
 
 def identity(
     problem: Problem,
-    config: PlannerConfig,
-    planner: MDPOPlanner,
+    figures: Mapping[str, Any],
     *,
     config_name: str,
     seed: int,
@@ -34,25 +36,48 @@ def identity(
 
     Args:
       problem: the parsed problem.
-      config: that the policy belongs to.
-      planner: compiled for it.
+      figures: `planner_figures` or `policy_figures`.
       config_name: what to call it: the preset or the file.
       seed: of the run.
       episodes: that the policy is played.
     """
-    noise, plan = type(config.noise()).__name__, type(planner.plan).__name__
     return {
         "domain": problem.domain_name,
         "instance": problem.instance_name,
         "label": problem.label,
         "horizon": problem.horizon,
         "config": config_name,
-        "noise": _NOISE_NAMES.get(noise, noise),
-        "noise_parameters": config.noise_numbers,
-        "policy": _POLICY_NAMES.get(plan, plan),
+        **figures,
         "seed": seed,
         "episodes": episodes,
     }
+
+
+def planner_figures(config: PlannerConfig, planner: MDPOPlanner) -> dict[str, Any]:
+    """The noise and the kind of policy of a planner.
+
+    Args:
+      config: of the planner.
+      planner: compiled for it.
+    """
+    noise, plan = type(config.noise()).__name__, type(planner.plan).__name__
+    return {
+        "noise": _NOISE_NAMES.get(noise, noise),
+        "noise_parameters": config.noise_numbers,
+        "policy": _POLICY_NAMES.get(plan, plan),
+    }
+
+
+def policy_figures(policy: AnyPolicy) -> dict[str, Any]:
+    """The noise that a policy was trained with, and its kind."""
+    if isinstance(policy, TablePolicy):
+        return {"noise": "none", "noise_parameters": {}, "policy": "table"}
+    return planner_figures(policy.config, policy.planner)
+
+
+def optimum_figures(policy: AnyPolicy) -> dict[str, Any]:
+    """The entry `optimum`, of a policy that is proven to be the best; else nothing."""
+    return {"optimum": asdict(policy.optimum)} if isinstance(policy, TablePolicy) else {}
 
 
 def return_figures(evaluation: Evaluation) -> dict[str, Any]:

@@ -48,6 +48,7 @@ def auto_preset(domain_name: str) -> PlannerConfig:
             "analysis_samples": 0,
         },
         "Search": {
+            "optimum_until": 0.4,
             "shared_until": 0.25,
             "own_until": 0.45,
             "gradient_until": 0.85,

@@ -1,0 +1,66 @@
+"""The arm that proves its policy to be the best one there is."""
+
+import logging
+
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.optimum import Solution, find_optimum
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
+from mdpo_rddl.problem.load import Problem
+
+logger = logging.getLogger(__name__)
+
+PROVEN = "proven optimum"
+_MEMORY_GB = 4.0
+
+
+class DynamicProgrammingArm(Arm):
+    """Enumerates the reachable states, and goes backward through the steps.
+
+    Attributes:
+      solution: the optimum, once it is found.
+    """
+
+    def __init__(self, problem: Problem, config: PlannerConfig, clock: Clock) -> None:
+        """Does nothing yet.
+
+        Args:
+          problem: with discrete, observed states and discrete actions.
+          config: of the race.
+          clock: what is asked for the time.
+        """
+        super().__init__("dynamic programming", clock)
+        self._problem, self._config = problem, config
+        self.solution: Solution | None = None
+
+    def _work(self, until: float) -> None:
+        seconds = until - self._clock()
+        try:
+            solution = find_optimum(self._problem, seconds, _MEMORY_GB, self._clock)
+        except NotEnumerableError as error:
+            self._give_up(str(error))
+            return
+        except Exception as error:  # the other arms need no enumeration
+            self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
+            return
+        self.solution = solution
+        self._log.iterations += self._problem.horizon
+        self._log.details = {"states": solution.optimum.states}
+        self._offer(
+            Candidate(
+                arm=self.name,
+                label=PROVEN,
+                config=self._config,
+                planner=None,
+                params=None,
+                mean=solution.value,
+                error=0.0,
+            )
+        )
+
+    def _give_up(self, cause: str) -> None:
+        logger.info("no exact dynamic programming: %s", cause)
+        self._log.details = {"cause": cause}

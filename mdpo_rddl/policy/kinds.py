@@ -1,0 +1,25 @@
+"""All kinds of policies, which are played and saved alike."""
+
+from mdpo_rddl.policy.file import SavedPolicy, SavedTable
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.problem.load import Problem
+
+AnyPolicy = Policy | TablePolicy
+"""Called with a step and an observation; has a `problem`, a `seed` and `to_saved`."""
+
+
+def restored(saved: SavedPolicy | SavedTable, problem: Problem, source: str) -> AnyPolicy:
+    """The policy that was saved, ready to be played.
+
+    Args:
+      saved: as `mdpo_rddl.policy.file.load_policy` reads it.
+      problem: on which to play it.
+      source: where it came from, for error messages.
+
+    Raises:
+      InputError: if it does not fit the problem.
+    """
+    if isinstance(saved, SavedTable):
+        return TablePolicy.from_saved(saved, problem, source)
+    return Policy.from_saved(saved, problem, source)

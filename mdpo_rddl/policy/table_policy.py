@@ -1,0 +1,123 @@
+"""A policy that looks its action up by step and state."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.policy.file import SavedTable, problem_identity, require_same_problem
+from mdpo_rddl.policy.table import ActionTable, Optimum
+from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
+from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
+from mdpo_rddl.problem.load import Problem, make_environment
+
+
+class TablePolicy:
+    """Plays a table; where a state is not in it, the no-op.
+
+    Attributes:
+      problem: the parsed problem.
+      table: of actions by state and step.
+      optimum: what is proven of the table, for the horizon that it was made for.
+      seed: of the run that found it.
+      misses: at how many decisions the state was not in the table.
+    """
+
+    def __init__(self, problem: Problem, table: ActionTable, optimum: Optimum, seed: int) -> None:
+        """Makes the keys of the table's states."""
+        self.problem, self.table, self.optimum, self.seed = problem, table, optimum, seed
+        self.misses = 0
+        self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
+        self._merges = [
+            Merge(int(word), int(mask), int(value), np.array(keep, np.uint64))
+            for word, mask, value, *keep in table.merges
+        ]
+        self._keys = keys(table.states)
+
+    @classmethod
+    def from_saved(cls, saved: SavedTable, problem: Problem, source: str) -> "TablePolicy":
+        """Takes up a saved table.
+
+        Args:
+          saved: the table.
+          problem: on which to play it.
+          source: where the table came from, for error messages.
+
+        Raises:
+          InputError: if it was saved for another problem, or its fluents are not the problem's.
+        """
+        require_same_problem(saved, problem, source)
+        if _fluents(saved.table) != _fluents_of(problem, saved.table.fluents):
+            raise InputError(f"{source}: damaged policy file: its fluents are not the problem's")
+        return cls(problem, saved.table, saved.optimum, saved.seed)
+
+    def to_saved(self) -> SavedTable:
+        """The policy as a file holds it."""
+        return SavedTable(self.table, self.optimum, problem_identity(self.problem), self.seed)
+
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """The action at a step.
+
+        Args:
+          step: number of decisions before this one.
+          observation: per state fluent its values [*shape], as the vectorized environment's.
+
+        Returns:
+          Per action fluent its values [*shape].
+        """
+        number = self._number(step, observation)
+        return {
+            name: values[number] if values.ndim > 1 else values[number].item()
+            for name, values in self.table.actions.items()
+        }
+
+    def _number(self, step: int, observation: Mapping[str, Any]) -> int:
+        """The number of the action; 0, the no-op's, for an unknown state."""
+        table = self.table
+        values = [self._values(name, observation[name]) for name in table.fluents]
+        try:
+            packed = self._packing.encode_all(np.concatenate([*values, _NONE]).tolist())
+        except OverflowError:
+            self.misses += 1
+            return 0
+        (state,) = merged(packed[np.newaxis], self._merges)
+        place = int(np.searchsorted(self._keys, keys(state[np.newaxis])[0]))
+        if place == len(self._keys) or not np.array_equal(table.states[place], state):
+            self.misses += 1
+            return 0
+        start, stop = table.first_run[place : place + 2]
+        run = start + np.searchsorted(table.until_step[start:stop], step)
+        return int(table.action[min(run, stop - 1)])
+
+    def _values(self, name: str, observed: Any) -> np.ndarray:
+        values = np.ravel(np.asarray(observed))
+        if values.dtype.kind in "UO":
+            names = self.table.objects[name]
+            return np.array([names.index(str(each).removeprefix("@")) for each in values])
+        return values.astype(np.int64)
+
+
+_NONE = np.zeros(0, np.int64)
+
+
+def _fluents(table: ActionTable) -> Any:
+    """What a table takes its problem to be, as `_fluents_of` says it of a problem."""
+    actions = {name: (values.shape[1:], values.dtype) for name, values in table.actions.items()}
+    return len(table.places), actions, dict(table.objects)
+
+
+def _fluents_of(problem: Problem, names: tuple[str, ...]) -> Any:
+    """Number of state values, shape and type of each action, and the names of objects."""
+    rddl, sampler = problem.model, make_environment(problem).sampler
+    known = {name: sampler.init_values[name] for name in rddl.state_fluents}
+    size = sum(np.size(value) for value in known.values()) if set(names) == set(known) else -1
+    noop = {name: np.asarray(value) for name, value in sampler.noop_actions.items()}
+    actions = {name: (value.shape, value.dtype) for name, value in noop.items()}
+    ranges = {name: rddl.variable_ranges[name] for name in known}
+    objects = {
+        name: tuple(rddl.type_to_objects[kind])
+        for name, kind in ranges.items()
+        if kind in rddl.type_to_objects
+    }
+    return size, actions, objects
