@@ -1,5 +1,6 @@
 """A trained policy as a safetensors file: tensors and text, nothing that executes."""
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
@@ -12,7 +13,9 @@ import safetensors
 from safetensors.numpy import save
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.source import ProblemSource
 
 FORMAT = "mdpo-rddl policy 1"
 
@@ -27,6 +30,8 @@ class SavedPolicy:
       config: the planner's configuration, as a `.cfg` file's text.
       problem: identity of the problem: `domain`, `instance`, `label`, `horizon`, `digest`.
       seed: of the run that trained it.
+      source: the problem's texts, with which the file stands alone; None if it has none.
+      candidates: what planning judged on the way, in its order, as JSON can hold it.
     """
 
     params: dict[str, Any]
@@ -34,6 +39,8 @@ class SavedPolicy:
     config: str
     problem: dict[str, Any]
     seed: int
+    source: ProblemSource | None = None
+    candidates: tuple[Mapping[str, Any], ...] = ()
 
 
 def problem_identity(problem: Problem) -> dict[str, Any]:
@@ -51,6 +58,7 @@ def save_policy(path: Path, policy: SavedPolicy) -> None:
     """Writes a policy.
 
     Raises:
+      InputError: if the file cannot be written.
       ValueError: if a tree holds anything but nested dictionaries with string keys.
     """
     tensors = {
@@ -63,8 +71,12 @@ def save_policy(path: Path, policy: SavedPolicy) -> None:
         "problem": json.dumps(policy.problem),
         "seed": str(policy.seed),
     }
+    if policy.source is not None:
+        metadata["source"] = json.dumps(dataclasses.asdict(policy.source))
+    if policy.candidates:
+        metadata["candidates"] = json.dumps(policy.candidates)
     metadata["digest"] = _digest(tensors, metadata)
-    path.write_bytes(save(tensors, metadata=metadata))
+    write_atomically(path, save(tensors, metadata=metadata))
 
 
 def load_policy(path: Path) -> SavedPolicy:
@@ -95,9 +107,16 @@ def load_policy(path: Path) -> SavedPolicy:
             config=metadata["config"],
             problem=json.loads(metadata["problem"]),
             seed=int(metadata["seed"]),
+            source=_source(metadata),
+            candidates=tuple(json.loads(metadata.get("candidates", "[]"))),
         )
-    except (KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged policy file: {error!r}") from error
+
+
+def _source(metadata: Mapping[str, str]) -> ProblemSource | None:
+    text = metadata.get("source")
+    return None if text is None else ProblemSource(**json.loads(text))
 
 
 def _digest(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
