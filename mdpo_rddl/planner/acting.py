@@ -1,9 +1,11 @@
 """What a trained planner of JaxPlan's does: its actions, made legal in 64 bit."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
@@ -31,7 +33,53 @@ class ActingPlanner(JaxBackpropPlanner):
         are 1, as in `optimize`.
         """
         hyperparams = self._complete_hyperparams(policy_hyperparams)
-        actions = dict(super().get_action(key, params, step, state, hyperparams, history))
+        with self._precision():
+            actions = super().get_action(key, params, step, state, hyperparams, history)
+        return self._clipped(actions)
+
+    def get_actions(
+        self,
+        key: Array,
+        params: Any,
+        step: int,
+        states: Mapping[str, Any],
+        policy_hyperparams: Any = None,
+    ) -> dict[str, Any]:
+        """`get_action` for many states in one call, all with the same key.
+
+        Args:
+          key: JAX random key.
+          params: parameters of one policy.
+          step: number of decisions before.
+          states: per fluent its values [batch, *shape]: numbers, bools or objects' names.
+          policy_hyperparams: as `get_action` takes them.
+
+        Returns:
+          Per action fluent [batch, *shape].
+        """
+        hyperparams = self._complete_hyperparams(policy_hyperparams)
+        numbers = {name: self._numbers(name, values) for name, values in states.items()}
+        with self._precision():
+            actions = self._batched_policy(key, params, hyperparams, step, numbers, {})
+        return self._clipped({name: np.asarray(values) for name, values in actions.items()})
+
+    @cached_property
+    def _batched_policy(self) -> Callable[..., Mapping[str, Array]]:
+        return jax.jit(jax.vmap(self.test_policy, in_axes=(None, None, None, None, 0, None)))
+
+    def _numbers(self, name: str, values: Any) -> np.ndarray:
+        values = np.asarray(values)
+        if values.dtype.kind != "U":
+            return values
+        kind = self.rddl.variable_ranges[name]
+        return np.asarray(self.rddl.object_string_to_index_array(kind, values))
+
+    def _precision(self) -> Any:
+        """JAX's precision as the planner was compiled, whatever it is elsewhere by now."""
+        return jax.enable_x64(jnp.float64 == self.compiled.REAL)
+
+    def _clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
+        actions = dict(found)
         for name, prange in self.rddl.action_ranges.items():
             if prange == "real" and name in actions:
                 bounds = self.test_compiled.constraints.bounds[name]

@@ -10,6 +10,7 @@ import safetensors
 from safetensors.numpy import save
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
 
 Tensors = dict[str, np.ndarray]
 Metadata = dict[str, str]
@@ -22,9 +23,12 @@ def write_container(path: Path, tensors: Tensors, metadata: Metadata) -> None:
       path: of the file.
       tensors: by their names.
       metadata: text by its names, with the `format`; the digest is added.
+
+    Raises:
+      InputError: if the file cannot be written.
     """
     metadata = {**metadata, "digest": _digest(tensors, metadata)}
-    path.write_bytes(save(tensors, metadata=metadata))
+    write_atomically(path, save(tensors, metadata=metadata))
 
 
 def read_container(path: Path, formats: Collection[str]) -> tuple[Metadata, Tensors]:

@@ -1,5 +1,6 @@
 """A policy as a file: the parameters of a planner, or a table of actions."""
 
+import dataclasses
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
 from mdpo_rddl.policy.table import ActionTable, Optimum, parse_table, table_tensors, table_text
 from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.source import ProblemSource
 
 FORMAT = "mdpo-rddl policy 1"
 TABLE_FORMAT = "mdpo-rddl table 2"
@@ -27,6 +29,8 @@ class SavedPolicy:
       config: the planner's configuration, as a `.cfg` file's text.
       problem: identity of the problem: `domain`, `instance`, `label`, `horizon`, `digest`.
       seed: of the run that trained it.
+      source: the problem's texts, with which the file stands alone; None if it has none.
+      candidates: what planning judged on the way, in its order, as JSON can hold it.
     """
 
     params: dict[str, Any]
@@ -34,6 +38,8 @@ class SavedPolicy:
     config: str
     problem: dict[str, Any]
     seed: int
+    source: ProblemSource | None = None
+    candidates: tuple[Mapping[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,7 @@ class SavedTable:
     Attributes:
       table: of actions by state and step.
       optimum: what is proven of it.
-      problem: identity of the problem, as in `SavedPolicy`.
+      problem, source: as in `SavedPolicy`.
       seed: of the run that found it.
     """
 
@@ -51,6 +57,7 @@ class SavedTable:
     optimum: Optimum
     problem: dict[str, Any]
     seed: int
+    source: ProblemSource | None = None
 
 
 def problem_identity(problem: Problem) -> dict[str, Any]:
@@ -85,9 +92,12 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
     """Writes a policy.
 
     Raises:
+      InputError: if the file cannot be written.
       ValueError: if a tree holds anything but nested dictionaries with string keys.
     """
     common = {"problem": json.dumps(policy.problem), "seed": str(policy.seed)}
+    if policy.source is not None:
+        common["source"] = json.dumps(dataclasses.asdict(policy.source))
     if isinstance(policy, SavedTable):
         text = table_text(policy.table, policy.optimum)
         metadata = {"format": TABLE_FORMAT, **common, **text}
@@ -97,6 +107,8 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
         **flatten(policy.params, "params"),
         **flatten(policy.policy_hyperparams, "hyperparams"),
     }
+    if policy.candidates:
+        common["candidates"] = json.dumps(policy.candidates)
     write_container(path, tensors, {"format": FORMAT, "config": policy.config, **common})
 
 
@@ -140,12 +152,20 @@ def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
         config=metadata["config"],
         problem=json.loads(metadata["problem"]),
         seed=int(metadata["seed"]),
+        source=_source(metadata),
+        candidates=tuple(json.loads(metadata.get("candidates", "[]"))),
     )
+
+
+def _source(metadata: Metadata) -> ProblemSource | None:
+    text = metadata.get("source")
+    return None if text is None else ProblemSource(**json.loads(text))
 
 
 def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
     table, optimum = parse_table(tensors, metadata)
-    return SavedTable(table, optimum, json.loads(metadata["problem"]), int(metadata["seed"]))
+    problem, seed = json.loads(metadata["problem"]), int(metadata["seed"])
+    return SavedTable(table, optimum, problem, seed, _source(metadata))
 
 
 def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:

@@ -21,11 +21,16 @@ def playable(
       policy_hyperparams: JaxPlan's policy hyperparameters.
       seed: of a policy that draws random numbers; step t uses the t-th key.
     """
-    steps = max(planner.horizon, planner.rddl.horizon)
-    keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), steps))
+    keys = step_keys(planner, seed)
     hyperparams = dict(policy_hyperparams)
 
     def policy(step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
         return planner.get_action(keys[step], params, step, dict(state), hyperparams)
 
     return policy
+
+
+def step_keys(planner: MDPOPlanner, seed: int) -> np.ndarray:
+    """The random key of each step, as a policy of that seed is played [steps, 2]."""
+    steps = max(planner.horizon, planner.rddl.horizon)
+    return np.asarray(jax.random.split(jax.random.PRNGKey(seed), steps))

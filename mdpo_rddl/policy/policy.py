@@ -4,23 +4,30 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem
-from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
+from mdpo_rddl.policy.playable import playable, step_keys
 from mdpo_rddl.problem import evaluation
+from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.observation import is_observed
+from mdpo_rddl.problem.source import ProblemSource
 
 
 @dataclass(frozen=True, eq=False)
-class Policy:
-    """A policy of one problem that can be played and saved.
+class Policy(PolicyAgent):
+    """A policy of one problem that can be played and saved; an agent of pyRDDLGym's.
 
     Attributes:
       problem: the parsed problem.
@@ -29,6 +36,8 @@ class Policy:
       params: parameters of one policy, a tree of arrays.
       policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
       seed: of the run that found it, and of a policy that draws random numbers.
+      candidates: what planning judged on the way, in its order: `seconds` since it began, `arm`,
+        `candidate` (a label), `mean_return` and `error` on the exact model, `became_incumbent`.
     """
 
     problem: Problem
@@ -37,6 +46,7 @@ class Policy:
     params: Any
     policy_hyperparams: Mapping[str, Any]
     seed: int
+    candidates: tuple[Mapping[str, Any], ...] = ()
 
     @classmethod
     def from_saved(cls, saved: SavedPolicy, problem: Problem, source: str) -> "Policy":
@@ -56,7 +66,8 @@ class Policy:
         planner = build_planner(problem, config).planner
         _require_params(saved, planner, source)
         hyperparams = saved.policy_hyperparams
-        return cls(problem, config, planner, saved.params, hyperparams, saved.seed)
+        candidates = saved.candidates
+        return cls(problem, config, planner, saved.params, hyperparams, saved.seed, candidates)
 
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it, without the compiled planner."""
@@ -66,19 +77,84 @@ class Policy:
             config=self.config.to_text(),
             problem=problem_identity(self.problem),
             seed=self.seed,
+            source=ProblemSource.of(self.problem),
+            candidates=self.candidates,
         )
+
+    def save(self, path: str | Path) -> None:
+        """Writes one file that stands alone, which `mdpo_rddl.load_policy` reads.
+
+        Raises:
+          InputError: naming the file, if it cannot be written.
+        """
+        save_policy(Path(path), self.to_saved())
+
+    @property
+    def returns(self) -> np.ndarray:
+        """Mean return on the exact model of each incumbent, the policy's own last."""
+        found = [each["mean_return"] for each in self.candidates if each["became_incumbent"]]
+        return np.array(found, dtype=float)
 
     def with_params(self, params: Any) -> "Policy":
         """The policy with other parameters of the same planner."""
         return dataclasses.replace(self, params=params)
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The action tensor per fluent at a step, for an observation per fluent."""
+        """The action at a step.
+
+        Args:
+          step: number of decisions before.
+          observation: per fluent an array, or per ground fluent a scalar.
+
+        Returns:
+          Per action fluent an array, or per ground action fluent a scalar, as the observation was.
+
+        Raises:
+          InputError: if ground fluents are unknown or missing.
+        """
+        model = self.problem.model
+        if is_grounded(model, observation):
+            return grounded(model, self._play(step, lifted(model, observation)))
         return self._play(step, observation)
+
+    def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """The actions for many observations of one step, in one call.
+
+        Args:
+          step: number of decisions before.
+          observations: per fluent its values [batch, *shape].
+
+        Returns:
+          Per action fluent [batch, *shape].
+        """
+        if not all(is_observed(values) for values in observations.values()):
+            return super().batch(step, observations)
+        key, hyperparams = self._keys[step], dict(self.policy_hyperparams)
+        return self.planner.get_actions(key, self.params, step, observations, hyperparams)
 
     @cached_property
     def _play(self) -> evaluation.Policy:
         return playable(self.planner, self.params, self.policy_hyperparams, self.seed)
+
+    @cached_property
+    def _keys(self) -> np.ndarray:
+        return step_keys(self.planner, self.seed)
+
+    def _repr_html_(self) -> str:
+        sizes = [np.size(leaf) for leaf in jax.tree.leaves(self.params)]
+        rows = {
+            "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
+            "horizon": f"{self.problem.horizon:,}",
+            "plan": type(self.planner.plan).__name__,
+            "parameters": f"{sum(sizes):,}",
+            "seed": f"{self.seed}",
+        }
+        for each in self.candidates:
+            if each["became_incumbent"] and each["mean_return"] is not None:
+                rows[f"{each['candidate']}, {each['seconds']:.1f} s"] = (
+                    f"{each['mean_return']:,.2f}"
+                )
+        return html_table(f"Policy for {self.problem.label}", rows)
 
 
 def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> None:

@@ -1,23 +1,31 @@
 """A policy that looks its action up by step and state."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.policy.file import SavedTable, problem_identity, require_same_problem
+from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.file import (
+    SavedTable,
+    problem_identity,
+    require_same_problem,
+    save_policy,
+)
 from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
+from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.source import ProblemSource
 
 
-class TablePolicy:
-    """Plays a table; where a state is not in it, the no-op.
+class TablePolicy(PolicyAgent):
+    """Plays a table; where a state is not in it, the no-op. An agent of pyRDDLGym's.
 
     Attributes:
-      problem: the parsed problem.
       table: of actions by state and step.
       optimum: what is proven of the table, for the horizon that it was made for.
       seed: of the run that found it.
@@ -26,7 +34,8 @@ class TablePolicy:
 
     def __init__(self, problem: Problem, table: ActionTable, optimum: Optimum, seed: int) -> None:
         """Makes the keys of the table's states."""
-        self.problem, self.table, self.optimum, self.seed = problem, table, optimum, seed
+        self.table, self.optimum, self.seed = table, optimum, seed
+        self._problem = problem
         self.misses = 0
         self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
         self._merges = [
@@ -54,18 +63,37 @@ class TablePolicy:
 
     def to_saved(self) -> SavedTable:
         """The policy as a file holds it."""
-        return SavedTable(self.table, self.optimum, problem_identity(self.problem), self.seed)
+        source = ProblemSource.of(self.problem)
+        identity = problem_identity(self.problem)
+        return SavedTable(self.table, self.optimum, identity, self.seed, source)
+
+    def save(self, path: str | Path) -> None:
+        """Writes one file that stands alone, which `mdpo_rddl.load_policy` reads.
+
+        Raises:
+          InputError: naming the file, if it cannot be written.
+        """
+        save_policy(Path(path), self.to_saved())
+
+    @property
+    def problem(self) -> Problem:
+        """The parsed problem."""
+        return self._problem
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
         """The action at a step.
 
         Args:
           step: number of decisions before this one.
-          observation: per state fluent its values [*shape], as the vectorized environment's.
+          observation: per state fluent its values [*shape], as the vectorized environment's, or
+            per ground fluent a scalar.
 
         Returns:
-          Per action fluent its values [*shape].
+          Per action fluent its values [*shape], or per ground action fluent a scalar.
         """
+        model = self._problem.model
+        if is_grounded(model, observation):
+            return grounded(model, self(step, lifted(model, observation)))
         number = self._number(step, observation)
         return {
             name: values[number] if values.ndim > 1 else values[number].item()

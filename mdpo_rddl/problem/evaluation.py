@@ -1,18 +1,31 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
 
+from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.problem.episode import Episode, Policy
 from mdpo_rddl.problem.legality import Referee
 
+# what pyRDDLGym's agents tell of an evaluation; its deviation divides by n
+_STATISTICS: Mapping[str, Callable[[np.ndarray], np.floating]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "min": np.min,
+    "max": np.max,
+    "std": np.std,
+}
 
-@dataclass(frozen=True)
-class Evaluation:
+
+@dataclass(frozen=True, eq=False)
+class Evaluation(Mapping[str, float]):
     """The returns of a policy.
+
+    It is also the mapping that `evaluate` of pyRDDLGym's `BaseAgent` returns: `mean`, `median`,
+    `min`, `max` and `std`, the last one as there (n), unlike the property `std` (n - 1).
 
     Attributes:
       returns: discounted return of each episode [episodes].
@@ -28,6 +41,27 @@ class Evaluation:
     lengths: np.ndarray
     illegal_actions: int
     fallback_actions: int
+
+    def __getitem__(self, key: str) -> float:
+        return float(_STATISTICS[key](self.returns))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_STATISTICS)
+
+    def __len__(self) -> int:
+        return len(_STATISTICS)
+
+    def _repr_html_(self) -> str:
+        rows = {"episodes": f"{len(self.returns):,}", "mean return": f"{self.mean:,.2f}"}
+        if self.ci95 is not None:
+            low, high = self.ci95
+            rows["95% interval"] = f"[{low:,.2f}, {high:,.2f}]"
+        rows["standard deviation"] = f"{self.std:,.2f}"
+        rows |= {key: f"{self[key]:,.2f}" for key in ("median", "min", "max")}
+        if self.illegal_actions:
+            counts = f"{self.illegal_actions:,}, of which {self.fallback_actions:,} fell back"
+            rows["steps with an illegal action"] = counts
+        return html_table("Returns on the exact environment", rows)
 
     @property
     def mean(self) -> float:

@@ -39,8 +39,8 @@ class Problem:
     """A parsed RDDL problem.
 
     `label` is a short name for folders and tables: the stem of the instance file, or
-    '<Domain>-<instance>' for a problem of rddlrepository. `digest` is the sha256 (hex) of the
-    domain's text followed by the instance's, with Unix line ends.
+    '<Domain>-<instance>' for a problem of rddlrepository. The texts are those of the two files,
+    with Unix line ends, and `digest` is the sha256 (hex) of one followed by the other.
     """
 
     model: RDDLLiftedModel
@@ -49,6 +49,8 @@ class Problem:
     label: str
     domain_path: Path
     instance_path: Path
+    domain_text: str
+    instance_text: str
     digest: str
 
     @property
@@ -62,26 +64,36 @@ def load_problem(
     instance: str,
     horizon: int | None = None,
     tables: Path | None = None,
-    names_must_agree: bool = True,
 ) -> Problem:
     """Parse and check a problem given as two files, or as two names of rddlrepository.
 
-    The arguments are those of `mdpo_rddl.problem.files.read_problem`. A `horizon` replaces the
-    instance's own. `tables` is a file that keeps the grammar's tables for the next run, a pickle
-    that is trusted. Two files of the user's must name the same domain and non-fluents, unless
-    `names_must_agree` is false.
+    The arguments are those of `mdpo_rddl.problem.files.read_problem`, and the others those of
+    `parse_problem`.
 
     Raises `InputError` for whatever is wrong with the arguments or in the files.
     """
-    if horizon is not None and not _is_positive_int(horizon):
-        raise _input_error(f"--horizon must be a positive integer, got {horizon!r}")
-    files = read_problem(domain, instance)
+    _check_horizon(horizon)
+    return parse_problem(read_problem(domain, instance), horizon, tables)
+
+
+def parse_problem(
+    files: ProblemFiles, horizon: int | None = None, tables: Path | None = None
+) -> Problem:
+    """Parse and check the texts of a problem.
+
+    A `horizon` replaces the instance's own. `tables` is a file that keeps the grammar's tables
+    for the next run, a pickle that is trusted. Two files of the user's must name the same domain
+    and non-fluents.
+
+    Raises `InputError` for whatever is wrong in the texts.
+    """
+    _check_horizon(horizon)
     domain_path, instance_path = files.domain_path, files.instance_path
     ast = _parse(_Parser(tables), files)
     if horizon is not None:
         ast.instance.horizon = horizon
     # Some pairs of rddlrepository disagree in their names, and still work.
-    if files.is_own and names_must_agree:
+    if files.is_own:
         _check_names(ast, domain_path, instance_path)
     _check_instance_block(ast, instance_path)
     with _guarded(domain_path, instance_path):
@@ -93,6 +105,8 @@ def load_problem(
         label=files.label,
         domain_path=domain_path,
         instance_path=instance_path,
+        domain_text=files.domain_text,
+        instance_text=files.instance_text,
         digest=hashlib.sha256((files.domain_text + files.instance_text).encode()).hexdigest(),
     )
     _try_one_step(problem)
@@ -224,6 +238,11 @@ def _check_instance_block(ast: RDDL, instance_path: Path) -> None:
         raise _input_error(
             f"{instance_path}: the horizon must be a positive integer, got {ast.instance.horizon}"
         )
+
+
+def _check_horizon(horizon: object) -> None:
+    if horizon is not None and not _is_positive_int(horizon):
+        raise _input_error(f"--horizon must be a positive integer, got {horizon!r}")
 
 
 def _is_positive_int(value: object) -> bool:

@@ -1,39 +1,40 @@
-"""Where a problem came from, as JSON can hold it, so that another process has the same one."""
+"""What a problem was made of, as JSON can hold it, so that another process has the same one."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdpo_rddl.errors import InputError
-from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.problem.files import ProblemFiles
+from mdpo_rddl.problem.load import Problem, parse_problem
 
 
 @dataclass(frozen=True)
 class ProblemSource:
-    """The files of a problem and what tells it from others.
+    """The texts of a problem: nothing else is needed to load it again, neither file.
 
     Attributes:
-      domain, instance: absolute paths.
+      domain, instance: paths of the files, for error messages.
+      domain_text, instance_text: what they held.
       label: the problem's.
       horizon: number of decisions in an episode.
-      digest: of both files' text.
     """
 
     domain: str
     instance: str
+    domain_text: str
+    instance_text: str
     label: str
     horizon: int
-    digest: str
 
     @classmethod
     def of(cls, problem: Problem) -> "ProblemSource":
         """The source of a problem."""
         return cls(
-            domain=str(problem.domain_path.absolute()),
-            instance=str(problem.instance_path.absolute()),
+            domain=str(problem.domain_path),
+            instance=str(problem.instance_path),
+            domain_text=problem.domain_text,
+            instance_text=problem.instance_text,
             label=problem.label,
             horizon=problem.horizon,
-            digest=problem.digest,
         )
 
     def load(self, tables: Path | None = None) -> Problem:
@@ -43,12 +44,14 @@ class ProblemSource:
           tables: as `load_problem` takes them.
 
         Raises:
-          InputError: if the files are not what they were.
+          InputError: if the texts are no problem.
         """
-        # the names were checked where they had to be
-        problem = load_problem(
-            self.domain, self.instance, self.horizon, tables, names_must_agree=False
+        files = ProblemFiles(
+            domain_path=Path(self.domain),
+            instance_path=Path(self.instance),
+            domain_text=self.domain_text,
+            instance_text=self.instance_text,
+            label=self.label,
+            is_own=False,  # the names were checked where they had to be
         )
-        if problem.digest != self.digest:
-            raise InputError(f"{self.instance}: the problem's files have changed meanwhile")
-        return dataclasses.replace(problem, label=self.label)
+        return parse_problem(files, self.horizon, tables)

@@ -11,6 +11,7 @@ from helpers.problems import tiny_files
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.policy.file import load_policy, save_policy
+from mdpo_rddl.policy.load import load_policy as load_alone
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 
@@ -53,3 +54,46 @@ def test_a_policy_of_another_problem_or_shape_is_refused(policy, tmp_path):
     shorter = jax.tree.map(lambda leaf: leaf[:-1] if leaf.ndim else leaf, saved.params)
     with pytest.raises(InputError, match=r"^here: damaged policy file"):
         Policy.from_saved(replace(saved, params=shorter), policy.problem, "here")
+
+
+def test_a_file_stands_alone_and_plays_the_same_bits(policy, tmp_path):
+    candidates = (
+        {"candidate": "a <b>", "mean_return": -2.5, "became_incumbent": True, "seconds": 1.0},
+        {"candidate": "c", "mean_return": -3.0, "became_incumbent": False, "seconds": 2.0},
+    )
+    policy = replace(policy, candidates=candidates)
+    domain = policy.problem.domain_path
+    text = domain.read_text()
+    domain.unlink()
+    try:
+        policy.save(tmp_path / "policy.safetensors")
+        for path in (tmp_path / "policy.safetensors", str(tmp_path)):
+            again = load_alone(path)
+            assert again.candidates == candidates
+            assert again.returns.tolist() == [-2.5]
+            ours, theirs = policy.evaluate(episodes=3), again.evaluate(episodes=3)
+            np.testing.assert_array_equal(ours.returns, theirs.returns)
+    finally:
+        domain.write_text(text)
+    assert "a &lt;b&gt;, 1.0 s" in again._repr_html_()
+    assert "-2.50" in again._repr_html_()
+
+
+def test_a_file_without_its_problem_is_refused_in_a_line(policy, tmp_path):
+    save_policy(tmp_path / "old", replace(policy.to_saved(), source=None))
+    with pytest.raises(InputError, match=r"old: holds no RDDL: evaluate its run folder"):
+        load_alone(tmp_path / "old")
+
+
+def test_a_batch_is_as_one_after_the_other(policy):
+    depths = np.array([[450.0], [500.0], [700.0]])
+    together = policy.batch(2, {"depth": depths})["pump"]
+    single = [policy(2, {"depth": depth})["pump"] for depth in depths]
+    np.testing.assert_allclose(together, single, rtol=1e-6)
+
+
+def test_the_precision_is_the_planners_whatever_jax_is_set_to(policy):
+    before = policy(0, STATE)["pump"]
+    with jax.enable_x64(True):
+        assert policy(0, STATE)["pump"] == before
+        assert jax.config.jax_enable_x64

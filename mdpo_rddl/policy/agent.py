@@ -1,0 +1,175 @@
+"""A policy as an agent of pyRDDLGym: it counts the steps and takes either kind of environment."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pyRDDLGym import RDDLEnv
+from pyRDDLGym.core.policy import BaseAgent
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.legal_moves import LegalMoves
+from mdpo_rddl.problem.load import Problem, make_environment
+
+_EPISODES = 50
+
+
+@dataclass
+class _Decisions:
+    """What an agent has decided since its episode began, and what was illegal ever."""
+
+    step: int = 0
+    illegal: int = 0
+    fallback: int = 0
+
+
+class PolicyAgent(BaseAgent):
+    """Makes an agent of whatever maps a step and an observation to an action.
+
+    A subclass has a `problem` and is called with a step and the observation of a vectorized
+    environment. It may be frozen: what changes while the agent plays lies in objects of its own.
+    """
+
+    use_tensor_obs = True
+
+    if TYPE_CHECKING:
+
+        @property
+        def problem(self) -> Problem:
+            """What is played."""
+
+    @abstractmethod
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action tensor per fluent at a step, for an observation per fluent."""
+
+    def reset(self) -> None:
+        """Begins an episode."""
+        self._decisions.step = 0
+        assert self._moves  # made before there is a decision to wait for
+
+    def sample_action(self, state: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """The next action of the episode, made legal where the policy's is not.
+
+        Args:
+          state: what the environment has shown: per fluent an array, or per ground fluent a
+            scalar. None stands for what the environment shows first.
+
+        Returns:
+          Per action fluent an array, or per ground action fluent a scalar, as the state was.
+
+        Raises:
+          InputError: if ground fluents are unknown or missing.
+        """
+        decisions, model = self._decisions, self.problem.model
+        step = min(decisions.step, self.problem.horizon - 1)
+        # counted first: whatever interrupts a decision, the environment goes on
+        decisions.step += 1
+        if state is None:
+            state = make_environment(self.problem).reset(seed=0)[0]
+        ground = is_grounded(model, state)
+        observation = lifted(model, state) if ground else state
+        verdict = self._moves.rule(self(step, observation), observation)
+        decisions.illegal += verdict.illegal
+        decisions.fallback += verdict.fallback
+        return grounded(model, verdict.actions) if ground else verdict.actions
+
+    def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """The actions for many observations of one step.
+
+        Args:
+          step: number of decisions before.
+          observations: per fluent its values [batch, *shape].
+
+        Returns:
+          Per action fluent [batch, *shape].
+        """
+        count = len(next(iter(observations.values())))
+        actions = [
+            self(step, {name: values[each] for name, values in observations.items()})
+            for each in range(count)
+        ]
+        return {name: np.stack([np.asarray(a[name]) for a in actions]) for name in actions[0]}
+
+    def evaluate(
+        self,
+        env: RDDLEnv | None = None,
+        episodes: int | None = None,
+        verbose: bool = False,
+        render: bool = False,
+        seed: int | None = None,
+    ) -> Evaluation:
+        """Plays the policy on an exact environment.
+
+        Args:
+          env: played as pyRDDLGym's agents play it, vectorized or not, with the seed for the first
+            episode only; if None an environment of the problem's, each episode with a seed of
+            its own, as `mdpo-plan` evaluates.
+          episodes: how many; if None 50, or 1 in an environment that is given, as there.
+          verbose, render: have pyRDDLGym print or draw each step of an environment that is given.
+          seed: of the episodes; if None 0, or none in an environment that is given.
+
+        Raises:
+          InputError: if `verbose` or `render` is set without an environment.
+        """
+        if env is not None:
+            return self._evaluate_in(env, episodes or 1, verbose, render, seed)
+        if verbose or render:
+            raise InputError("verbose and render need an environment: give one as env")
+        fresh = make_environment(self.problem)
+        count = _EPISODES if episodes is None else episodes
+        if count < 1:
+            raise InputError(f"episodes must be at least 1, got {count}")
+        return evaluate(fresh, self, count, seed or 0)
+
+    def _evaluate_in(
+        self, env: RDDLEnv, episodes: int, verbose: bool, render: bool, seed: int | None
+    ) -> Evaluation:
+        witness, before = _Witness(env), self._decisions
+        illegal, fallback = before.illegal, before.fallback
+        super().evaluate(witness, episodes, verbose, render, seed)
+        return Evaluation(
+            returns=np.array(witness.returns),
+            lengths=np.array(witness.lengths),
+            illegal_actions=self._decisions.illegal - illegal,
+            fallback_actions=self._decisions.fallback - fallback,
+        )
+
+    @cached_property
+    def _decisions(self) -> _Decisions:
+        return _Decisions()
+
+    @cached_property
+    def _moves(self) -> LegalMoves:
+        return LegalMoves(self.problem)
+
+
+@dataclass
+class _Witness:
+    """An environment that keeps account of the episodes played in it."""
+
+    env: RDDLEnv
+    returns: list[float] = field(default_factory=list)
+    lengths: list[int] = field(default_factory=list)
+    # the agent takes either kind
+    vectorized: bool = PolicyAgent.use_tensor_obs
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.env, name)
+
+    def reset(self, seed: int | None = None) -> Any:
+        """Begins an episode."""
+        self.returns.append(0.0)
+        self.lengths.append(0)
+        return self.env.reset(seed=seed)
+
+    def step(self, action: Mapping[str, Any]) -> Any:
+        """Plays a step."""
+        result = self.env.step(action)
+        self.returns[-1] += float(result[1]) * self.env.discount ** self.lengths[-1]
+        self.lengths[-1] += 1
+        return result

@@ -1,0 +1,29 @@
+"""A policy from its file alone."""
+
+from pathlib import Path
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.jax_setup import kept_tables
+from mdpo_rddl.policy import file
+from mdpo_rddl.policy.kinds import AnyPolicy, restored
+
+# as run folders call it
+_NAME = "policy.safetensors"
+
+
+def load_policy(path: str | Path) -> AnyPolicy:
+    """Reads a policy that `Policy.save` or `mdpo-plan` has written, and compiles what plays it.
+
+    Args:
+      path: of the file, or of a run folder.
+
+    Raises:
+      InputError: naming the file, if it is missing, damaged, no such policy, its tensors do not
+        fit its problem, or it does not hold its problem, as earlier run folders' do not.
+    """
+    where = Path(path)
+    where = where / _NAME if where.is_dir() else where
+    saved = file.load_policy(where)
+    if saved.source is None:
+        raise InputError(f"{where}: holds no RDDL: evaluate its run folder with mdpo-plan --load")
+    return restored(saved, saved.source.load(kept_tables()), str(where))
