@@ -32,7 +32,7 @@ from mdpo_rddl.planner.update.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
-from mdpo_rddl.planner.update.restarts import Restarts
+from mdpo_rddl.planner.update.restarts import PerRestart, Restarts
 from mdpo_rddl.planner.update.sharding import shard
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.limits import group_limits
@@ -117,6 +117,9 @@ class MDPOPlanner(CallingPlanner):
           ValueError: if there are not as many as parallel updates, or a rule is of another kind.
         """
         lay_out = functools.partial(shard, sharding=self._sharding)
+        if self.noise.paired:  # the update without noise has its companion's values
+            noise = None if noise is None else [*noise, *noise]
+            hyperparams = {name: [*values, *values] for name, values in hyperparams.items()}
         self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
 
     # JaxPlan's compilation hooks, in the order in which it calls them
@@ -240,6 +243,13 @@ class MDPOPlanner(CallingPlanner):
             )
         update = jax.jit(update)
         return side_by_side(plain_update, update, self.horizon) if is_paired else update
+
+    def _broadcast_pytree(self, pytree: Any) -> Any:
+        if isinstance(pytree, PerRestart) and self.noise.paired:
+            pytree = PerRestart(
+                jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), pytree.params)
+            )
+        return super()._broadcast_pytree(pytree)
 
     def _comparable(self, test_loss: Callable) -> Callable:
         return finite_test_loss(test_loss) if self.noise.paired else test_loss

@@ -182,7 +182,8 @@ def test_signatures_are_jaxplan_s():
 def test_arguments_may_be_given_by_position(tiny):
     positional = MDPOPlanner(tiny.model, make_plan("slp"), 3, 2, 4, 2, pgpe=None)
     assert (positional.batch_size_train, positional.batch_size_test) == (3, 2)
-    assert (positional.horizon, positional.parallel_updates) == (4, 2)
+    # beside each of the two is one with noise
+    assert (positional.horizon, positional.parallel_updates) == (4, 2 * 2)
     key = jax.random.PRNGKey(0)
     by_position = list(positional.optimize_generator(key, 3, FOREVER, **SILENT))
     by_name = list(
@@ -229,8 +230,9 @@ def test_a_critic_answers_to_the_last_action(windy):
     noisy = trained(
         MDPOPlanner, windy, noise=WHISPER, critic=critic, training={"critic_params": 3.0}
     )
-    # nothing but the critic answers to the last action: with 3 for each of the two units
-    assert noisy["sensitivity"][0, -1] == pytest.approx(3.0 * np.sqrt(2.0), rel=1e-5)
+    # nothing but the critic answers to the last action: with 3 for each of the two units, whose
+    # range is 2 wide
+    assert noisy["sensitivity"][0, -1] == pytest.approx(2.0 * 3.0 * np.sqrt(2.0), rel=1e-5)
     alone = trained(MDPOPlanner, windy, noise=WHISPER)
     assert alone["sensitivity"][0, -1] == 0.0
 
