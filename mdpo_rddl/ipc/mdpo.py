@@ -22,9 +22,7 @@ class MDPO:
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy for the time given, less a margin."""
-        config = PRESETS[DEFAULT_PRESET](problem.domain_name)
-        config = config.with_values("Optimize", train_seconds=training_seconds(seconds))
-        self._take_up(plan_automatically(problem, config, seed).policy)
+        self._take_up(self._find(problem, training_seconds(seconds), seed))
 
     def save(self, folder: Path) -> None:
         """Writes the policy."""
@@ -40,6 +38,12 @@ class MDPO:
     ) -> Mapping[str, Any]:
         """What the policy does if it is legal; it draws nothing."""
         return self._moves.rule(self._policy(step, state), state).actions
+
+    def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
+        """A policy, after so many seconds with compilation."""
+        config = PRESETS[DEFAULT_PRESET](problem.domain_name)
+        config = config.with_values("Optimize", train_seconds=seconds)
+        return plan_automatically(problem, config, seed).policy
 
     def _take_up(self, policy: AnyPolicy) -> None:
         self._policy, self._moves = policy, LegalMoves(policy.problem)

@@ -25,7 +25,7 @@ from mdpo_rddl.problem.load import load_problem, make_environment
 def test_a_chain_of_two_states(tmp_path, horizon, discount, value):
     solution = find_optimum(toys.lamp(tmp_path, horizon, discount), 30)
     assert solution.value == pytest.approx(value, abs=1e-12)
-    assert solution.states <= 2
+    assert solution.optimum.states <= 2
 
 
 @pytest.mark.parametrize(("horizon", "value"), [(1, 0.0), (2, 0.16), (5, 0.4 * (0.4 + 0.6 * 0.16))])
@@ -44,8 +44,8 @@ def test_a_walk_with_an_enum_drawn_at_random(tmp_path, horizon, value):
 def test_what_no_longer_matters_makes_no_states(tmp_path):
     # cells one and two, wet or dry, and the goal, where the sky does not matter
     solution = find_optimum(toys.walk(tmp_path, 6), 30)
-    assert solution.states == 5
-    assert solution.actions == 2  # dancing changes nothing
+    assert solution.optimum.states == 5
+    assert solution.optimum.actions == 2  # dancing changes nothing
 
 
 @pytest.mark.parametrize("name", ["lamp", "gambler", "walk"])

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from helpers import toy_mdps as toys
 from helpers.toy_contest import tiny_instance
 
-from mdpo_rddl.ipc.gradient import Found
 from mdpo_rddl.ipc.jaxplan import JaxPlanPlanner
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.ipc.planner import Restorable
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.trial import play
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
-from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import load_problem, make_environment
 
 SECONDS = 2.5
@@ -61,14 +61,39 @@ def test_jaxplan_has_its_own_configurations_where_it_ships_them():
         assert type(planner._build(unknown, planner.config(unknown))) is JaxBackpropPlanner
 
 
+def test_a_proven_optimum_is_kept_and_played_without_an_illegal_action(tmp_path):
+    problem = toys.gambler(tmp_path, 5)
+    planner, again = MDPO(), MDPO()
+    planner.prepare(problem, 60.0, 0)
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    planner.save(kept)
+    again.restore(problem, kept)
+    assert isinstance(again._policy, TablePolicy)
+    env, rng = make_environment(problem), np.random.default_rng(0)
+    for seed in range(20):
+        first, _ = play(env, planner, seed, rng, lenient=False)
+        second, _ = play(env, again, seed, rng, lenient=False)
+        assert first == second
+        assert (first.status, first.violations) == ("ok", 0)
+
+
 def test_ours_plays_a_legal_action_where_its_policys_is_not(tmp_path, monkeypatch):
     problem = load_problem("RecSim_ippc2023", "1")
     planner = MDPO()
     shape = np.shape(make_environment(problem).sampler.noop_actions["recommend"])
     greedy = {"recommend": np.ones(shape, bool)}
-    nothing = Found(None, PRESETS["paper"](""), {}, {})
-    monkeypatch.setattr(MDPO, "_find", lambda *args: nothing)
-    monkeypatch.setattr("mdpo_rddl.ipc.gradient.playable", lambda *args: lambda *_: greedy)
+
+    class Greedy:
+        """A policy that heeds no precondition."""
+
+        def __init__(self, problem):
+            self.problem = problem
+
+        def __call__(self, step, state):
+            return greedy
+
+    monkeypatch.setattr(MDPO, "_find", lambda self, problem, *args: Greedy(problem))
     planner.prepare(problem, 1.0, 0)
     state, _ = make_environment(problem).reset(seed=0)
     actions = planner.act(0, state, np.random.default_rng(0))

@@ -1,26 +1,32 @@
-"""The table of actions: played, saved, read back."""
+"""The table of actions: played, saved, read back, refused."""
+
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import toy_mdps as toys
+from helpers.mistakes import one_line
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.policy.table import TablePolicy, load_table, save_table
+from mdpo_rddl.policy.container import read_container, write_container
+from mdpo_rddl.policy.file import TABLE_FORMAT, load_parameters, load_policy, save_policy
+from mdpo_rddl.policy.kinds import restored
+from mdpo_rddl.policy.table import parse_table, table_tensors, table_text
+from mdpo_rddl.policy.table_policy import TablePolicy
 
 
 @pytest.fixture
-def solved(tmp_path):
-    problem = toys.walk(tmp_path, 4)
-    return problem, find_optimum(problem, 30).table
+def policy(tmp_path):
+    return find_optimum(toys.walk(tmp_path, 4), 30).policy(seed=5)
 
 
 def observation(cell, sky):
     return {"at": np.arange(3) == cell, "sky": np.array([sky])}
 
 
-def test_it_goes_where_it_is_dry(solved):
-    policy = TablePolicy(solved[1])
+def test_it_goes_where_it_is_dry(policy):
     assert policy(0, observation(0, "dry"))["go"] is True
     assert policy(1, observation(1, "dry"))["go"] is True
     assert policy(1, observation(1, "wet"))["go"] is False
@@ -36,36 +42,84 @@ def test_the_action_changes_with_the_steps_left(tmp_path):
     assert [policy(step, dark)["press"] for step in range(3)] == [True, True, False]
 
 
-def test_an_unknown_state_gets_the_no_op_and_is_counted(solved):
-    policy = TablePolicy(solved[1])
+def test_an_unknown_state_gets_the_no_op_and_is_counted(policy):
     nowhere = {"at": np.zeros(3, bool), "sky": np.array(["dry"])}
     assert policy(0, nowhere)["go"] is False
     assert policy.misses == 1
 
 
-def test_a_saved_table_is_read_back(solved, tmp_path):
-    problem, table = solved
-    save_table(tmp_path / "table", table, problem.digest)
-    again = load_table(tmp_path / "table", problem.digest)
-    for name in ("places", "merges", "states", "first_run", "until_step", "action"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(table, name))
-    assert again.fluents == table.fluents
-    assert again.objects == table.objects
+def test_a_saved_table_is_read_back(policy, tmp_path):
+    path = tmp_path / "table"
+    save_policy(path, policy.to_saved())
+    again = restored(load_policy(path), policy.problem, str(path))
+    assert isinstance(again, TablePolicy)
+    for name, tensor in table_tensors(policy.table).items():
+        np.testing.assert_array_equal(table_tensors(again.table)[name], tensor, strict=True)
+    assert again.table.fluents == policy.table.fluents
+    assert again.table.objects == policy.table.objects
+    assert again.optimum == policy.optimum
+    assert again.seed == 5
     for step in range(4):
         for sky in ("dry", "wet"):
             seen = observation(min(step, 1), sky)
-            mine, yours = TablePolicy(table)(step, seen), TablePolicy(again)(step, seen)
-            assert mine["go"] == yours["go"]
+            assert again(step, seen)["go"] == policy(step, seen)["go"]
 
 
-def test_a_bad_file_is_refused_in_one_line(solved, tmp_path):
-    problem, table = solved
+def test_a_table_is_no_planners_parameters(policy, tmp_path):
     path = tmp_path / "table"
-    with pytest.raises(InputError, match="no such table"):
-        load_table(path, problem.digest)
-    path.write_bytes(b"nonsense")
-    with pytest.raises(InputError, match="damaged table"):
-        load_table(path, problem.digest)
-    save_table(path, table, "other")
-    with pytest.raises(InputError, match="of another problem"):
-        load_table(path, problem.digest)
+    save_policy(path, policy.to_saved())
+    assert "format 'mdpo-rddl table" in one_line(lambda: load_parameters(path))
+
+
+def test_a_table_of_another_problem_is_refused(policy, tmp_path):
+    saved = policy.to_saved()
+    other = toys.lamp(tmp_path, 3)
+    with pytest.raises(InputError, match=r"^here: saved for .*walk.*, not for .*lamp"):
+        restored(saved, other, "here")
+    # it claims to be the lamp's
+    liar = replace(saved, problem={**saved.problem, "digest": other.digest})
+    with pytest.raises(InputError, match=r"^here: damaged policy file: its fluents are not"):
+        restored(liar, other, "here")
+
+
+CHANGES = {
+    "an action that is not there": lambda t: t.update(action=t["action"] + 100),
+    "a run too many": lambda t: t.update(until_step=np.append(t["until_step"], t["action"][:1])),
+    "runs outside": lambda t: t.update(first_run=t["first_run"] * 2),
+    "runs backward": lambda t: t.update(first_run=-t["first_run"]),
+    "states of two words": lambda t: t.update(states=np.repeat(t["states"], 2, axis=1)),
+    "real states": lambda t: t.update(states=t["states"].astype(float)),
+    "a place beyond the word": lambda t: t.update(places=t["places"] + 64),
+    "a merge in another word": lambda t: t.update(merges=t["merges"] + np.uint64(7)),
+    "a tensor less": lambda t: t.pop("places"),
+    "a tensor more": lambda t: t.update(places2=t["places"]),
+    "no actions": lambda t: [t.pop(name) for name in list(t) if name.startswith("actions/")],
+    "fewer values of one action": lambda t: t.update({"actions/go": t["actions/go"][:1]}),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_tensors_that_do_not_fit_together_are_refused(policy, change):
+    tensors = table_tensors(policy.table)
+    text = table_text(policy.table, policy.optimum)
+    assert parse_table(tensors, text)[1] == policy.optimum
+    change(tensors)
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        parse_table(tensors, text)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("fluents", "[1, 2]"),
+        ("objects", "[]"),
+        ("optimum", "{}"),
+        ("optimum", json.dumps({"value": float("nan"), "seconds": 1})),
+    ],
+)
+def test_text_that_says_nothing_useful_is_refused_in_one_line(policy, tmp_path, name, value):
+    path = tmp_path / "table"
+    save_policy(path, policy.to_saved())
+    metadata, tensors = read_container(path, [TABLE_FORMAT])
+    write_container(path, tensors, {**metadata, name: value})
+    assert one_line(lambda: load_policy(path)).startswith(f"{path}: damaged policy file: ")
