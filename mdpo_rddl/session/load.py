@@ -1,6 +1,7 @@
 """Evaluate what an earlier session saved."""
 
 import contextlib
+from dataclasses import replace
 from typing import Any
 
 from mdpo_rddl.errors import InputError
@@ -12,6 +13,7 @@ from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import identity, return_figures
 from mdpo_rddl.session.requests import LoadRequest, PlanRequest, Reporter
+from mdpo_rddl.session.thinking import think
 
 
 def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
@@ -39,6 +41,11 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         out = request.out or request.folder
         played = PlanRequest(problem, policy.config, str(path), seed, request.episodes, out)
         evaluator = Evaluator(played, policy.planner, policy.policy_hyperparams, reporter)
+        plain = evaluator.run(policy.params)
+        figures = return_figures(plain)
+        if request.decision_seconds > 0.0:
+            policy = replace(policy, seed=seed)
+            figures = think(policy, plain, request.decision_seconds, played, reporter)
         summary = {
             **identity(
                 problem,
@@ -48,7 +55,7 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
                 seed=seed,
                 episodes=request.episodes,
             ),
-            **return_figures(evaluator.run(policy.params)),
+            **figures,
             "loaded_from": str(request.folder),
             "versions": package_versions(),
         }

@@ -13,6 +13,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.report.race import race_figures, write_race
@@ -21,6 +22,7 @@ from mdpo_rddl.session.report.summary import identity, return_figures, training_
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
+from mdpo_rddl.session.thinking import think
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto import RaceOutcome
@@ -58,7 +60,7 @@ def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> 
         best = second.result() or evaluator.run(policy.params)
     summary = {
         **_identity(policy, request),
-        **return_figures(best),
+        **_played(policy, best, request, reporter),
         "last_iterate": return_figures(last),
         **training_figures(planner, result),
     }
@@ -76,7 +78,7 @@ def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[s
     evaluator = Evaluator(request, policy.planner, policy.policy_hyperparams, reporter)
     summary = {
         **_identity(policy, request),
-        **return_figures(evaluator.run(policy.params)),
+        **_played(policy, evaluator.run(policy.params), request, reporter),
         **race_figures(outcome),
     }
     with folder.writing():
@@ -84,6 +86,15 @@ def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[s
         write_summary(folder.staging, policy.config, summary)
     folder.commit()
     return summary
+
+
+def _played(
+    policy: Policy, plain: Evaluation, request: PlanRequest, reporter: Reporter
+) -> dict[str, Any]:
+    """The figures of the evaluation, with thinking at the decisions if that was asked for."""
+    if request.decision_seconds == 0.0:
+        return return_figures(plain)
+    return think(policy, plain, request.decision_seconds, request, reporter)
 
 
 def _identity(policy: Policy, request: PlanRequest) -> dict[str, Any]:

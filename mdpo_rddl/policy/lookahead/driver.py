@@ -128,6 +128,7 @@ class LookaheadPolicy:
         best: list[Gain] = []
         gains: Sequence[Gain] = ()
         rounds, began = self.method.rounds, self._clock()
+        most = self._simulator.challengers(NARROW)
         for number in range(rounds):
             proposals = self.method.propose(gains, self._random)
             if not len(proposals):
@@ -144,8 +145,7 @@ class LookaheadPolicy:
             if not gains or not best:
                 break
         best.sort(key=lambda gain: -gain.mean)
-        kept = best[: self._simulator.challengers(NARROW)]
-        return np.array([gain.candidate for gain in kept])
+        return np.array([gain.candidate for gain in best[:most]])
 
     def _new_seed(self) -> int:
         return int(self._random.integers(2**31))

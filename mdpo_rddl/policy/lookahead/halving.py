@@ -91,7 +91,7 @@ class Halving:
             if is_certain or kind == NARROW or not self._has_time(kind, until):
                 ranking = [*order.tolist(), *ranking]
                 break
-            ranking = [*np.setdiff1d(order, kept, assume_unique=True).tolist(), *ranking]
+            ranking = [*order[~np.isin(order, kept)].tolist(), *ranking]
             left = kept
         mean, error = scores.mean, scores.error
         return [Gain(candidates[p], float(mean[p]), float(error[p])) for p in ranking]
