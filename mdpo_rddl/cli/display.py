@@ -109,6 +109,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         table.add_row("compilation", f"{summary['compile_seconds']:.1f} s")
     if "auto" in summary:
         _add_race(table, summary)
+    if "thinking" in summary:
+        _add_thinking(table, summary["thinking"])
     if summary.get("mode") == "replan":
         table.add_section()
         table.add_row("decisions", f"{summary['decisions']:,}, {summary['lookahead']} steps ahead")
@@ -142,6 +144,23 @@ def _add_race(table: Table, summary: Mapping[str, Any]) -> None:
     seconds = summary["train_seconds"] + summary["compile_seconds"]
     compiling = f"{summary['compile_seconds']:.1f} s of it compilation"
     table.add_row("in all", f"{seconds:.1f} s, {compiling} ({summary['status']})")
+
+
+def _add_thinking(table: Table, thinking: Mapping[str, Any]) -> None:
+    """Adds how decisions were made, and what that has gained."""
+    table.add_section()
+    table.add_row("time of a decision", f"{thinking['decision_seconds']:g} s")
+    table.add_row("preparing to think", f"{thinking['prepare_seconds']:.1f} s")
+    if thinking["method"] is None:
+        table.add_row("thinking", thinking["reason"] or "does not pay, so the policy plays alone")
+        return
+    table.add_row("thinking", thinking["method"])
+    used = f"{thinking['mean_seconds']:.3f} s (longest {thinking['max_seconds']:.3f} s)"
+    table.add_row("used, on average", used)
+    table.add_row("policy's action left", f"{thinking['left_base']:,} of {thinking['decisions']:,}")
+    table.add_row("mean return, policy alone", _number(thinking["plain_mean_return"]))
+    gain = f"{_number(thinking['realised_gain'])} (expected {_number(thinking['expected_gain'])})"
+    table.add_row("gain of an episode", gain)
 
 
 def _number(value: float | None) -> str:

@@ -111,6 +111,13 @@ def plan_parser() -> OneLineParser:
         type=positive_int,
         help="steps that a plan looks ahead (default: the horizon, or the --config file's)",
     )
+    run.add_argument(
+        "--decision-seconds",
+        type=number(at_least=0),
+        default=0.0,
+        help="time to improve the prepared policy at each decision of the evaluation, where that "
+        "pays (default: 0, the policy as it is)",
+    )
     run.add_argument("--horizon", type=positive_int, help="replaces the instance's horizon")
     run.add_argument(
         "--seed",
@@ -273,6 +280,8 @@ def check_plan_options(options: argparse.Namespace) -> None:
     Raises:
       InputError: naming the option, if it does not go with another one.
     """
+    if options.replan and options.decision_seconds:
+        raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:

@@ -15,6 +15,7 @@ from rich.console import Console
 from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import ProgressBar, print_summary
 from mdpo_rddl.cli.options import preset_name
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
     keep_compiled_programs,
@@ -60,6 +61,8 @@ def run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
             return evaluate_saved(_load_request(options), bar), options.out
         request = _plan_request(options, traced_cache)
         is_online = options.replan or str(options.config) == "replan"
+        if is_online and options.decision_seconds:
+            raise InputError("--decision-seconds does not go with replanning, which plans anew")
         do = replan if is_online else plan
         return do(request, bar), request.out
 
@@ -81,6 +84,7 @@ def _load_request(options: argparse.Namespace) -> LoadRequest:
         seed=options.seed,
         horizon=options.horizon,
         out=options.out,
+        decision_seconds=options.decision_seconds,
     )
 
 
@@ -100,7 +104,16 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
     own_seed = config.key
     seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
-    return PlanRequest(problem, config, name, seed, options.episodes, out, traced_cache)
+    return PlanRequest(
+        problem,
+        config,
+        name,
+        seed,
+        options.episodes,
+        out,
+        traced_cache,
+        decision_seconds=options.decision_seconds,
+    )
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
+from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
@@ -18,6 +19,7 @@ from mdpo_rddl.session.report.summary import (
     return_figures,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
+from mdpo_rddl.session.thinking import think
 
 
 def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
@@ -42,7 +44,11 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         reporter.stage("compiling")
         policy = restored(dataclasses.replace(saved, seed=seed), problem, str(path))
         reporter.stage("evaluating")
-        evaluator = Evaluator(Terms(problem, seed, request.episodes), reporter)
+        terms = Terms(problem, seed, request.episodes)
+        plain = Evaluator(terms, reporter).run(policy)
+        figures = return_figures(plain)
+        if request.decision_seconds > 0.0 and isinstance(policy, Policy):
+            figures = think(policy, plain, request.decision_seconds, terms, reporter)
         summary = {
             **identity(
                 problem,
@@ -51,7 +57,7 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
                 seed=seed,
                 episodes=request.episodes,
             ),
-            **return_figures(evaluator.run(policy)),
+            **figures,
             **({} if horizon != saved.problem["horizon"] else optimum_figures(policy)),
             "loaded_from": str(request.folder),
             "versions": package_versions(),

@@ -14,6 +14,7 @@ from mdpo_rddl.planner.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.report.race import race_figures, write_race
@@ -27,6 +28,7 @@ from mdpo_rddl.session.report.summary import (
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
+from mdpo_rddl.session.thinking import think
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto import RaceOutcome
@@ -64,7 +66,7 @@ def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> 
         best = second.result() or evaluator.run(policy)
     summary = {
         **_identity(policy, request),
-        **return_figures(best),
+        **_played(policy, best, request, reporter),
         "last_iterate": return_figures(last),
         **training_figures(planner, result),
     }
@@ -82,7 +84,7 @@ def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[s
     evaluator = Evaluator(request, reporter)
     summary = {
         **_identity(policy, request),
-        **return_figures(evaluator.run(policy)),
+        **_played(policy, evaluator.run(policy), request, reporter),
         **race_figures(outcome),
     }
     with folder.writing():
@@ -90,6 +92,16 @@ def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[s
         write_summary(folder.staging, outcome.config, summary)
     folder.commit()
     return summary
+
+
+def _played(
+    policy: AnyPolicy, plain: Evaluation, request: PlanRequest, reporter: Reporter
+) -> dict[str, Any]:
+    """The figures of the evaluation, with thinking at the decisions if that was asked for."""
+    # a table plays its optimum already
+    if request.decision_seconds == 0.0 or not isinstance(policy, Policy):
+        return return_figures(plain)
+    return think(policy, plain, request.decision_seconds, request, reporter)
 
 
 def _identity(policy: AnyPolicy, request: PlanRequest) -> dict[str, Any]:

@@ -63,6 +63,8 @@ class PlanRequest:
       episodes: evaluation episodes on the exact environment.
       out: where the run folder goes.
       programs: where traced programs are kept from one process to the next, if anywhere.
+      decision_seconds: that the policy may think at each decision of the evaluation; 0 plays it
+        as it was prepared.
     """
 
     problem: Problem
@@ -72,6 +74,7 @@ class PlanRequest:
     episodes: int
     out: Path
     programs: Path | None = None
+    decision_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class LoadRequest:
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
+      decision_seconds: as of a `PlanRequest`.
     """
 
     domain: str
@@ -93,3 +97,4 @@ class LoadRequest:
     seed: int | None = None
     horizon: int | None = None
     out: Path | None = None
+    decision_seconds: float = 0.0

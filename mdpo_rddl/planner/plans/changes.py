@@ -45,11 +45,11 @@ class Changes:
         self._is_bool = np.zeros(self.size, bool)
         places, values = [], []
         for name, part in self._parts.items():
-            choices = _choices(compiled, name)
+            values_of = choices(compiled, name)
             self._is_bool[part] = self._kinds[name] == "bool"
-            self._widths[part] = max(1.0, float(np.ptp(choices))) if len(choices) else 1.0
+            self._widths[part] = max(1.0, float(np.ptp(values_of))) if len(values_of) else 1.0
             for place in range(part.start, part.stop):
-                rest = [value for value in choices if value != self.noop[place]]
+                rest = [value for value in values_of if value != self.noop[place]]
                 places += [place] * len(rest)
                 values += rest
         self._places, self._values = np.array(places, int), np.array(values, np.float32)
@@ -116,7 +116,7 @@ class Changes:
         )
 
 
-def _choices(compiled: Any, name: str) -> list[float]:
+def choices(compiled: Any, name: str) -> list[float]:
     """All values of an action fluent's components, if they are few."""
     kind = compiled.rddl.variable_ranges[name]
     if kind == "bool":

@@ -89,9 +89,7 @@ class LegalActions:
           state: the fluents that are known, each of its shape or, as the environment gives one
             without parameters, [1]; the others count with their initial values.
         """
-        shapes = {name: np.shape(value) for name, value in self._fluents.items()}
-        known = {name: jnp.reshape(value, shapes[name]) for name, value in state.items()}
-        state = {**self._fluents, **known}
+        state = self._complete(state)
         actions = {name: jnp.asarray(value) for name, value in proposal.items()}
         for name, (lower, upper) in self._integer_boxes.items():
             actions[name] = jnp.clip(actions[name], lower, upper)
@@ -101,6 +99,24 @@ class LegalActions:
         if not self._is_checked:
             return actions
         return self._repaired(actions, probabilities, state, allowed)
+
+    def is_legal(self, actions: Mapping[str, Array], state: Any) -> Array:
+        """Whether an action breaks no precondition and not `max-nondef-actions`.
+
+        Args:
+          actions: per action fluent [*shape]; integers in their box.
+          state: as of a call.
+        """
+        state = self._complete(state)
+        few = self._changes.count(self._changes.flat(actions))
+        few = few <= self._compiled.rddl.max_allowed_actions
+        return few & self._is_legal(dict(actions), state, self._allowed(state))
+
+    def _complete(self, state: Any) -> Any:
+        """The fluents that are known, each of its shape, and the initial values of others."""
+        shapes = {name: np.shape(value) for name, value in self._fluents.items()}
+        known = {name: jnp.reshape(value, shapes[name]) for name, value in state.items()}
+        return {**self._fluents, **known}
 
     def _masked(
         self,

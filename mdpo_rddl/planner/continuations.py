@@ -1,0 +1,178 @@
+"""What a policy returns from any state at any step, if other actions come first; compiled."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax, random
+
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.changes import Changes
+from mdpo_rddl.planner.plans.legal import LegalActions
+from mdpo_rddl.planner.programs.staging import Stages
+from mdpo_rddl.planner.start import initial_values
+from mdpo_rddl.problem.limits import group_limits
+
+Actions = dict[str, Array]
+_SHARED, _EARLY, _LATE = range(3)
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much one call of the compiled program computes.
+
+    Attributes:
+      candidates: C, compared on the same scenarios.
+      scenarios: N, streams of random numbers.
+    """
+
+    candidates: int
+    scenarios: int
+
+    @property
+    def rollouts(self) -> int:
+        """C * N."""
+        return self.candidates * self.scenarios
+
+
+class Continuations:
+    """Rollouts on the exact model that begin in a given state at a given step.
+
+    A candidate is an array [k, D] over an action's D components side by side, in the order of
+    `changes`: the first row is the action that is played at once, the others are added to the
+    policy's real actions at the k - 1 steps after it. Then the policy plays to the horizon, never
+    beyond. No reward counts after a termination condition or a broken invariant.
+    """
+
+    def __init__(self, planner: MDPOPlanner) -> None:
+        """Reads the exact model.
+
+        Args:
+          planner: whose policy plays after the first actions.
+        """
+        compiled = planner.test_compiled
+        limits = [*group_limits(planner.rddl)[0], *getattr(planner.plan, "concurrency", [])]
+        self.changes = Changes(compiled)
+        self._planner, self._compiled = planner, compiled
+        self._legal = LegalActions(compiled, limits)
+        fluents, self._nonfluents = initial_values(planner).test
+        self._fluents = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), fluents)
+        self._kinds = {name: planner.rddl.variable_ranges[name] for name in self.action_names}
+        self._stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
+
+    @property
+    def action_names(self) -> list[str]:
+        """The action fluents, in the order of the components."""
+        return list(self._planner.rddl.action_fluents)
+
+    def compile_legality(self) -> Callable[[Mapping[str, Any], Array], Array]:
+        """Compiles which actions are legal.
+
+        Returns:
+          A function of a state, per state fluent [*shape], and of actions [M, D] that gives
+          whether each is legal [M].
+        """
+
+        def one(state: Mapping[str, Any], flat: Array) -> Array:
+            return self._legal.is_legal(self._tree(flat), state)
+
+        return jax.jit(jax.vmap(one, in_axes=(None, 0)))
+
+    def compile(self, size: Size) -> Callable[..., Array]:
+        """Compiles the rollouts.
+
+        Args:
+          size: of one call.
+
+        Returns:
+          A function of a random key, the policy's parameters and hyperparameters, a state (per
+          state fluent [*shape]), its step and candidates [C, k, D] that gives discounted returns
+          [C, N], counted from that step on; all candidates see the same random numbers.
+        """
+        step = self._compile_step()
+        horizon, discount = self._planner.rddl.horizon, float(self._planner.rddl.discount)
+        model = self._compiled.model_aux["params"]
+
+        def returns(key, params, hyperparams, state, start, candidates):
+            fluents = {**self._fluents, **self._cast(state)}
+            shared = (params, hyperparams, self._nonfluents, model)
+            keys = random.split(key, size.scenarios)
+            row = candidates[0, 0]
+            stages = Stages(step, shared, (keys[0], start), (fluents, row, start))
+            common = stages.run(_SHARED, [], shared)
+            draw = jax.vmap(lambda *early: stages.run(_EARLY, [common], early), (0, None))
+            late = jax.vmap(
+                lambda drawn, *rest: stages.run(_LATE, [common, drawn], rest), (0, 0, None, None)
+            )
+            all_late = jax.vmap(late, (None, 0, 0, None))
+
+            def goes_on(carry):
+                number, _, alive, _, _ = carry
+                return (number < horizon) & jnp.any(alive)
+
+            def advance(carry):
+                number, fluents, alive, total, weight = carry
+                drawn = draw(jax.vmap(random.fold_in, (0, None))(keys, number), number)
+                rows = _rows(candidates, number - start)
+                fluents, reward, ended = all_late(drawn, fluents, rows, start)
+                total = total + jnp.where(alive, weight * reward, 0.0)
+                return number + 1, fluents, alive & ~ended, total, weight * discount
+
+            shape = (size.candidates, size.scenarios)
+            many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape + leaf.shape), fluents)
+            real = self._compiled.REAL
+            total = jnp.zeros(shape, real)
+            carry = start, many, jnp.ones(shape, bool), total, jnp.ones((), real)
+            return lax.while_loop(goes_on, advance, carry)[3]
+
+        return jax.jit(returns)
+
+    def _compile_step(self) -> Callable[..., tuple[Any, Array, Array]]:
+        """One step of one rollout: what follows, the reward, and whether the episode is over."""
+        transition = self._compiled.compile_transition(check_constraints=self._stopping)
+        policy = self._planner.legal_policy
+
+        def step(shared, early, late):
+            params, hyperparams, nonfluents, model = shared
+            key, number = early
+            fluents, row, start = late
+            key, model_key = random.split(key)
+            actions = policy(key, params, hyperparams, number, fluents, {})
+            actions = self._overridden(actions, row, number == start, fluents)
+            after, log, _ = transition(model_key, actions, fluents, nonfluents, model)
+            after = {name: jnp.asarray(after[name], fluents[name].dtype) for name in fluents}
+            return after, log["reward"], log["termination"] | ~log["invariant"]
+
+        return step
+
+    def _overridden(self, actions: Any, row: Array, is_first: Array, state: Any) -> Actions:
+        """The row's actions at the first step, the policy's and the row's at others."""
+        given = self._tree(row)
+        chosen: Actions = {}
+        for name, value in actions.items():
+            later = value
+            if self._kinds[name] == "real":
+                lower, upper = self._compiled.constraints.bounds[name]
+                later = jnp.clip(value + given[name], lower, upper).astype(value.dtype)
+            chosen[name] = jnp.where(is_first, given[name].astype(value.dtype), later)
+        return chosen
+
+    def _tree(self, flat: Array) -> Actions:
+        """A vector [D] as actions of the model's types."""
+        return self.changes.tree(flat, {name: self._fluents[name] for name in self._kinds})
+
+    def _cast(self, state: Mapping[str, Any]) -> dict[str, Array]:
+        known = {name: self._fluents[name] for name in state}
+        return {
+            name: jnp.asarray(state[name], like.dtype).reshape(like.shape)
+            for name, like in known.items()
+        }
+
+
+def _rows(candidates: Array, offset: Array) -> Array:
+    """The candidates' rows for a step [C, D]; nothing is added after the last."""
+    last = candidates.shape[1] - 1
+    rows = candidates[:, jnp.minimum(offset, last)]
+    return jnp.where(offset <= last, rows, 0.0)

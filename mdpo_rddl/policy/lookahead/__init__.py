@@ -1,0 +1,1 @@
+"""Thinking at the decision: a prepared policy, improved in the state at hand."""

@@ -1,0 +1,95 @@
+"""An action's components side by side: which there are and what they can be."""
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.changes import choices
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """The D components of an action, in the order of the action fluents.
+
+    Attributes:
+      parts: per action fluent its components.
+      values: per component all its values; none where they are many or real.
+      is_real: which components are real [D].
+      noop: the no-op [D].
+      lower, upper: the box of the real components, infinite where there is none [D].
+      most: so many components may differ from the no-op.
+    """
+
+    parts: Mapping[str, slice]
+    values: tuple[tuple[float, ...], ...]
+    is_real: np.ndarray
+    noop: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    most: int
+
+    @classmethod
+    def of(cls, planner: MDPOPlanner) -> "Components":
+        """The components of a planner's actions."""
+        compiled, rddl = planner.test_compiled, planner.rddl
+        noop = {name: np.asarray(compiled.init_values[name]) for name in rddl.action_fluents}
+        sizes = [max(1, value.size) for value in noop.values()]
+        ends = np.cumsum([0, *sizes]).tolist()
+        parts = {n: slice(*pair) for n, pair in zip(noop, itertools.pairwise(ends), strict=True)}
+        size = ends[-1]
+        lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+        values: list[tuple[float, ...]] = []
+        is_real = np.zeros(size, bool)
+        for name, part in parts.items():
+            values += [tuple(choices(compiled, name))] * (part.stop - part.start)
+            if rddl.variable_ranges[name] == "real":
+                is_real[part] = True
+                low, high = compiled.constraints.bounds[name]
+                lower[part], upper[part] = np.ravel(low), np.ravel(high)
+        flat = np.concatenate([np.ravel(value).astype(np.float32) for value in noop.values()])
+        most = int(min(rddl.max_allowed_actions, size))
+        return cls(parts, tuple(values), is_real, flat, lower, upper, most)
+
+    @property
+    def size(self) -> int:
+        """Number of components D."""
+        return len(self.noop)
+
+    @property
+    def discrete(self) -> list[int]:
+        """The components whose values can be tried one by one."""
+        return [place for place, values in enumerate(self.values) if len(values) > 1]
+
+    @property
+    def joint_actions(self) -> float:
+        """How many joint actions `max-nondef-actions` leaves; infinite where some are not listed.
+
+        Preconditions may allow fewer.
+        """
+        if len(self.discrete) < self.size:
+            return math.inf
+        counts = [1.0] + [0.0] * self.most
+        for values in self.values:
+            others = len(values) - 1
+            # from the end: each count takes the one below it as it was
+            for changed in range(self.most, 0, -1):
+                counts[changed] += others * counts[changed - 1]
+        return sum(counts)
+
+    def flat(self, action: Mapping[str, Any]) -> np.ndarray:
+        """An action as one vector [D]."""
+        values = [np.ravel(np.asarray(action[name])).astype(np.float32) for name in self.parts]
+        return np.concatenate(values)
+
+    def action(self, flat: np.ndarray, like: Mapping[str, Any]) -> dict[str, Any]:
+        """A vector [D] as an action with the shapes and types of another one."""
+        chosen = {}
+        for name, part in self.parts.items():
+            given = np.asarray(like[name])
+            chosen[name] = flat[part].reshape(given.shape).astype(given.dtype)
+        return chosen

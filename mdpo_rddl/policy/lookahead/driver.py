@@ -1,0 +1,151 @@
+"""A prepared policy that thinks at each decision, as long as it may."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.policy.lookahead.base import Gain, Method
+from mdpo_rddl.policy.lookahead.halving import Halving
+from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
+from mdpo_rddl.policy.policy import Policy
+
+# of a decision's time: when the search ends, when the finalists' test ends
+_SEARCH_SHARE, _TEST_SHARE = 0.65, 0.9
+# the base is left for a gain of so many errors, and more than rounding can make
+_ERRORS, _ROUNDING = 1.0, 1e-5
+_MOST_TEST_CALLS = 30
+
+
+class Decision(NamedTuple):
+    """How one decision was made.
+
+    Attributes:
+      step: its number in its episode.
+      seconds: wall time from the state to the action.
+      calls: of the simulator.
+      left_base: whether something else than the prepared policy's action was played.
+      gain: what it is expected to return more than the base, in fresh rollouts; 0 for the base.
+      error: the gain's standard error.
+    """
+
+    step: int
+    seconds: float
+    calls: int
+    left_base: bool
+    gain: float
+    error: float
+
+
+class LookaheadPolicy:
+    """Plays the base policy's action unless another one is better in paired rollouts.
+
+    At each decision a method proposes candidates. They are halved on common scenarios, and the
+    best are tested on fresh ones. The base is left only for a gain beyond its standard error.
+
+    Attributes:
+      method: proposes candidates.
+      decisions: every decision so far.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        method: Method,
+        seconds: float,
+        seed: int,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Takes what is prepared.
+
+        Args:
+          simulator: prepared for decisions of so many seconds.
+          method: one that applies to the problem.
+          seconds: of a decision.
+          seed: of all decisions.
+          clock: tells the seconds.
+        """
+        self.method, self.decisions = method, list[Decision]()
+        self._simulator, self._seconds, self._clock = simulator, seconds, clock
+        self._random = np.random.default_rng(seed)
+
+    @property
+    def base(self) -> Policy:
+        """The prepared policy."""
+        return self._simulator.policy
+
+    def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action at a step; step 0 begins a new episode."""
+        if step == 0:
+            self.method.reset()
+        return self.decide(step, state)[0]
+
+    def decide(
+        self, step: int, state: Mapping[str, Any]
+    ) -> tuple[Mapping[str, Any], np.ndarray, np.ndarray]:
+        """Makes a decision and records it.
+
+        Returns:
+          The action, the candidate that it comes from and candidate 0 [k, D].
+        """
+        started = self._clock()
+        components = self._simulator.components
+        proposed = self.base(step, state)
+        base = np.zeros((self._simulator.depth, components.size), np.float32)
+        base[0] = components.flat(proposed)
+        play = Halving(self._simulator, state, step, base, self._clock, self._new_seed)
+        chosen = self._best(play, started)
+        candidate = base if chosen is None else chosen.candidate
+        self.method.shift(candidate)
+        left = bool(np.any(candidate[0] != base[0]))
+        action = components.action(candidate[0], proposed) if left else proposed
+        gain, error = (0.0, 0.0) if chosen is None else (chosen.mean, chosen.error)
+        seconds = self._clock() - started
+        self.decisions.append(Decision(step, seconds, play.calls, left, gain, error))
+        return action, candidate, base
+
+    def _best(self, play: Halving, started: float) -> Gain | None:
+        """The finalist to play; None for the base."""
+        test_until = started + _TEST_SHARE * self._seconds
+        a_test = self._simulator.seconds(NARROW, play.step)
+        search_until = min(started + _SEARCH_SHARE * self._seconds, test_until - a_test)
+        if self._clock() + self._simulator.seconds(WIDE, play.step) > search_until:
+            return None
+        finalists = self._finalists(play, search_until)
+        if not len(finalists):
+            return None
+        tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
+        best = max(tested, key=lambda gain: gain.mean)
+        return best if self._is_beyond_error(best) else None
+
+    def _is_beyond_error(self, gain: Gain) -> bool:
+        return gain.mean > max(_ERRORS * gain.error, _ROUNDING)
+
+    def _finalists(self, play: Halving, until: float) -> np.ndarray:
+        """The best of all rounds, [n, k, D]."""
+        self.method.begin(play.base[0])
+        best: list[Gain] = []
+        gains: Sequence[Gain] = ()
+        rounds, began = self.method.rounds, self._clock()
+        most = self._simulator.challengers(NARROW)
+        for number in range(rounds):
+            proposals = self.method.propose(gains, self._random)
+            if not len(proposals):
+                break
+            legal = self._simulator.legal(play.state, proposals[:, 0])
+            if not np.any(legal):
+                break
+            # later rounds get what an earlier one has left
+            share = (number + 1) / rounds
+            gains = play.run(proposals[legal], began + share * (until - began))
+            best += [
+                gain for gain in gains[: self._simulator.challengers(NARROW)] if gain.mean > 0.0
+            ]
+            if not gains or not best:
+                break
+        best.sort(key=lambda gain: -gain.mean)
+        return np.array([gain.candidate for gain in best[:most]])
+
+    def _new_seed(self) -> int:
+        return int(self._random.integers(2**31))

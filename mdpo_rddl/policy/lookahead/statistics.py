@@ -1,0 +1,29 @@
+"""Figures of the decisions that were made while playing."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.policy.lookahead.driver import Decision
+
+
+def decision_figures(decisions: Sequence[Decision], budget: float, episodes: int) -> dict[str, Any]:
+    """How long decisions took and what they expected to gain, as JSON can hold it.
+
+    Args:
+      decisions: of all episodes.
+      budget: seconds of a decision.
+      episodes: how many were played.
+    """
+    seconds = np.array([decision.seconds for decision in decisions] or [0.0])
+    left = [decision for decision in decisions if decision.left_base]
+    return {
+        "decisions": len(decisions),
+        "left_base": len(left),
+        "mean_seconds": float(seconds.mean()),
+        "p99_seconds": float(np.quantile(seconds, 0.99)),
+        "max_seconds": float(seconds.max()),
+        "within_budget": float(np.mean(seconds <= 1.1 * budget)),
+        "expected_gain": sum(decision.gain for decision in left) / max(1, episodes),
+    }
