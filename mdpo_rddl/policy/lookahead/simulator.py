@@ -88,7 +88,9 @@ class Simulator:
             batch = actions[start : start + _LEGALITY_BATCH]
             missing = _LEGALITY_BATCH - len(batch)
             padded = np.concatenate([batch, np.repeat(batch[:1], missing, axis=0)])
-            verdicts.append(np.asarray(self._legality(known, jax.numpy.asarray(padded)))[: len(batch)])
+            verdicts.append(
+                np.asarray(self._legality(known, jax.numpy.asarray(padded)))[: len(batch)]
+            )
         return np.concatenate(verdicts) if verdicts else np.zeros(0, bool)
 
     def gains(
