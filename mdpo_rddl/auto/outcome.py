@@ -59,7 +59,7 @@ class RaceOutcome:
             "noop_return": _finite(self.probe.noop_return),
             "random_return": _finite(self.random_return),
             "arms": {log.name: _arm(log) for log in self.arms},
-            "candidates": [_candidate(judged) for judged in self.judged],
+            "candidates": list(self.policy.candidates),
             "units": self.probe.units,
             "state_scales": {name: list(pair) for name, pair in self.probe.state_scales.items()},
         }
@@ -94,7 +94,8 @@ def _arm(log: ArmLog) -> dict[str, Any]:
     }
 
 
-def _candidate(judged: Judged) -> dict[str, Any]:
+def candidate_figures(judged: Judged) -> dict[str, Any]:
+    """A judged candidate as JSON can hold it; None for a return that is not finite."""
     candidate = judged.candidate
     return {
         "seconds": round(judged.seconds, 3),
