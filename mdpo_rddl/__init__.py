@@ -5,6 +5,7 @@ The public names are imported when they are first used: JAX takes seconds, and a
 """
 
 import importlib
+import logging
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -25,8 +26,14 @@ if TYPE_CHECKING:
         JaxOnlineController,
         JaxStraightLinePlan,
     )
+    from mdpo_rddl.policy.load import load_policy
+    from mdpo_rddl.policy.policy import Policy
     from mdpo_rddl.problem.evaluation import Evaluation, evaluate
     from mdpo_rddl.problem.load import Problem, load_problem, make_environment
+    from mdpo_rddl.session.in_python import plan
+
+# whoever wants to read what is logged says where it goes
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __version__ = "0.1.0"
 
@@ -44,12 +51,15 @@ __all__ = [
     "MDPOPlanner",
     "NoNoise",
     "NoiseProfile",
+    "Policy",
     "Problem",
     "evaluate",
     "load_config",
     "load_config_from_string",
+    "load_policy",
     "load_problem",
     "make_environment",
+    "plan",
 ]
 
 _SOURCES = {
@@ -70,8 +80,11 @@ _SOURCES = {
         "JaxOnlineController",
         "JaxStraightLinePlan",
     ),
+    "policy.load": ("load_policy",),
+    "policy.policy": ("Policy",),
     "problem.evaluation": ("Evaluation", "evaluate"),
     "problem.load": ("Problem", "load_problem", "make_environment"),
+    "session.in_python": ("plan",),
 }
 
 

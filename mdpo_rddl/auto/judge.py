@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -14,6 +15,11 @@ from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
+
+
+def _ignore(judged: Judged) -> None:
+    del judged
+
 
 # of the standard error of the difference: what a candidate of another planner, which does not
 # meet the same random numbers, must be better by
@@ -50,7 +56,14 @@ class Judge:
       judged: all candidates, in the order in which they came.
     """
 
-    def __init__(self, rollouts: int, seed: int, clock: Clock, began: float) -> None:
+    def __init__(
+        self,
+        rollouts: int,
+        seed: int,
+        clock: Clock,
+        began: float,
+        on_judged: Callable[[Judged], None] = _ignore,
+    ) -> None:
         """Compiles nothing yet.
 
         Args:
@@ -58,7 +71,9 @@ class Judge:
           seed: of the rollouts, which no search sees.
           clock: what dates the candidates.
           began: when the race began, by the clock.
+          on_judged: called with each candidate once it is judged.
         """
+        self._on_judged = on_judged
         self._rollouts, self._seed = rollouts, seed
         self._clock, self._began = clock, began
         self._players: list[tuple[MDPOPlanner, Timed[[Any], tuple[float, float]]]] = []
@@ -101,6 +116,7 @@ class Judge:
         self.judged.append(Judged(candidate, self._clock() - self._began, is_better))
         if is_better:
             self.incumbent = candidate
+        self._on_judged(self.judged[-1])
         return is_better
 
     def best_of(self, planner: MDPOPlanner) -> Candidate | None:

@@ -74,7 +74,7 @@ class RaceOutcome:
             "noop_return": _finite(probe.noop_return if probe else None),
             "random_return": _finite(self.random_return),
             "arms": {log.name: _arm(log) for log in self.arms},
-            "candidates": [_candidate(judged) for judged in self.judged],
+            "candidates": [candidate_figures(judged) for judged in self.judged],
             "units": probe.units if probe else {},
             "state_scales": _lists(probe.state_scales) if probe else {},
         }
@@ -113,7 +113,8 @@ def _arm(log: ArmLog) -> dict[str, Any]:
     }
 
 
-def _candidate(judged: Judged) -> dict[str, Any]:
+def candidate_figures(judged: Judged) -> dict[str, Any]:
+    """A judged candidate as JSON can hold it; None for a return that is not finite."""
     candidate = judged.candidate
     return {
         "seconds": round(judged.seconds, 3),

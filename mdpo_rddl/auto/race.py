@@ -4,15 +4,16 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdpo_rddl.auto.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
+from mdpo_rddl.auto.candidate import Judged
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
+from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.recipe import Recipe
 from mdpo_rddl.auto.sizes import plans_fit
@@ -45,6 +46,10 @@ def _ignore_progress(progress: Progress) -> None:
     del progress
 
 
+def _ignore_judged(judged: Judged) -> None:
+    del judged
+
+
 @dataclass(frozen=True)
 class RaceOptions:
     """What has no influence on what a race looks for.
@@ -53,6 +58,7 @@ class RaceOptions:
       programs: where traced programs are kept from one process to the next, if anywhere.
       on_stage: called with the name of each part as it begins.
       on_progress: called while a training with a gradient goes on.
+      on_judged: called with each candidate once the judge has played it.
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
     """
@@ -60,6 +66,7 @@ class RaceOptions:
     programs: Path | None = None
     on_stage: Callable[[str], None] = _ignore_stage
     on_progress: Callable[[Progress], None] = _ignore_progress
+    on_judged: Callable[[Judged], None] = _ignore_judged
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
 
@@ -166,7 +173,7 @@ def _arena(
         config=config,
         planner=planner,
         probe=seen,
-        judge=Judge(_FEW_ROLLOUTS if large else _ROLLOUTS, seed, clock, began),
+        judge=Judge(_FEW_ROLLOUTS if large else _ROLLOUTS, seed, clock, began, options.on_judged),
         seed=seed,
         deadline=deadline,
         clock=clock,
@@ -180,8 +187,10 @@ def _outcome(recipe: Recipe, arena: Arena, seconds: float, interrupted: bool) ->
     chosen = arena.judge.incumbent
     assert chosen is not None
     logs = [arm.log for arm in recipe.arms]
+    policy = policy_of(chosen, arena.problem, arena.seed)
+    candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
     return RaceOutcome(
-        policy=policy_of(chosen, arena.problem, arena.seed),
+        policy=replace(policy, candidates=candidates),
         chosen=chosen,
         judged=arena.judge.judged,
         arms=logs,

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from mdpo_rddl.cli.configure import configure
-from mdpo_rddl.cli.display import ProgressBar, print_summary
+from mdpo_rddl.cli.display import print_summary
 from mdpo_rddl.cli.options import preset_name
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import (
@@ -23,12 +23,11 @@ from mdpo_rddl.machine.jax_setup import (
     leave_out_of_collections,
     use_all_cores,
 )
-from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.presets import PRESETS
-from mdpo_rddl.planner.config.presets.by_domain import METHODS, config_for_domain
 from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.load import evaluate_saved
 from mdpo_rddl.session.plan import plan
+from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.replan import replan
 from mdpo_rddl.session.report.run_folder import free_name
 from mdpo_rddl.session.requests import LoadRequest, PlanRequest
@@ -91,15 +90,11 @@ def _load_request(options: argparse.Namespace) -> LoadRequest:
 def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> PlanRequest:
     tables = None if options.no_cache else grammar_tables()
     problem = load_problem(options.domain, options.instance, options.horizon, tables)
-    if str(options.config) in METHODS:
-        # as JaxPlan's third argument: the domain's own configuration
-        config = config_for_domain(options.domain, problem.domain_name, str(options.config))
-        name = config.source
-    elif options.config is not None:
-        name, config = str(options.config), PlannerConfig.from_file(options.config)
+    if options.config is not None:
+        name, config = config_of_file(options.config, options.domain, problem.domain_name)
     else:
         name = preset_name(options)
-        config = PRESETS[name](problem.domain_name)
+        config = config_of_preset(name, problem.domain_name)
     config = configure(config, options)
     own_seed = config.key
     seed = own_seed if options.seed is None else options.seed

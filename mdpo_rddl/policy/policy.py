@@ -77,7 +77,7 @@ class Policy(PolicyAgent):
             config=self.config.to_text(),
             problem=problem_identity(self.problem),
             seed=self.seed,
-            source=ProblemSource.of(self.problem),
+            source=ProblemSource.of(self.problem).without_folders(),
             candidates=self.candidates,
         )
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import (
     SavedTable,
@@ -79,6 +80,22 @@ class TablePolicy(PolicyAgent):
     def problem(self) -> Problem:
         """The parsed problem."""
         return self._problem
+
+    @property
+    def returns(self) -> np.ndarray:
+        """The proven optimum, the expected return [1]."""
+        return np.array([self.optimum.value])
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
+            "horizon": f"{self.problem.horizon:,}",
+            "plan": "table of a proven optimum",
+            "optimum": f"{self.optimum.value:,.6g}",
+            "states": f"{self.optimum.states:,}",
+            "seed": f"{self.seed}",
+        }
+        return html_table(f"Policy for {self.problem.label}", rows)
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
         """The action at a step.

@@ -1,6 +1,6 @@
 """What a problem was made of, as JSON can hold it, so that another process has the same one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdpo_rddl.problem.files import ProblemFiles
@@ -36,6 +36,11 @@ class ProblemSource:
             label=problem.label,
             horizon=problem.horizon,
         )
+
+    def without_folders(self) -> "ProblemSource":
+        """The same with the names of the files alone, for whoever gets it elsewhere."""
+        domain, instance = Path(self.domain).name, Path(self.instance).name
+        return replace(self, domain=domain, instance=instance)
 
     def load(self, tables: Path | None = None) -> Problem:
         """Loads the problem again.

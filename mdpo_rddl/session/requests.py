@@ -38,6 +38,18 @@ class EvaluationTerms(Protocol):
         """How many are played on the exact environment."""
 
 
+class FindTerms(EvaluationTerms, Protocol):
+    """What finding a policy must know of a request besides."""
+
+    @property
+    def config(self) -> PlannerConfig:
+        """The planner's; its `[Optimize]` section holds the budget."""
+
+    @property
+    def programs(self) -> Path | None:
+        """Where traced programs are kept from one process to the next, if anywhere."""
+
+
 @dataclass(frozen=True)
 class Terms:
     """An evaluation's terms, and no more.

@@ -11,8 +11,8 @@ from helpers.files import contents
 from helpers.plan_command import OPTIONS, RUN_FILES, TANKS, Outcome, run
 
 from mdpo_rddl.cli import plan as command
-from mdpo_rddl.cli.display import ProgressBar
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.session.progress_bar import ProgressBar
 
 
 def test_an_interrupt_keeps_what_was_found(
@@ -44,8 +44,9 @@ def test_an_interrupt_before_that_leaves_nothing(
 # the progress bar shows nothing in time where standard error is no terminal
 THAT_SAYS_WHEN_IT_TRAINS = """
 import os, sys
-from mdpo_rddl.cli import display, plan
-display.ProgressBar.training = lambda bar, progress: os.write(1, b"training\\n")
+from mdpo_rddl.cli import plan
+from mdpo_rddl.session import progress_bar
+progress_bar.ProgressBar.training = lambda bar, progress: os.write(1, b"training\\n")
 sys.exit(plan.main(sys.argv[1:]))
 """
 

@@ -1,0 +1,96 @@
+"""Find a policy: by one training, or by the race of the preset `auto`."""
+
+import logging
+import time
+from typing import TYPE_CHECKING
+
+import jax
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.search_section import read_search
+from mdpo_rddl.planner.training import Progress, TrainingResult, train
+from mdpo_rddl.planner.upstream import JaxStraightLinePlan
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.session.preparation import preparing
+from mdpo_rddl.session.requests import FindTerms, Reporter
+
+if TYPE_CHECKING:
+    from mdpo_rddl.auto import RaceOptions, RaceOutcome
+
+logger = logging.getLogger(__name__)
+
+
+def is_race(config: PlannerConfig) -> bool:
+    """Whether a configuration is for the race; else it is for one training."""
+    return read_search(config.sections) is not None
+
+
+def find_by_training(
+    terms: FindTerms, reporter: Reporter, counts_compilation: bool = False
+) -> tuple[Policy, TrainingResult]:
+    """One training as the configuration has it.
+
+    Args:
+      terms: what to plan.
+      reporter: is told how it gets on; what it raises as `Cancelled` ends it.
+      counts_compilation: whether compilation is part of the configuration's time.
+
+    Raises:
+      InputError: if the problem or the configuration cannot be used.
+    """
+    reporter.stage("compiling")
+    built = build_planner(terms.problem, terms.config, terms.programs)
+    planner, seed = built.planner, terms.seed
+    steps, horizon = planner.horizon, terms.problem.horizon
+    if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
+        message = "the plan has %d steps, its last action is repeated up to the horizon %d"
+        logger.warning(message, steps, horizon)
+    began = time.monotonic()
+    try:
+        with preparing(planner, terms) as begin_preparing:
+
+            def on_progress(progress: Progress) -> None:
+                begin_preparing()
+                reporter.training(progress)
+
+            key = jax.random.PRNGKey(seed)
+            result = train(
+                built, key, counts_compilation=counts_compilation, on_progress=on_progress
+            )
+    except InputError as error:
+        raise InputError(
+            f"{terms.problem.instance_path}: {error} (configured by {terms.config.source})"
+        ) from error
+    best = {
+        "seconds": round(time.monotonic() - began, 3),
+        "arm": "training",
+        "candidate": f"iterate {result.best_iteration:,}",
+        "mean_return": max(record.test_return for record in result.history),
+        "error": None,
+        "became_incumbent": True,
+    }
+    hyperparams, params = dict(result.policy_hyperparams), result.best_params
+    policy = Policy(terms.problem, terms.config, planner, params, hyperparams, seed, (best,))
+    return policy, result
+
+
+def find_by_race(
+    terms: FindTerms, reporter: Reporter, options: "RaceOptions | None" = None
+) -> "RaceOutcome":
+    """The race of the preset `auto`.
+
+    Args:
+      terms: what to plan.
+      reporter: is told how it gets on; what it raises as `Cancelled` ends it.
+      options: of the race; without them those that follow from the other two.
+
+    Raises:
+      InputError: if the problem or the configuration cannot be used.
+    """
+    # the search's package takes long to import, which other presets need not wait for
+    from mdpo_rddl.auto import RaceOptions, plan_automatically
+
+    options = options or RaceOptions(terms.programs, reporter.stage, reporter.training)
+    return plan_automatically(terms.problem, terms.config, terms.seed, options)

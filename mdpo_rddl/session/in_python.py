@@ -1,0 +1,173 @@
+"""`mdpo_rddl.plan`: from a problem to a policy, in a program or a notebook."""
+
+import contextlib
+import math
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.jax_setup import kept_tables
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.presets import DEFAULT_PRESET
+from mdpo_rddl.policy.kinds import AnyPolicy
+from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.problem.of_environment import problem_of
+from mdpo_rddl.session.configuration import config_of_file, config_of_preset
+from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
+from mdpo_rddl.session.progress_bar import ProgressBar
+from mdpo_rddl.session.watch import PlanProgress, Watch
+
+_MOST_SEEDS = 2**31
+# what is left of a time that loading has used up
+_LEAST_SECONDS = 1e-3
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """Options of `plan` that are rarely needed.
+
+    Attributes:
+      preset: "auto" or "paper"; "auto" if neither it nor `config` is given.
+      config: a `PlannerConfig`, a JaxPlan `.cfg` file, or "drp", "slp" or "replan", as
+        `mdpo-plan --config` takes them.
+      horizon: replaces the instance's.
+      progress: whether to draw a bar; if None in a terminal and in a notebook only.
+      cancel: ends planning once it is set; what was found so far is returned.
+
+    Raises:
+      InputError: if both a preset and a configuration are given.
+    """
+
+    preset: str | None = None
+    config: PlannerConfig | str | Path | None = None
+    horizon: int | None = None
+    progress: bool | None = None
+    cancel: threading.Event | None = None
+
+    def __post_init__(self) -> None:
+        if self.preset is not None and self.config is not None:
+            raise InputError("preset and config do not go together")
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """What is planned."""
+
+    problem: Problem
+    config: PlannerConfig
+    seed: int
+    episodes: int = 0
+    programs: Path | None = None
+
+
+def plan(
+    domain: Any,
+    instance: str | int | Path | None = None,
+    *,
+    seconds: float | None = None,
+    seed: int | None = None,
+    on_progress: Callable[[PlanProgress], object] | None = None,
+    **options: Any,
+) -> AnyPolicy:
+    """Finds a policy, as `mdpo-plan` does.
+
+    It prints nothing but a bar in a terminal or a notebook, and leaves JAX's configuration as it
+    was. A keyboard interrupt ends it like `cancel`.
+
+    Args:
+      domain: a problem's name in rddlrepository or a domain file; or a `Problem` or a pyRDDLGym
+        environment, without an instance then.
+      instance: the instance's name, number or file.
+      seconds: the time for everything, loading and compilation included; the configuration's if
+        None, which for "auto" is 90. A compilation under way is not interrupted.
+      seed: of everything that is drawn; the configuration's if None, which is 0 unless it says
+        otherwise.
+      on_progress: called now and then, from whatever thread is at work. False from it ends
+        planning as `cancel` does; what it raises ends planning and is raised.
+      **options: see `PlanOptions`.
+
+    Raises:
+      InputError: for whatever is wrong with the arguments or in the files, in one line.
+      TypeError: for an option that there is not.
+      KeyboardInterrupt: if interrupted before there was any policy.
+    """
+    chosen = PlanOptions(**options)
+    _check(seconds, seed)
+    with _precision_kept(), ProgressBar(chosen.progress) as bar:
+        watch = Watch(math.inf if seconds is None else seconds, bar, on_progress, chosen.cancel)
+        problem = _problem(domain, instance, chosen.horizon)
+        config = _config(chosen, domain, problem)
+        if seconds is not None:
+            left = max(seconds - watch.elapsed, _LEAST_SECONDS)
+            config = config.with_values("Optimize", train_seconds=left)
+        watch.seconds = config.budget().seconds
+        terms = _Terms(problem, config, config.key if seed is None else seed)
+        policy = _find(terms, watch, counts_compilation=seconds is not None)
+        if watch.error is not None:
+            raise watch.error
+        # compiled now, the first decision need not wait for it
+        policy.reset()
+        policy.sample_action()
+        policy.reset()
+    return policy
+
+
+def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> AnyPolicy:
+    if not is_race(terms.config):
+        return find_by_training(terms, watch, counts_compilation)[0]
+    from mdpo_rddl.auto import RaceOptions
+
+    options = RaceOptions(
+        on_stage=watch.stage,
+        on_progress=watch.training,
+        on_judged=watch.judged,
+        clock=watch.clock,
+    )
+    return find_by_race(terms, watch, options).policy
+
+
+def _check(seconds: Any, seed: Any) -> None:
+    if seconds is not None:
+        is_number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+        if not is_number or not 0 < seconds < math.inf:
+            raise InputError(f"seconds must be a number above 0, got {seconds!r}")
+    if seed is not None:
+        is_whole = isinstance(seed, int) and not isinstance(seed, bool)
+        if not is_whole or not 0 <= seed < _MOST_SEEDS:
+            raise InputError(f"seed must be an integer from 0 to {_MOST_SEEDS - 1}, got {seed!r}")
+
+
+def _problem(domain: Any, instance: Any, horizon: int | None) -> Problem:
+    if isinstance(domain, (str, Path)):
+        if instance is None:
+            raise InputError(f"{domain}: which instance? Give its name or its file")
+        return load_problem(str(domain), str(instance), horizon, kept_tables())
+    if instance is not None:
+        raise InputError(f"an instance does not go with a {type(domain).__name__}, which has one")
+    if horizon is not None:
+        raise InputError("horizon goes with names or files; load the problem with it instead")
+    return domain if isinstance(domain, Problem) else problem_of(domain)
+
+
+def _config(options: PlanOptions, domain: Any, problem: Problem) -> PlannerConfig:
+    if isinstance(options.config, PlannerConfig):
+        return options.config
+    if options.config is not None:
+        name = str(domain) if isinstance(domain, (str, Path)) else str(problem.domain_path)
+        return config_of_file(options.config, name, problem.domain_name)[1]
+    return config_of_preset(options.preset or DEFAULT_PRESET, problem.domain_name)
+
+
+@contextlib.contextmanager
+def _precision_kept() -> Iterator[None]:
+    """Undoes JaxPlan's choice of JAX's precision, which it makes for the whole process."""
+    before = jax.config.values["jax_enable_x64"]
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_x64", before)

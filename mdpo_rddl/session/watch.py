@@ -1,0 +1,152 @@
+"""Tells how planning gets on, and ends it early when somebody wants that."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mdpo_rddl.auto.candidate import Judged
+from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.machine.html import html_table
+from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.session.requests import Reporter
+
+_TELL_SECONDS = 0.25
+
+
+@dataclass(frozen=True)
+class PlanProgress:
+    """How far planning is.
+
+    Attributes:
+      stage: what goes on: "loading", "probing", "searching", "compiling", "training" or
+        "polishing".
+      seconds: since it began.
+      fraction: of the time, from 0 to 1; of the iterations, if they end a training first.
+      best_return: mean return of the best policy so far on the exact model; None before the first.
+    """
+
+    stage: str
+    seconds: float
+    fraction: float
+    best_return: float | None = None
+
+    def _repr_html_(self) -> str:
+        best = "none" if self.best_return is None else f"{self.best_return:,.2f}"
+        rows: Mapping[str, str] = {
+            "stage": self.stage,
+            "seconds": f"{self.seconds:.1f}",
+            "done": f"{self.fraction:.0%}",
+            "best return": best,
+        }
+        return html_table("Planning", rows)
+
+
+class Watch:
+    """A reporter with a clock, by which planning ends early once it is cancelled.
+
+    A race asks its clock wherever it might end: when it is cancelled the clock is past every
+    deadline, and once there is a policy it raises `Cancelled`, but once only.
+
+    Attributes:
+      seconds: the time for everything.
+      error: what the callback has raised, if anything; it cancels too.
+    """
+
+    def __init__(
+        self,
+        seconds: float,
+        reporter: Reporter,
+        on_progress: Callable[[PlanProgress], object] | None = None,
+        cancel: threading.Event | None = None,
+    ) -> None:
+        """Begins to count the time.
+
+        Args:
+          seconds: the time for everything.
+          reporter: is told everything too.
+          on_progress: called several times a second at most, from whatever thread is at work;
+            False from it cancels.
+          cancel: cancels once it is set.
+        """
+        self.seconds, self._reporter = seconds, reporter
+        self._on_progress = on_progress
+        self._cancel = cancel or threading.Event()
+        self._began = time.monotonic()
+        self._told_at = -float("inf")
+        self._stage, self._fraction = "loading", 0.0
+        self._best: float | None = None
+        self._is_ended = self._was_raised = False
+        self.error: BaseException | None = None
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether planning should end."""
+        return self._is_ended or self._cancel.is_set()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the beginning."""
+        return time.monotonic() - self._began
+
+    def clock(self) -> float:
+        """The time for a race.
+
+        Raises:
+          Cancelled: the first time that it is asked after planning was cancelled with a policy.
+        """
+        self._tell()
+        if not self.is_cancelled:
+            return time.monotonic()
+        if self._best is not None and not self._was_raised:
+            self._was_raised = True
+            raise Cancelled
+        return time.monotonic() + 2 * self.seconds
+
+    def stage(self, name: str) -> None:
+        """A new stage begins."""
+        self._stage = name
+        self._reporter.stage(name)
+        self._tell(at_once=True)
+
+    def training(self, progress: Progress) -> None:
+        """An iteration is done.
+
+        Raises:
+          Cancelled: if planning should end.
+        """
+        self._stage, self._fraction = "training", progress.fraction
+        if self._best is None or progress.best_return > self._best:
+            self._best = progress.best_return
+        self._reporter.training(progress)
+        self._tell()
+        if self.is_cancelled:
+            raise Cancelled
+
+    def judged(self, judged: Judged) -> None:
+        """A candidate was judged."""
+        if judged.became_incumbent:
+            self._best = judged.candidate.mean
+
+    def episode(self, done: int, of: int) -> None:
+        """An evaluation episode is done."""
+        self._reporter.episode(done, of)
+
+    def _tell(self, at_once: bool = False) -> None:
+        elapsed = self.elapsed
+        if self._on_progress is None or self.is_cancelled:
+            return
+        if not at_once and elapsed - self._told_at < _TELL_SECONDS:
+            return
+        self._told_at = elapsed
+        fraction = min(1.0, max(self._fraction, elapsed / self.seconds))
+        try:
+            answer: Any = self._on_progress(
+                PlanProgress(self._stage, elapsed, fraction, self._best)
+            )
+        except BaseException as error:
+            # kept for the caller: planning would take it for a mistake in the problem
+            self.error = error
+            answer = False
+        self._is_ended = answer is False

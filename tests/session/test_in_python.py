@@ -1,0 +1,145 @@
+"""`mdpo_rddl.plan`: what it takes, gives, tells, and leaves alone."""
+
+import logging
+import threading
+from functools import partial
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from helpers.mistakes import one_line
+from helpers.problems import tiny_files
+from pyRDDLGym import RDDLEnv
+
+import mdpo_rddl
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.session.configuration import config_of_preset
+from mdpo_rddl.session.watch import PlanProgress
+
+CONFIG = """
+[Compiler]
+print_warnings=False
+[Planner]
+method='JaxStraightLinePlan'
+optimizer='rmsprop'
+optimizer_kwargs={'learning_rate': 0.05}
+batch_size_train=2
+pgpe=None
+[Optimize]
+epochs=3
+[Noise]
+method='NoNoise'
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    return tiny_files(tmp_path, horizon=3)
+
+
+@pytest.fixture
+def quick():
+    """One short training instead of the race."""
+    return partial(mdpo_rddl.plan, config=PlannerConfig.from_text(CONFIG))
+
+
+def test_a_file_of_a_configuration_and_the_same_bits_again(files, tmp_path, capsys):
+    (tmp_path / "slp.cfg").write_text(CONFIG)
+    before, handlers = dict(jax.config.values), list(logging.getLogger().handlers)
+    planned = partial(mdpo_rddl.plan, *files, config=tmp_path / "slp.cfg", seed=3)
+    first, second = planned(), planned()
+    assert capsys.readouterr() == ("", "")
+    assert dict(jax.config.values) == before
+    assert logging.getLogger().handlers == handlers
+    for ours, theirs in zip(*(jax.tree.leaves(p.params) for p in (first, second)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert first.seed == 3
+    assert first.config.section("Optimize")["epochs"] == 3
+    assert len(first.returns) == 1
+    first.save(tmp_path / "saved")
+    again = mdpo_rddl.load_policy(tmp_path / "saved")
+    mine, other = first.evaluate(episodes=2).returns, again.evaluate(episodes=2).returns
+    np.testing.assert_array_equal(mine, other)
+
+
+def test_an_environment_and_a_problem_in_a_thread(files, quick):
+    env = RDDLEnv(*files)
+    env.horizon = 2
+    found = []
+    for given in (env, mdpo_rddl.load_problem(*files, horizon=2)):
+        thread = threading.Thread(target=lambda given=given: found.append(quick(given)))
+        thread.start()
+        thread.join()
+    assert [policy.problem.horizon for policy in found] == [2, 2]
+    assert found[0].problem.digest == found[1].problem.digest
+    result = found[0].evaluate(RDDLEnv(*files), seed=0)
+    assert result["mean"] <= 0
+
+
+def test_a_race_is_cancelled_with_what_was_found(files):
+    seen: list[PlanProgress] = []
+
+    def until_there_is_a_policy(progress: PlanProgress) -> bool:
+        seen.append(progress)
+        return progress.best_return is None
+
+    config = config_of_preset("auto", "tiny").with_values("Search", alternatives=False)
+    policy = mdpo_rddl.plan(*files, seconds=300, config=config, on_progress=until_there_is_a_policy)
+    assert {"probing", "searching"} <= {progress.stage for progress in seen}
+    assert seen[-1].seconds < 150
+    assert policy.returns[-1] == pytest.approx(seen[-1].best_return)
+    assert "best return" in seen[-1]._repr_html_()
+    policy.reset()
+    action = policy.sample_action({"x___u1": 0.0, "x___u2": 0.0})
+    assert set(action) == {"push___u1", "push___u2"}
+
+
+def test_a_race_cancelled_from_the_first_has_a_policy_all_the_same(files):
+    cancel = threading.Event()
+    cancel.set()
+    policy = mdpo_rddl.plan(*files, seconds=300, cancel=cancel)
+    assert policy.candidates
+    assert policy.evaluate(episodes=1).returns.shape == (1,)
+
+
+def test_a_training_is_cancelled_after_an_iteration(files, quick):
+    config = PlannerConfig.from_text(CONFIG).with_values("Optimize", epochs=10**6)
+    cancel = threading.Event()
+    cancel.set()
+    policy = quick(*files, config=config, cancel=cancel)
+    assert policy.candidates[0]["candidate"] == "iterate 0"
+
+
+def test_an_error_of_the_callback_is_raised_as_it_is(files):
+    def fail(progress: PlanProgress) -> None:
+        raise ZeroDivisionError(progress.stage)
+
+    with pytest.raises(ZeroDivisionError, match="loading"):
+        mdpo_rddl.plan(*files, seconds=300, on_progress=fail)
+
+
+def test_bad_input_is_told_in_a_line(files, quick):
+    problem = mdpo_rddl.load_problem(*files)
+    for given, said in (
+        (partial(quick, "nowhere.rddl", files[1]), "nowhere.rddl: cannot read the domain file"),
+        (partial(quick, *files, seconds=0), "seconds must be a number above 0, got 0"),
+        (partial(quick, *files, seed=-1), "seed must be an integer from 0 to 2147483647, got -1"),
+        (partial(quick, *files, preset="auto"), "preset and config do not go together"),
+        (partial(mdpo_rddl.plan, *files, preset="best"), "there is no preset 'best'"),
+        (partial(quick, files[0]), f"{files[0]}: which instance?"),
+        (partial(quick, problem, "1"), "an instance does not go with a Problem"),
+        (partial(quick, problem, horizon=3), "horizon goes with names or files"),
+        (partial(quick, 7), "expected the names or files of a problem"),
+        (partial(quick, mdpo_rddl.make_environment(problem)), "the environment was made from a"),
+    ):
+        assert one_line(given).startswith(said)
+    with pytest.raises(TypeError, match="'second'"):
+        quick(*files, second=5)
+
+
+def test_a_file_that_cannot_be_written_is_named(files, quick, tmp_path):
+    (tmp_path / "file").write_text("")
+    policy = quick(*files)
+    path = Path(tmp_path, "file", "policy")
+    assert one_line(partial(policy.save, path)).startswith(f"{path}: cannot be written")
