@@ -20,7 +20,7 @@ ROOMS = {
     "policy": ("machine", "noise", "problem", "planner"),
     "auto": ("machine", "noise", "problem", "planner", "policy"),
     "session": ("machine", "noise", "problem", "planner", "policy", "auto"),
-    "ipc": ("machine", "noise", "problem", "planner", "policy", "auto", "session"),
+    "ipc": ("machine", "noise", "problem", "planner", "policy", "auto"),
     "bench": ("machine", "noise", "problem", "planner", "policy", "auto", "session", "ipc"),
 }
 # the command line imports from all of them

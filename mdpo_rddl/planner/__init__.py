@@ -1,1 +1,1 @@
-"""The one folder that touches JaxPlan: its import, its hooks and its configuration files."""
+"""MDPOPlanner and all that is compiled; the one room that imports JaxPlan."""
