@@ -131,7 +131,7 @@ class PolicyAgent(BaseAgent):
     ) -> Evaluation:
         witness, before = _Witness(env), self._decisions
         illegal, fallback = before.illegal, before.fallback
-        super().evaluate(witness, episodes, verbose, render, seed)  # type: ignore[arg-type]
+        super().evaluate(witness, episodes, verbose, render, seed)
         return Evaluation(
             returns=np.array(witness.returns),
             lengths=np.array(witness.lengths),

@@ -166,7 +166,7 @@ def _config(options: PlanOptions, domain: Any, problem: Problem) -> PlannerConfi
 @contextlib.contextmanager
 def _precision_kept() -> Iterator[None]:
     """Undoes JaxPlan's choice of JAX's precision, which it makes for the whole process."""
-    before = jax.config.jax_enable_x64
+    before = jax.config.values["jax_enable_x64"]
     try:
         yield
     finally:
