@@ -4,13 +4,15 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mdpo_rddl.auto.candidate import Judged
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.session.requests import Reporter
+
+if TYPE_CHECKING:
+    from mdpo_rddl.auto.candidate import Judged
 
 _TELL_SECONDS = 0.25
 
@@ -124,7 +126,7 @@ class Watch:
         if self.is_cancelled:
             raise Cancelled
 
-    def judged(self, judged: Judged) -> None:
+    def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
         if judged.became_incumbent:
             self._best = judged.candidate.mean

@@ -19,18 +19,20 @@ SETTINGS = ("hvac10", "hvac20", "powergen7", "powergen11", "reservoir15", "reser
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_python_example_runs():
+def test_the_python_example_runs(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    quick = code.replace("epochs=1000", "epochs=2, print_summary=False, print_progress=False")
-    quick = quick.replace("episodes=20", "episodes=2").replace('.rddl")', '.rddl", horizon=5)')
-    assert quick.count("horizon=5") == 1
+    quick = code.replace("seconds=60", "seconds=5, preset='paper', horizon=5")
+    quick = quick.replace("episodes=50", "episodes=2").replace("hvac10.policy", "p.policy")
+    for folder in ("domains", "instances"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     # in a process of its own, where nothing was imported before
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", quick], cwd=ROOT, capture_output=True, text=True
+        [sys.executable, "-W", "ignore", "-c", quick], cwd=tmp_path, capture_output=True, text=True
     )
     assert "Traceback" not in done.stderr
     low, high = ast.literal_eval(done.stdout.splitlines()[-1])
     assert -1e7 < low <= high < 0.0
+    assert (tmp_path / "p.policy").is_file()
 
 
 def test_every_option_is_described_and_every_described_option_exists():
