@@ -5,6 +5,7 @@ NOISES = {"none": {"method": "NoNoise"}, "adaptive": None}
 
 VARIANT_NAMES = (
     "auto",
+    "auto-without-dynamic-programming",
     "auto-without-searches",
     "auto-without-own-weights",
     "auto-without-gradient",
