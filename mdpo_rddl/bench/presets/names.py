@@ -5,7 +5,6 @@ NOISES = {"none": {"method": "NoNoise"}, "adaptive": None}
 
 VARIANT_NAMES = (
     "auto",
-    "auto-without-dynamic-programming",
     "auto-without-searches",
     "auto-without-own-weights",
     "auto-without-gradient",
