@@ -25,7 +25,6 @@ def _shaped(**arguments: Any) -> Callable[[PlannerConfig], PlannerConfig]:
 
 VARIANTS: dict[str, Callable[[PlannerConfig], PlannerConfig]] = {
     "auto": lambda config: config,
-    "auto-without-dynamic-programming": _searching(optimum_until=0.0),
     "auto-without-searches": _searching(shared_until=_NO_TIME, own_until=_NO_TIME),
     "auto-without-own-weights": _searching(shared_until=0.45, own_until=0.45),
     "auto-without-gradient": _searching(gradient_until=0.45),

@@ -170,6 +170,7 @@ def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
         ("'topology'", "'topologi'", "unknown key 'topologi'"),
         ("normalized_adam", "abnormal_adam", "optax has no function 'abnormal_adam'"),
         ("[Optimize]", "[Search]\nshared_until=2\n[Optimize]", "shared_until <= own_until"),
+        ("[Optimize]", "[Search]\noptimum_until=1\n[Optimize]", "0 <= optimum_until < 1"),
         ("[Optimize]", "[Search]\nuntil=2\n[Optimize]", "unexpected keyword argument 'until'"),
         ("[Optimize]", "[Search]\nalternatives=1\n[Optimize]", "must be True or False, got 1"),
     ],
