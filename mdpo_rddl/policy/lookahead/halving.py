@@ -76,7 +76,8 @@ class Halving:
         """
         few = self.simulator.challengers(NARROW)
         scores, everyone = Scores.of(len(candidates)), np.arange(len(candidates))
-        left, ranking = everyone, []
+        left = everyone
+        ranking: list[int] = []
         while len(left):
             kind = NARROW if len(left) <= few else WIDE
             rounds = 1 + max(0, math.ceil(math.log2(len(left) / few)))
