@@ -67,7 +67,7 @@ class Continuations:
         """The action fluents, in the order of the components."""
         return list(self._planner.rddl.action_fluents)
 
-    def compile_legality(self) -> Callable[[Mapping[str, Any], Array], Array]:
+    def compile_legality(self) -> Callable[[Mapping[str, Any], Any], Array]:
         """Compiles which actions are legal.
 
         Returns:

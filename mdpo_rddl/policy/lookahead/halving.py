@@ -77,7 +77,7 @@ class Halving:
         few = self.simulator.challengers(NARROW)
         scores, everyone = Scores.of(len(candidates)), np.arange(len(candidates))
         left = everyone
-        ranking: list[np.ndarray] = []
+        ranking: list[int] = []
         while len(left):
             kind = NARROW if len(left) <= few else WIDE
             rounds = 1 + max(0, math.ceil(math.log2(len(left) / few)))

@@ -1,0 +1,59 @@
+"""What the methods propose, and how an action's components are laid side by side."""
+
+import numpy as np
+import pytest
+from helpers.levers import NONE, lever_policy
+
+from mdpo_rddl.policy.lookahead.base import Gain
+from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.coordinate import Coordinate
+from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+
+RANDOM = np.random.default_rng(0)
+
+
+def components(**words):
+    return Components.of(lever_policy(**words).planner)
+
+
+def proposed(method, gains=()):
+    return sorted(tuple(map(int, candidate[0])) for candidate in method.propose(gains, RANDOM))
+
+
+def test_components_there_and_back():
+    three = components()
+    action = {"pull": np.array([True, False, True])}
+    np.testing.assert_array_equal(three.flat(action), [1.0, 0.0, 1.0])
+    back = three.action(np.array([0.0, 1.0, 1.0]), action)["pull"]
+    assert back.dtype == bool
+    np.testing.assert_array_equal(back, [False, True, True])
+
+
+@pytest.mark.parametrize(("most", "count"), [("1", 4), ("2", 7), ("3", 8), ("pos-inf", 8)])
+def test_how_many_joint_actions_there_are(most, count):
+    three = components(MOST=most)
+    assert three.joint_actions == count
+    method = FirstActions()
+    assert method.applies(three)
+    method.begin(np.zeros(3))
+    # all but the policy's own
+    assert len(proposed(method)) == len(set(proposed(method))) == count - 1
+    assert proposed(method, [Gain(np.zeros((1, 3)), 1.0, 0.1)]) == []
+
+
+def test_coordinate_changes_go_on_from_what_gained():
+    method = Coordinate()
+    assert method.applies(components())
+    method.begin(np.array(NONE, float))
+    assert proposed(method) == [(0, 0, 1), (0, 1, 0), (1, 0, 0)]
+    gains = [
+        Gain(np.array([[0.0, 0.0, 1.0]]), 3.0, 0.0),
+        Gain(np.array([[1.0, 0.0, 0.0]]), 1.0, 0.0),
+        Gain(np.array([[0.0, 1.0, 0.0]]), -2.0, 0.0),
+    ]
+    # the changes that gained together come first
+    np.testing.assert_array_equal(method.propose(gains, RANDOM)[0, 0], [1, 0, 1])
+    assert (0, 1, 1) in proposed(method, gains)
+    # an exchange of the third for another
+    assert (1, 0, 0) in proposed(method, gains)
+    assert proposed(method, gains[2:]) == []
