@@ -29,9 +29,8 @@ def episodes(lines):
 
 @pytest.mark.timeout(300)
 def test_an_interrupted_preparation_leaves_a_policy_that_plays(tmp_path):
-    lines, seconds = played(
-        tmp_path, "--prepare", "600", "--timer", "4", "--decide", "30", "--grace", "200"
-    )
+    options = ["--prepare", "600", "--timer", "4", "--decide", "30", "--grace", "200"]
+    lines, seconds = played(tmp_path, *options)
     assert lines[:2] == ["preparation was interrupted", "policy: found"]
     # the no-op stays half a unit from the goal, in both of them and all three steps
     assert len(episodes(lines)) == 2

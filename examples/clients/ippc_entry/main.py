@@ -39,6 +39,8 @@ class Entry(BaseAgent):
         """
         self._env, self._grace_seconds = env, grace_seconds
         self._cancel = threading.Event()
+        # a thread whose join was interrupted by an exception counts as ended in some Pythons
+        self._is_done = threading.Event()
         self._policy: mdpo.Policy | None = None
         self._error: BaseException | None = None
 
@@ -59,11 +61,11 @@ class Entry(BaseAgent):
         thread = threading.Thread(target=self._plan, args=(seconds * (1 - MARGIN),), daemon=True)
         thread.start()
         try:
-            thread.join()
+            self._is_done.wait()
         finally:
             # an exception that came meanwhile goes on once this is done
             self._cancel.set()
-            thread.join(self._grace_seconds)
+            self._is_done.wait(self._grace_seconds)
         if self._error is not None:
             raise self._error
 
@@ -74,6 +76,8 @@ class Entry(BaseAgent):
             )
         except BaseException as error:
             self._error = error
+        finally:
+            self._is_done.set()
 
     def reset(self) -> None:
         """Begins an episode."""
