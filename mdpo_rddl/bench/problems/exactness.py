@@ -1,14 +1,10 @@
 """Every problem of rddlrepository: does the compiled exact model obey the environment's rules?"""
 
-import contextlib
 import logging
-import os
 import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import jax
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.agreement import compare, steps_per_second
@@ -73,7 +69,6 @@ def run_exactness(
 def check(item: Item) -> dict[str, Any]:
     """Compares on one problem; an error becomes the status and its one-line cause."""
     started = time.perf_counter()
-    _keep_to_one_core()
     row: dict[str, Any] = {"status": "ok", "cause": ""}
     try:
         problem = load_problem(item.problem, item.instance)
@@ -94,29 +89,13 @@ def check(item: Item) -> dict[str, Any]:
     return row
 
 
-def _keep_to_one_core() -> None:
-    """Has all threads share a core, where the system can: the speeds are those of one.
-
-    JAX begins first, so that it has as many threads as ever: with a single one it was seen to wait
-    for itself.
-    """
-    jax.devices()
-    threads = Path("/proc/self/task")
-    if not hasattr(os, "sched_setaffinity") or not threads.is_dir():
-        return
-    cores = sorted(os.sched_getaffinity(0))
-    for thread in threads.iterdir():
-        with contextlib.suppress(ProcessLookupError):  # it has ended by now
-            os.sched_setaffinity(int(thread.name), [cores[os.getpid() % len(cores)]])
-
-
 def exactness_table(records: Records) -> str:
     """Markdown: per problem the finding, what was illegal, and the speed."""
     good = sum(row["status"] == "ok" for row in records.rows)
     lines = [
         f"The compiled model and the environment agree on {good} of {len(records.rows)} problems.",
         "",
-        "| problem | instance | horizon | chance | result | illegal | million steps a second |",
+        "| problem | instance | horizon | chance | result | illegal | million steps a core-second |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in sorted(records.rows, key=lambda row: row["problem"]):
