@@ -55,7 +55,7 @@ class RaceOptions:
     """What has no influence on what a race looks for.
 
     Attributes:
-      programs: where traced programs are kept from one process to the next, if anywhere.
+      traced_cache: where traced programs are kept from one process to the next, if anywhere.
       on_stage: called with the name of each part as it begins.
       on_progress: called while a training with a gradient goes on.
       on_judged: called with each candidate once the judge has played it.
@@ -63,7 +63,7 @@ class RaceOptions:
       most_iterations: of one training with a gradient.
     """
 
-    programs: Path | None = None
+    traced_cache: Path | None = None
     on_stage: Callable[[str], None] = _ignore_stage
     on_progress: Callable[[Progress], None] = _ignore_progress
     on_judged: Callable[[Judged], None] = _ignore_judged
@@ -167,7 +167,7 @@ def _arena(
         config = simplified(config)
     elif not plans_fit(bare):
         config = without_plan(config)
-    planner = build_planner(problem, config, options.programs).planner
+    planner = build_planner(problem, config, options.traced_cache).planner
     return Arena(
         problem=problem,
         config=config,

@@ -54,7 +54,7 @@ def run_until(task: Callable[[Work], None], until: float) -> bool:
       KeyboardInterrupt: if interrupted.
       Exception: whatever the task raises in time.
     """
-    work = Work()
+    work, done = Work(), threading.Event()
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -62,24 +62,27 @@ def run_until(task: Callable[[Work], None], until: float) -> bool:
             task(work)
         except BaseException as error:  # raised where the task is waited for
             raised.append(error)
+        finally:
+            done.set()
 
     thread = threading.Thread(target=run, name="mdpo-rddl work")
     thread.start()
     try:
-        _wait(thread, until)
+        _wait(done, until)
     except KeyboardInterrupt:
         work.cancel()
         with contextlib.suppress(KeyboardInterrupt):
-            _wait(thread, time.monotonic() + _GRACE_SECONDS)
+            _wait(done, time.monotonic() + _GRACE_SECONDS)
         raise
     finally:
-        ended = not thread.is_alive()
+        ended = done.is_set()
         work.is_abandoned = not ended
     if ended and raised:
         raise raised[0]
     return ended
 
 
-def _wait(thread: threading.Thread, until: float) -> None:
-    while thread.is_alive() and (left := until - time.monotonic()) > 0:
-        thread.join(min(left, _SLICE_SECONDS))
+def _wait(done: threading.Event, until: float) -> None:
+    # no `Thread.join`: one that is interrupted takes a running thread for ended
+    while not done.is_set() and (left := until - time.monotonic()) > 0:
+        done.wait(min(left, _SLICE_SECONDS))

@@ -20,7 +20,7 @@ _NOT_COMPILED = {"key": 0, "epochs": 1, "train_seconds": 1.0}
 def build_planner(
     problem: Problem,
     config: PlannerConfig,
-    programs: Path | None = None,
+    traced_cache: Path | None = None,
     planner_class: type[MDPOPlanner] = MDPOPlanner,
 ) -> Built[MDPOPlanner]:
     """Compiles a planner.
@@ -29,7 +29,7 @@ def build_planner(
       problem: the parsed problem; its horizon is the rollouts' unless the configuration
         names a `rollout_horizon`.
       config: the planner's configuration.
-      programs: where traced programs are kept from one process to the next, if anywhere.
+      traced_cache: where traced programs are kept from one process to the next, if anywhere.
       planner_class: what to make of it.
 
     Raises:
@@ -44,10 +44,10 @@ def build_planner(
             f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
             f"(configured by {config.source})"
         ) from error
-    if programs is not None:
+    if traced_cache is not None:
         text = config.with_values("Optimize", **_NOT_COMPILED).to_text()
         identity = f"{problem.digest} {problem.horizon} {text}"
-        planner.compile_calls_with(stored_jit(programs, identity))
+        planner.compile_calls_with(stored_jit(traced_cache, identity))
     return Built(planner, config.budget(), optimize_args)
 
 

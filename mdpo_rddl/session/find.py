@@ -41,7 +41,7 @@ def find_by_training(
       InputError: if the problem or the configuration cannot be used.
     """
     reporter.stage("compiling")
-    built = build_planner(terms.problem, terms.config, terms.programs)
+    built = build_planner(terms.problem, terms.config, terms.traced_cache)
     planner, seed = built.planner, terms.seed
     steps, horizon = planner.horizon, terms.problem.horizon
     if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
@@ -92,5 +92,5 @@ def find_by_race(
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
 
-    options = options or RaceOptions(terms.programs, reporter.stage, reporter.training)
+    options = options or RaceOptions(terms.traced_cache, reporter.stage, reporter.training)
     return plan_automatically(terms.problem, terms.config, terms.seed, options)

@@ -62,7 +62,7 @@ class _Terms:
     config: PlannerConfig
     seed: int
     episodes: int = 0
-    programs: Path | None = None
+    traced_cache: Path | None = None
 
 
 def plan(

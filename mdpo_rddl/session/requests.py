@@ -46,7 +46,7 @@ class FindTerms(EvaluationTerms, Protocol):
         """The planner's; its `[Optimize]` section holds the budget."""
 
     @property
-    def programs(self) -> Path | None:
+    def traced_cache(self) -> Path | None:
         """Where traced programs are kept from one process to the next, if anywhere."""
 
 
@@ -74,7 +74,7 @@ class PlanRequest:
       seed: of training and evaluation.
       episodes: evaluation episodes on the exact environment.
       out: where the run folder goes.
-      programs: where traced programs are kept from one process to the next, if anywhere.
+      traced_cache: where traced programs are kept from one process to the next, if anywhere.
       decision_seconds: that the policy may think at each decision of the evaluation; 0 plays it
         as it was prepared.
     """
@@ -85,7 +85,7 @@ class PlanRequest:
     seed: int
     episodes: int
     out: Path
-    programs: Path | None = None
+    traced_cache: Path | None = None
     decision_seconds: float = 0.0
 
 

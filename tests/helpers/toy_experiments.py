@@ -27,7 +27,7 @@ def compiled_once() -> Iterator[None]:
     """The shipped files, and planners that are compiled once for all tests of a file."""
     planners: dict[str, Any] = {}
 
-    def build(problem, config, programs=None):
+    def build(problem, config, traced_cache=None):
         key = problem.label + config.with_section("Optimize", {}).to_text()
         if key not in planners:
             planners[key] = build_planner(problem, config).planner
