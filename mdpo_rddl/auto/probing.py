@@ -21,17 +21,13 @@ from mdpo_rddl.planner.exact import compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.feedback_plan import box_width
+from mdpo_rddl.planner.update.action_scales import SIZES, answering_size
 
 logger = logging.getLogger(__name__)
 
-_SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
 _STARTS, _FEW_STARTS = 32, 4
 _ROLLOUTS = 4
 _WIDE_UNITS = 1.5
-# a constant action is better than the no-op if it gains so much of the return
-_GAIN = 0.005
-# and still harmless if it loses no more than that
-_LOSS = 0.1
 
 
 @dataclass(frozen=True)
@@ -92,9 +88,8 @@ def probe(
     units = {}
     for name in numbers:
         if box_width(*planner.feedback_plan.bounds[name]) is None:
-            sizes = [0.0, *_SIZES, *-_SIZES]
-            scan = [{**noop, name: np.full(shapes[name], size)} for size in sizes]
-            units[name] = _unit(np.array(sizes), returns(scan)[0])
+            scan = [{**noop, name: np.full(shapes[name], size)} for size in SIZES]
+            units[name] = answering_size(SIZES, returns(scan)[0])
             logger.info("unit of %s: %g", name, units[name])
     random = np.random.default_rng(seed)
     places = boxes(planner, units)
@@ -133,16 +128,6 @@ def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
         for name, entries in params["own"].items()
     }
     return {**params, "own": own}
-
-
-def _unit(sizes: np.ndarray, returns: np.ndarray) -> float:
-    """The best size where that is better than the no-op, else the largest harmless one."""
-    noop, best = returns[0], int(np.argmax(returns))
-    margin = abs(noop) if np.isfinite(noop) else 0.0
-    if returns[best] > noop + _GAIN * margin:
-        return float(abs(sizes[best]))
-    harmless = np.abs(sizes[1:])[returns[1:] >= noop - _LOSS * margin]
-    return float(np.max(harmless, initial=_SIZES[0]))
 
 
 def boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.ndarray]:

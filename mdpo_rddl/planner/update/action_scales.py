@@ -17,7 +17,10 @@ from mdpo_rddl.planner.start import initial_values
 
 logger = logging.getLogger(__name__)
 
-_SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
+_POSITIVE = 10.0 ** np.arange(-3.0, 6.01, 0.5)
+SIZES = np.concatenate([[0.0], _POSITIVE, -_POSITIVE])
+"""Of the constant actions that are tried, the no-op first."""
+
 # a constant action is better than the no-op if it gains so much of the no-op's return
 _GAIN = 0.005
 # and does no harm if it loses no more than that
@@ -48,16 +51,15 @@ def _scales(planner: Any, names: Sequence[str]) -> dict[str, float]:
     play = _constant_play(planner)
     values = planner.test_compiled.init_values
     noop = {name: jnp.asarray(values[name]) for name in planner.rddl.action_fluents}
-    sizes = np.concatenate([[0.0], _SIZES, -_SIZES])
     scales = {}
     for name in names:
-        actions = {key: jnp.stack([value] * len(sizes)) for key, value in noop.items()}
+        actions = {key: jnp.stack([value] * len(SIZES)) for key, value in noop.items()}
         shape = (-1,) + (1,) * noop[name].ndim
         lower, upper = planner.plan.bounds[name]
-        constant = np.clip(noop[name] + sizes.reshape(shape), lower, upper)
+        constant = np.clip(noop[name] + SIZES.reshape(shape), lower, upper)
         actions[name] = jnp.asarray(constant, noop[name].dtype)
         returns = np.asarray(play(random.PRNGKey(0), actions), np.float64)
-        scales[name] = answering_size(sizes, np.where(np.isfinite(returns), returns, -np.inf))
+        scales[name] = answering_size(SIZES, np.where(np.isfinite(returns), returns, -np.inf))
         logger.info("noise on %s in units of %g", name, scales[name])
     return scales
 
@@ -74,7 +76,7 @@ def answering_size(sizes: np.ndarray, returns: np.ndarray) -> float:
     if returns[best] > noop + _GAIN * margin:
         return float(abs(sizes[best]))
     harmless = np.abs(sizes[1:])[returns[1:] >= noop - _LOSS * margin]
-    return float(np.max(harmless, initial=_SIZES[0]))
+    return float(np.max(harmless, initial=_POSITIVE[0]))
 
 
 def _constant_play(planner: Any) -> Any:
