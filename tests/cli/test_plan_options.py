@@ -97,7 +97,7 @@ def test_a_configuration_file(
     assert {path.name for path in folder.iterdir()} == RUN_FILES
     np.testing.assert_array_equal(np.load(folder / "noise.npy"), np.full((4, 3), 0.5))
     saved = load_policy(folder / "policy.safetensors")
-    assert PlannerConfig.from_text(saved.config).noise() == ConstantNoise(sigma=0.5)
+    assert PlannerConfig.from_text(saved.config).noise() == ConstantNoise(0.5, unit="absolute")
 
     # three steps of a plan for seven
     said = "the plan has 3 steps, its last action is repeated up to the horizon 7"

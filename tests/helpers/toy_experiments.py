@@ -15,7 +15,7 @@ from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
-from mdpo_rddl.session import plan as offline
+from mdpo_rddl.session import find
 
 OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]
 SETTINGS = ["powergen7"]
@@ -35,7 +35,7 @@ def compiled_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
-        for module in (noise_sweep, paper_preset, offline):
+        for module in (noise_sweep, paper_preset, find):
             patch.setattr(module, "build_planner", build)
         yield
 

@@ -69,14 +69,6 @@ def test_a_process_that_is_late_or_killed_costs_nothing_else(problem, caplog):
         assert others.best(until=time.monotonic() + 60.0) is None
 
 
-def test_no_process_works_on_files_that_have_changed(problem, tmp_path, caplog):
-    caplog.set_level("INFO", logger=jaxplan.__name__)
-    tiny_files(tmp_path, spread=1.0)
-    with Alternatives(problem, seed=0, seconds=60.0, wanted=True) as others:
-        assert others.best(until=time.monotonic() + 120.0) is None
-    assert "the problem's files have changed meanwhile" in caplog.text
-
-
 class Answering:
     """Stands for a process that has trained on some problem."""
 

@@ -19,7 +19,7 @@ SIGMA = 0.1
 def test_the_mean_return_and_its_gradient_are_the_known_ones(tmp_path):
     """Far from the box, x_t = sum of the pushes u and their noise, and r_t = -(x_t - g)^2."""
     problem = load_problem(*tiny_files(tmp_path, horizon=3))
-    noise = ConstantNoise(SIGMA)
+    noise = ConstantNoise(SIGMA, unit="absolute")
     planner = make_planner(
         MDPOPlanner, problem, make_plan("slp"), noise=noise, batch_size_train=4000
     )
