@@ -95,7 +95,7 @@ def exactness_table(records: Records) -> str:
     lines = [
         f"The compiled model and the environment agree on {good} of {len(records.rows)} problems.",
         "",
-        "| problem | instance | horizon | chance | result | illegal | million steps a core-second |",
+        "| problem | instance | horizon | chance | result | illegal | M steps a core-second |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in sorted(records.rows, key=lambda row: row["problem"]):
