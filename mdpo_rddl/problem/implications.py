@@ -79,11 +79,6 @@ def is_box(rddl: Any, expression: Any) -> bool:
     return False
 
 
-def reads_state(rddl: Any, expression: Any) -> bool:
-    """Whether an expression reads anything but action fluents and non-fluents."""
-    return not _fluents(expression) <= {*rddl.action_fluents, *rddl.non_fluents}
-
-
 def _parts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:
     """The parts that must all hold, each with the variables of the `forall`s around it."""
     if expression.etype == ("aggregation", "forall"):
