@@ -10,6 +10,7 @@ import io
 import logging
 import re
 import tempfile
+import threading
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -89,7 +90,7 @@ def parse_problem(
     """
     _check_horizon(horizon)
     domain_path, instance_path = files.domain_path, files.instance_path
-    ast = _parse(_Parser(tables), files)
+    ast = _parse(_parser(tables), files)
     if horizon is not None:
         ast.instance.horizon = horizon
     # Some pairs of rddlrepository disagree in their names, and still work.
@@ -189,6 +190,17 @@ class _Parser(RDDLParser):
         hint = f" (or at the end of line {line_before})" if is_doubtful else ""
         word = f"the keyword '{p.value}'" if p.type in self.reverse_tokens else f"'{p.value}'"
         raise _input_error(f"{self._path}:{p.lineno}: syntax error at {word}{hint}")
+
+
+_of_thread = threading.local()
+
+
+def _parser(tables: Path | None) -> _Parser:
+    """The thread's parser: making the grammar's tables takes longer than reading most problems."""
+    if not hasattr(_of_thread, "parser"):
+        _of_thread.parser = _Parser(tables)
+    parser: _Parser = _of_thread.parser
+    return parser
 
 
 def _parse(parser: _Parser, files: ProblemFiles) -> RDDL:

@@ -1,5 +1,6 @@
 """The grammar's tables on disk: read where they are good, replaced where not, never needed."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,9 @@ from helpers.problems import ROOT
 from ply import yacc
 
 from mdpo_rddl.cli import plan, planning
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import grammar_tables
+from mdpo_rddl.problem import load
 from mdpo_rddl.problem.load import load_problem
 
 FILES = str(ROOT / "domains/reservoir.rddl"), str(ROOT / "instances/reservoir15.rddl")
@@ -15,7 +18,7 @@ FILES = str(ROOT / "domains/reservoir.rddl"), str(ROOT / "instances/reservoir15.
 
 @pytest.fixture
 def built(monkeypatch):
-    """How often the tables were built."""
+    """How often the tables were built, in a process that never parses twice with one parser."""
     times = []
 
     class Counting(yacc.LRGeneratedTable):
@@ -25,6 +28,11 @@ def built(monkeypatch):
 
     monkeypatch.setattr(yacc, "LRGeneratedTable", Counting)
     return times
+
+
+@pytest.fixture(autouse=True)
+def _new_parsers(monkeypatch):
+    monkeypatch.setattr(load, "_parser", load._Parser)
 
 
 def test_the_second_run_reads_what_the_first_has_built(tmp_path: Path, built) -> None:
@@ -60,3 +68,21 @@ def test_the_command_keeps_them_unless_told_not_to(tmp_path: Path, monkeypatch, 
     arguments += [] if keeps else ["--no-cache"]
     assert plan.main([*arguments, "--out", str(tmp_path / "run")]) == 0
     assert grammar_tables().is_file() is keeps
+
+
+def test_a_thread_builds_its_parser_once(built, monkeypatch) -> None:
+    monkeypatch.undo()
+    monkeypatch.delattr(load._of_thread, "parser", raising=False)
+    parsers = [load._parser(None) for _ in range(2)]
+    assert parsers[0] is parsers[1]
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(load._parser, None).result() is not parsers[0]
+
+
+def test_a_syntax_error_leaves_the_parser_as_it_was(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.undo()
+    digest = load_problem(*FILES).digest
+    (tmp_path / "broken.rddl").write_text("domain d { types { a : object; }; cpfs { x' = (1 +")
+    with pytest.raises(InputError, match="syntax error"):
+        load_problem(str(tmp_path / "broken.rddl"), FILES[1])
+    assert load_problem(*FILES).digest == digest
