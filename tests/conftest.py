@@ -1,5 +1,6 @@
 """Caches of the tests' own, shared helpers that are importable, and cheap compilation."""
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ os.environ.setdefault(
 )
 # before anything imports JAX or matplotlib
 use_own_caches()
+# tracing makes many objects that live on: to look through them all again and again takes long
+gc.set_threshold(200_000, 50, 100)
 
 settings.register_profile("few", derandomize=True, database=None, deadline=None, max_examples=25)
 settings.load_profile("few")

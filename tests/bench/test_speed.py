@@ -166,6 +166,7 @@ def test_a_profile_is_measured_once(tmp_path, monkeypatch):
     assert run_profile(tmp_path, ["powergen7"], turns=1, seconds=0.1).rows == records.rows
 
 
+@pytest.mark.slow
 def test_growth_is_measured_and_drawn(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(growth, "AXES", {**growth.AXES, "reservoirs": (2,)})

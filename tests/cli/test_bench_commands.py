@@ -2,6 +2,7 @@
 
 import pytest
 from helpers.problems import tiny_files
+from helpers.workers import in_this_process
 
 from mdpo_rddl.bench.configs import sweep
 from mdpo_rddl.bench.configs.choice import BASELINE, NOOP
@@ -47,9 +48,6 @@ def test_profile(problem, command, monkeypatch):
 
 
 def test_growth(problem, command, monkeypatch, tmp_path):
-    def in_this_process(work, items, limits):
-        return [(item, work(item)) for item in items]
-
     monkeypatch.setattr(growth, "AXES", {**growth.AXES, "horizon": (2,)})
     monkeypatch.setattr(growth, "load_setting", lambda name: problem)
     monkeypatch.setattr(growth, "load_problem", lambda *_: problem)
@@ -66,9 +64,6 @@ def test_auto_against_jaxplan(problem, command, monkeypatch):
 
 
 def test_configs(problem, command, monkeypatch, tmp_path):
-    def in_this_process(work, items, limits):
-        return [(item, work(item)) for item in items]
-
     monkeypatch.setattr(sweep, "load_problem", lambda *_: problem)
     monkeypatch.setattr(sweep, "run_guarded", in_this_process)
     options = "--domains HVAC --instances 1 --plans slp --candidates jaxplan --seconds 0.05"

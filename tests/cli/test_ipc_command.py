@@ -6,6 +6,7 @@ import os
 import pytest
 from helpers.mistakes import one_line
 from helpers.toy_contest import RULES, entry, tiny_instance
+from helpers.workers import in_this_process
 from rich.console import Console
 
 from mdpo_rddl.cli import ipc, ipc_commands
@@ -49,11 +50,6 @@ def test_run_plays_and_scores_and_goes_on(problem, tmp_path, capsys, monkeypatch
     assert ipc.main(["run", "--planners", planners, *options, "--seed", "1"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"mdpo-ipc: error: {out}/run.json: the run was begun with another seed")
-
-
-def in_this_process(work, items, limits):
-    for item in items:
-        yield item, work(item)
 
 
 def test_agent_plays_one_instance(problem, tmp_path, capsys, monkeypatch):

@@ -5,6 +5,7 @@ import tomllib
 
 from helpers.problems import ROOT
 from helpers.toy_contest import tiny_instance
+from helpers.workers import in_this_process
 
 from mdpo_rddl.cli import ipc
 from mdpo_rddl.ipc import run as running
@@ -14,11 +15,6 @@ from mdpo_rddl.machine.executors import SlurmExecutor
 
 PAGE = (ROOT / "docs" / "ipc.md").read_text(encoding="utf-8")
 DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
-
-
-def in_this_process(work, items, limits):
-    for item in items:
-        yield item, work(item)
 
 
 def test_the_example_planner_takes_part_and_beats_noop(tmp_path, monkeypatch, capsys):

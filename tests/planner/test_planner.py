@@ -24,8 +24,7 @@ def rollout_arguments(planner, seed=0):
     return params, hyperparams, *subs, planner.compiled.model_aux["params"]
 
 
-@pytest.mark.parametrize("kind", ["drp", "slp"])
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize(("kind", "wrap"), [("drp", True), ("slp", False)])
 def test_analysis_gradient_equals_finite_differences_in_64_bit(kind, wrap):
     problem = shipped("reservoir15", horizon=6)
     plan = make_plan(kind, wrap_non_bool=wrap, initializer=jax.nn.initializers.normal(0.05))

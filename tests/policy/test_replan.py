@@ -5,7 +5,7 @@ import json
 import time
 
 import pytest
-from helpers.problems import JAXPLAN_EXAMPLES, ROOT
+from helpers.problems import JAXPLAN_EXAMPLES, tiny_files
 
 from mdpo_rddl.cli.plan import main
 from mdpo_rddl.planner.build import build_planner
@@ -15,15 +15,15 @@ from mdpo_rddl.policy.replanning import OnlinePolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 
-RESERVOIR = [
-    str(ROOT / "domains" / "reservoir.rddl"),
-    str(ROOT / "instances" / "reservoir15.rddl"),
-]
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return tiny_files(tmp_path_factory.mktemp("tiny"), horizon=4, spread=0.3)
 
 
 @pytest.fixture(scope="module")
-def problem():
-    return load_problem(*RESERVOIR, horizon=4)
+def problem(files):
+    return load_problem(*files)
 
 
 @pytest.fixture(scope="module")
@@ -67,15 +67,15 @@ def test_a_warm_start_goes_on_from_the_plan_moved_by_one_step(problem, planner):
     policy(0, state)
     params = policy._controller.callback["best_params"]
     guess = policy._controller.guess
-    assert guess["release"][:2].tolist() == params["release"][1:].tolist()
+    assert guess["push"][:2].tolist() == params["push"][1:].tolist()
 
 
-def test_the_command_replans_and_says_how(tmp_path, monkeypatch, capsys):
+def test_the_command_replans_and_says_how(files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     started = time.perf_counter()
     status = main(
         [
-            *RESERVOIR,
+            *files,
             *["--replan", "--horizon", "3", "--lookahead", "2", "--seconds", "0.1"],
             *["--episodes", "1", "--json", "--out", "run"],
         ]
@@ -94,17 +94,17 @@ def test_the_command_replans_and_says_how(tmp_path, monkeypatch, capsys):
     assert printed["max_seconds"] == max(float(row["seconds"]) for row in rows)
 
 
-def test_jaxplan_s_own_replanning_configuration_runs(tmp_path, monkeypatch, capsys):
+def test_jaxplan_s_own_replanning_configuration_runs(files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     config = JAXPLAN_EXAMPLES / "configs" / "default_replan.cfg"
     options = f"--replan --config {config} --horizon 2 --seconds 0.1".split()
-    assert main([*RESERVOIR, *options, "--batch", "2", "--episodes", "1", "--quiet", "--json"]) == 0
+    assert main([*files, *options, "--batch", "2", "--episodes", "1", "--quiet", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["lookahead"], printed["decision_iterations"]) == (5, 2000)
 
 
-def test_replanning_does_not_go_with_a_saved_policy(tmp_path, monkeypatch, capsys):
+def test_replanning_does_not_go_with_a_saved_policy(files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main([*RESERVOIR, "--replan", "--load", "nowhere"]) == 2
+    assert main([*files, "--replan", "--load", "nowhere"]) == 2
     message = "mdpo-plan: error: --replan does not go with --load, which plans nothing\n"
     assert capsys.readouterr().err == message

@@ -7,9 +7,7 @@ import pytest
 from helpers.problems import ROOT
 from ply import yacc
 
-from mdpo_rddl.cli import plan, planning
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.jax_setup import grammar_tables
 from mdpo_rddl.problem import load
 from mdpo_rddl.problem.load import load_problem
 
@@ -58,16 +56,6 @@ def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path: Path, built) 
     for _ in range(2):
         load_problem(*FILES, tables=tmp_path / "file" / "tables")
     assert len(built) == 2
-
-
-@pytest.mark.parametrize("keeps", [True, False])
-def test_the_command_keeps_them_unless_told_not_to(tmp_path: Path, monkeypatch, keeps) -> None:
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(planning, "keep_compiled_programs", lambda: None)
-    arguments = [*FILES, "--iterations", "1", "--horizon", "2", "--episodes", "1", "--quiet"]
-    arguments += [] if keeps else ["--no-cache"]
-    assert plan.main([*arguments, "--out", str(tmp_path / "run")]) == 0
-    assert grammar_tables().is_file() is keeps
 
 
 def test_a_thread_builds_its_parser_once(built, monkeypatch) -> None:

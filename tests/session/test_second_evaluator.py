@@ -153,4 +153,5 @@ def test_no_process_of_a_command_keeps_anything_unless_it_may(tmp_path, keeps):
     )
     assert (tmp_path / "run" / "summary.json").is_file()
     assert cache.exists() == keeps
+    assert (cache / "grammar-tables").is_file() == keeps
     assert not (home / "mdpo-rddl").exists()

@@ -125,9 +125,29 @@ def test_nothing_is_computed_where_the_policy_is_legal_as_it_is(tmp_path):
     assert not LegalActions(compiled, group_limits(compiled.rddl)[0]).is_needed
 
 
-@pytest.mark.parametrize("most", ["pos-inf", "1", "2"])
+BOXED = IS_FREE + "gear >= 0; gear <= 1;"
+COMBINED = IS_FREE + EXACTLY_ONE
+
+
 @pytest.mark.parametrize(
-    "rules", [IS_FREE + "gear >= 0; gear <= 1;", CHEAP, IS_FREE + EXACTLY_ONE, ALL_OR_STAY]
+    ("rules", "most"),
+    [
+        (BOXED, "2"),
+        (CHEAP, "pos-inf"),
+        (CHEAP, "2"),
+        (COMBINED, "pos-inf"),
+        (COMBINED, "1"),
+        (ALL_OR_STAY, "pos-inf"),
+        *(
+            pytest.param(rules, most, marks=pytest.mark.slow)
+            for rules, most in (
+                *((BOXED, most) for most in ("pos-inf", "1")),
+                (CHEAP, "1"),
+                (COMBINED, "2"),
+                *((ALL_OR_STAY, most) for most in ("1", "2")),
+            )
+        ),
+    ],
 )
 def test_judged_as_played(tmp_path, rules, most):
     loaded = problem(tmp_path, rules, most)

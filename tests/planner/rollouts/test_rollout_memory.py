@@ -87,8 +87,7 @@ def test_the_gradient_is_the_same_however_much_is_kept(monkeypatch, fitting):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", ["drp", "slp"])
-@pytest.mark.parametrize("kept_bytes", [0, 10**5])
+@pytest.mark.parametrize(("kind", "kept_bytes"), [("drp", 0), ("slp", 10**5)])
 def test_training_is_the_same_either_way(monkeypatch, kind, kept_bytes):
     # smooth: no rounding decides on which side of a threshold something lies
     problem = shipped("hvac10", horizon=6)
