@@ -7,12 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers.problems import assert_same_bits, shipped
+from helpers.problems import assert_same_bits, tiny_files
 
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.programs import stored as stored_programs
 from mdpo_rddl.planner.programs.stored import stored_jit
+from mdpo_rddl.problem.load import load_problem
 
 
 class Counted:
@@ -137,6 +138,7 @@ from pathlib import Path
 import jax
 jax.config.update("jax_num_cpu_devices", 2)
 from mdpo_rddl.planner.programs.stored import stored_jit
+from mdpo_rddl.problem.load import load_problem
 mesh = jax.make_mesh((2,), ("x",))
 spread = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("x"))
 x = jax.device_put(jax.numpy.arange(4.0), spread)
@@ -152,12 +154,15 @@ def test_arguments_on_several_devices_stay_there(tmp_path):
 
 
 def test_a_planner_trains_the_same_from_a_stored_program(tmp_path, monkeypatch):
-    problem = shipped("powergen7", horizon=4)
+    (tmp_path / "programs").mkdir()
+    problem = load_problem(*tiny_files(tmp_path, spread=0.3))
+    sizes = {"iterations_per_call": 4, "test_every": 2}
+    config = PRESETS["paper"]("tiny").with_values("MDPO", **sizes)
 
-    def trained(seed, programs):
-        config = PRESETS["paper"]("PowerGen").with_values("Optimize", key=seed)
-        sizes = {"iterations_per_call": 4, "test_every": 2}
-        planner = build_planner(problem, config.with_values("MDPO", **sizes), programs).planner
+    def built(programs):
+        return build_planner(problem, config, programs).planner
+
+    def trained(planner, seed):
         *_, last = planner.optimize_generator(
             key=jax.random.PRNGKey(seed),
             epochs=8,
@@ -167,12 +172,13 @@ def test_a_planner_trains_the_same_from_a_stored_program(tmp_path, monkeypatch):
         )
         return {name: last[name] for name in ("params", "best_params", "sigma", "train_return")}
 
-    plain = {seed: trained(seed, None) for seed in (1, 2)}
-    traced = trained(1, tmp_path)
+    plain = built(None)
+    traced = trained(built(tmp_path / "programs"), 1)
     monkeypatch.setattr(stored_programs, "_export", None)  # a second trace would fail
-    for seed, expected in plain.items():
-        found = trained(seed, tmp_path)
+    stored = built(tmp_path / "programs")
+    for seed in (1, 2):
+        expected, found = trained(plain, seed), trained(stored, seed)
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), found, expected)
         if seed == 1:
             assert_same_bits(found, traced)
-    assert len(list(tmp_path.iterdir())) == 1
+    assert len(list((tmp_path / "programs").iterdir())) == 1
