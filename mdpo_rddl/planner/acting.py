@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import jax
@@ -12,6 +13,9 @@ from jax import Array, random
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+
+# jax 0.6 and 0.7, which tensorflow-probability needs, have it elsewhere
+_enable_x64 = getattr(jax, "enable_x64", None) or import_module("jax.experimental").enable_x64
 
 
 class ActingPlanner(JaxBackpropPlanner):
@@ -76,7 +80,7 @@ class ActingPlanner(JaxBackpropPlanner):
 
     def _precision(self) -> Any:
         """JAX's precision as the planner was compiled, whatever it is elsewhere by now."""
-        return jax.enable_x64(jnp.float64 == self.compiled.REAL)
+        return _enable_x64(jnp.float64 == self.compiled.REAL)
 
     def _clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
         actions = dict(found)
