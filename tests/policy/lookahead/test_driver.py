@@ -1,9 +1,11 @@
 """Thinking at the decision: what is played, and how long it takes."""
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from helpers.clocks import Ticking
 from helpers.levers import NONE, lever_policy
 
 from mdpo_rddl.policy.lookahead.choice import choose
@@ -59,23 +61,29 @@ class SlowSimulator:
         return extra[:, np.newaxis] + self.random.normal(size=(len(extra), 16))
 
 
-def thinking(policy, method, seconds=SECONDS):
-    simulator = Simulator(policy, depth=1)
+@functools.cache
+def prepared(pulled, **words):
+    """Compiled once, with a clock of its own: what a machine can do in time is not tested."""
+    simulator = Simulator(lever_policy(pulled, **words), depth=1, clock=Ticking(0.01))
+    simulator.prepare(START, SECONDS)
+    return simulator
+
+
+def thinking(simulator, method):
     assert method.applies(simulator.components)
-    simulator.prepare(START, seconds)
-    # the machine may be busy: what it can do in time is not what is tested here
-    return LookaheadPolicy(simulator, method, 20.0, seed=0)
+    return LookaheadPolicy(simulator, method, 2 * SECONDS, seed=0, clock=Ticking(0.01))
 
 
-def play(policy, thinker, episodes=1):
-    return evaluate(make_environment(policy.problem), thinker, episodes, seed=0)
+def play(policy, thinker):
+    return evaluate(make_environment(policy.problem), thinker, episodes=1, seed=0)
 
 
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_one_step_ahead_shows_what_pays(method):
-    policy = lever_policy(NONE, LIKELIHOOD="0.75")
+    simulator = prepared(NONE, LIKELIHOOD="0.75")
+    policy = simulator.policy
     assert play(policy, policy).mean == 0.0
-    thinker = thinking(policy, method())
+    thinker = thinking(simulator, method())
     played = play(policy, thinker)
     # the first and the third arm at each of four steps
     assert {float(r) for r in played.returns} <= {a + 3.0 * c for a in range(5) for c in range(5)}
@@ -89,27 +97,27 @@ def test_one_step_ahead_shows_what_pays(method):
 
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_only_legal_actions_are_played(method):
-    policy = lever_policy(NONE, MOST="1", RULES="forall_{?a : arm} [pull(?a) => PAYS(?a) < 2];")
-    thinker = thinking(policy, method())
-    played = play(policy, thinker)
+    simulator = prepared(NONE, MOST="1", RULES="forall_{?a : arm} [pull(?a) => PAYS(?a) < 2];")
+    thinker = thinking(simulator, method())
+    played = play(simulator.policy, thinker)
     # the arm that pays 3 may not be pulled
     assert played.mean == 4.0
     assert played.illegal_actions == 0
 
 
 def test_an_optimal_policy_is_not_left():
-    policy = lever_policy((1, 0, 1))
-    thinker = thinking(policy, Coordinate())
-    assert play(policy, thinker).mean == 16.0
+    simulator = prepared((1, 0, 1))
+    thinker = thinking(simulator, Coordinate())
+    assert play(simulator.policy, thinker).mean == 16.0
     assert not any(decision.left_base for decision in thinker.decisions)
-    choice = choose(policy, SECONDS)
+    choice = choose(simulator.policy, SECONDS, Ticking(0.01))
     assert choice.policy is None
     assert choice.trials[0].mean == 0.0
 
 
 def test_thinking_is_chosen_where_it_pays():
     policy = lever_policy(NONE)
-    choice = choose(policy, SECONDS)
+    choice = choose(policy, SECONDS, Ticking(0.01))
     assert choice.policy is not None
     assert choice.trials[0].mean > 0.0
     assert choice.policy.decisions == []
