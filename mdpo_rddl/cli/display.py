@@ -88,7 +88,9 @@ def _add_thinking(table: Table, thinking: Mapping[str, Any]) -> None:
     table.add_row("time of a decision", f"{thinking['decision_seconds']:g} s")
     table.add_row("preparing to think", f"{thinking['prepare_seconds']:.1f} s")
     if thinking["method"] is None:
-        table.add_row("thinking", thinking["reason"] or "does not pay, so the policy plays alone")
+        tried = [trial["mean_gain"] is not None for trial in thinking["trials"]]
+        why = "does not pay" if any(tried) else "no time to find out whether it pays"
+        table.add_row("thinking", thinking["reason"] or f"{why}, so the policy plays alone")
         return
     table.add_row("thinking", thinking["method"])
     used = f"{thinking['mean_seconds']:.3f} s (longest {thinking['max_seconds']:.3f} s)"

@@ -19,7 +19,7 @@ from mdpo_rddl.session.report.summary import (
     return_figures,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
-from mdpo_rddl.session.thinking import think
+from mdpo_rddl.session.thinking import longest_choice, think
 
 
 def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
@@ -48,7 +48,8 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         plain = Evaluator(terms, reporter).run(policy)
         figures = return_figures(plain)
         if request.decision_seconds > 0.0 and isinstance(policy, Policy):
-            figures = think(policy, plain, request.decision_seconds, terms, reporter)
+            seconds = request.decision_seconds
+            figures = think(policy, plain, (seconds, longest_choice(seconds)), terms, reporter)
         summary = {
             **identity(
                 problem,

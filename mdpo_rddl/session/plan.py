@@ -19,7 +19,7 @@ from mdpo_rddl.session.report.summary import (
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
-from mdpo_rddl.session.thinking import think
+from mdpo_rddl.session.thinking import choice_seconds, think, without_choice
 
 
 def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
 def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         second = stack.enter_context(SecondEvaluator(request))
-        policy, result = find_by_training(request, reporter)
+        policy, result = find_by_training(without_choice(request), reporter)
         planner, hyperparams = policy.planner, policy.policy_hyperparams
         reporter.stage("evaluating")
         evaluator = Evaluator(request, reporter)
@@ -60,7 +60,7 @@ def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> 
 
 
 def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[str, Any]:
-    outcome = find_by_race(request, reporter)
+    outcome = find_by_race(without_choice(request), reporter)
     policy = outcome.policy
     reporter.stage("evaluating")
     evaluator = Evaluator(request, reporter)
@@ -83,7 +83,8 @@ def _played(
     # a table plays its optimum already
     if request.decision_seconds == 0.0 or not isinstance(policy, Policy):
         return return_figures(plain)
-    return think(policy, plain, request.decision_seconds, request, reporter)
+    times = request.decision_seconds, choice_seconds(request)
+    return think(policy, plain, times, request, reporter)
 
 
 def _identity(policy: AnyPolicy, request: PlanRequest) -> dict[str, Any]:

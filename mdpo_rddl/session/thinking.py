@@ -1,27 +1,68 @@
 """Plays a session's policy with a time for thinking at each decision."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.policy.lookahead.choice import Choice, choose
+from mdpo_rddl.policy.lookahead.choice import Choice, can_think, choose
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
-from mdpo_rddl.session.requests import EvaluationTerms, Reporter
+from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
+
+# of the time for planning: as a rule, for the programs, and never more than
+_SHARE, _LEAST_SECONDS, _LARGEST_SHARE = 0.25, 8.0, 0.5
+# the programs and the trials of the methods take at most so many seconds and decisions
+_COMPILE_SECONDS, _DECISIONS = 20.0, 40
+
+
+def choice_seconds(request: PlanRequest) -> float:
+    """How much of the request's time for planning is kept for preparing to think.
+
+    None where thinking was not asked for or the problem is one that no method is for.
+    """
+    if request.decision_seconds == 0.0 or not can_think(request.problem):
+        return 0.0
+    whole = request.config.budget().seconds
+    wanted = min(max(_SHARE * whole, _LEAST_SECONDS), _LARGEST_SHARE * whole)
+    return min(wanted, longest_choice(request.decision_seconds))
+
+
+def longest_choice(seconds: float) -> float:
+    """Seconds that the choice may take where nothing else limits it.
+
+    Args:
+      seconds: of a decision.
+    """
+    return _COMPILE_SECONDS + _DECISIONS * seconds
+
+
+def without_choice(request: PlanRequest) -> PlanRequest:
+    """The request with what finding a policy has of its time."""
+    kept = choice_seconds(request)
+    if kept == 0.0:
+        return request
+    left = request.config.budget().seconds - kept
+    config = request.config.with_values("Optimize", train_seconds=left)
+    return dataclasses.replace(request, config=config)
 
 
 def think(
-    policy: Policy, plain: Evaluation, seconds: float, terms: EvaluationTerms, reporter: Reporter
+    policy: Policy,
+    plain: Evaluation,
+    times: tuple[float, float],
+    terms: EvaluationTerms,
+    reporter: Reporter,
 ) -> dict[str, Any]:
     """Chooses whether thinking pays and, if so, plays the same episodes with it.
 
     Args:
       policy: the prepared policy.
       plain: what it returned without thinking.
-      seconds: of a decision, the first included.
+      times: seconds of a decision, the first included, and of the choice.
       terms: how the policy is played.
       reporter: hears of the stages.
 
@@ -30,7 +71,8 @@ def think(
       decisions were made.
     """
     reporter.stage("preparing to think")
-    choice = choose(policy, seconds)
+    seconds, within = times
+    choice = choose(policy, seconds, within)
     thinking = {"decision_seconds": seconds, **_choice_figures(choice)}
     if choice.policy is None:
         return {**return_figures(plain), "thinking": thinking}
@@ -62,9 +104,14 @@ def _choice_figures(choice: Choice) -> dict[str, Any]:
         "trials": [
             {
                 "method": trial.method,
-                "mean_gain": finite_or_none(trial.mean),
-                "error": finite_or_none(trial.error),
+                "mean_gain": _number(trial.mean),
+                "error": _number(trial.error),
+                "note": trial.note,
             }
             for trial in choice.trials
         ],
     }
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None else finite_or_none(value)

@@ -13,3 +13,13 @@ class Ticking:
     def __call__(self) -> float:
         self.now += self.tick
         return self.now
+
+
+@dataclass
+class Stopped:
+    """A clock that moves only when it is told to."""
+
+    now: float = 0.0
+
+    def __call__(self) -> float:
+        return self.now

@@ -1,5 +1,6 @@
 """Whether to think at all, and how: short paired trials while the policy is prepared."""
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,11 +14,16 @@ from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
 from mdpo_rddl.policy.policy import Policy
-from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.load import Problem, make_environment
 
 State = Mapping[str, Any]
 
 _TRIALS, _TEST_CALLS, _EPISODES = 10, 4, 2
+# gains at fewer states say nothing
+_FEWEST_TRIALS = 3
+NO_TIME = "no time"
+# the fractional parts of its multiples are spread evenly
+_GOLDEN = 0.618033988749895
 
 
 @dataclass(frozen=True)
@@ -26,18 +32,20 @@ class Trial:
 
     Attributes:
       method: its name.
-      mean: gain of a decision in rollouts that the decision did not see.
-      error: the mean's standard error over the states.
+      mean: gain of a decision in rollouts that the decision did not see; None without a result.
+      error: the mean's standard error over the states; None without a result.
+      note: why there is no result; empty if there is one.
     """
 
     method: str
-    mean: float
-    error: float
+    mean: float | None
+    error: float | None
+    note: str = ""
 
     @property
     def pays(self) -> bool:
         """Whether the gain is beyond its error."""
-        return self.mean > self.error
+        return self.mean is not None and self.error is not None and self.mean > self.error
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +65,16 @@ class Choice:
     seconds: float
 
 
+def can_think(problem: Problem) -> bool:
+    """Whether the problem is one for which there are methods, so that time is kept for them."""
+    return not problem.model.observ_fluents
+
+
 def choose(
-    policy: Policy, seconds: float, clock: Callable[[], float] = time.perf_counter
+    policy: Policy,
+    seconds: float,
+    within: float = math.inf,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Choice:
     """Prepares the methods that apply and takes the one that gains most, if any does.
 
@@ -68,6 +84,8 @@ def choose(
     Args:
       policy: the prepared policy.
       seconds: of a decision.
+      within: seconds for the choice, shared by the methods; a compilation or a decision that has
+        begun goes on to its end.
       clock: tells the seconds.
     """
     started = clock()
@@ -77,16 +95,17 @@ def choose(
     if not reason:
         simulator = Simulator(policy, depth=1, clock=clock)
         applying = [method for method in _methods() if method.applies(simulator.components)]
-        visited = _visited(policy) if applying else []
         reason = "" if applying else "no method changes such actions"
         if applying:
+            visited = _visited(policy)
             simulator.prepare(visited[0][1], seconds)
-        # the first one that applies sees all that the next would propose
-        for method in applying[:1]:
+        for number, method in enumerate(applying):
+            now = clock()
+            until = now + (started + within - now) / (len(applying) - number)
             thinking = LookaheadPolicy(simulator, method, seconds, policy.seed, clock)
-            trial = _try(thinking, simulator, visited)
+            trial = _Tried(thinking, simulator, clock).at(visited, until)
             trials.append(trial)
-            if trial.pays and (best is None or trial.mean > best[0]):
+            if trial.mean is not None and trial.pays and (best is None or trial.mean > best[0]):
                 best = trial.mean, thinking
     chosen = None if best is None else best[1]
     return Choice(chosen, trials, reason, clock() - started)
@@ -108,7 +127,10 @@ def _unsuitable(policy: Policy) -> str:
 
 
 def _visited(policy: Policy) -> list[tuple[int, State]]:
-    """Steps and states of a few episodes, as many as there are trials; the first is a start."""
+    """Steps and states of a few episodes, as many as there are trials.
+
+    The first is a start; the others are in an order in which the first few are far apart.
+    """
     env = make_environment(policy.problem)
     found: list[tuple[int, State]] = []
     for episode in range(_EPISODES):
@@ -120,22 +142,48 @@ def _visited(policy: Policy) -> list[tuple[int, State]]:
     if not found:
         return [(0, env.reset(seed=policy.seed)[0])]
     places = np.linspace(0, len(found) - 1, min(_TRIALS, len(found))).astype(int)
-    return [found[place] for place in places]
+    order = np.argsort(np.arange(len(places)) * _GOLDEN % 1.0)
+    return [found[place] for place in places[order]]
 
 
-def _try(
-    thinking: LookaheadPolicy, simulator: Simulator, visited: Sequence[tuple[int, State]]
-) -> Trial:
-    gains = []
-    for number, (step, state) in enumerate(visited):
-        _, candidate, base = thinking.decide(step, state)
+@dataclass
+class _Tried:
+    """Decisions of one method and what they gained.
+
+    Attributes:
+      thinking: makes the decisions.
+      simulator: measures them again.
+      clock: tells the seconds.
+    """
+
+    thinking: LookaheadPolicy
+    simulator: Simulator
+    clock: Callable[[], float]
+
+    def at(self, visited: Sequence[tuple[int, State]], until: float) -> Trial:
+        """Decides at the states in turn, until the time is over."""
+        gains, name, longest = list[float](), self.thinking.method.name, 0.0
+        self.thinking.method.reset()
+        for number, (step, state) in enumerate(visited):
+            before = self.clock()
+            if before + longest > until:
+                break
+            gains.append(self._gain(number, step, state))
+            longest = max(longest, self.clock() - before)
+        decisions, enough = self.thinking.decisions, min(_FEWEST_TRIALS, len(visited))
+        has_played = any(decision.calls for decision in decisions)
+        decisions.clear()
+        if len(gains) < enough or not has_played:
+            return Trial(name, None, None, NO_TIME)
+        error = float(np.std(gains, ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else 0.0
+        return Trial(name, float(np.mean(gains)), error)
+
+    def _gain(self, number: int, step: int, state: State) -> float:
+        """What the decision at a state is worth on scenarios that it did not see."""
+        _, candidate, base = self.thinking.decide(step, state)
         if np.array_equal(candidate, base):
-            gains.append(0.0)
-            continue
+            return 0.0
         pair = np.stack([base, candidate])
         seeds = range(number * _TEST_CALLS, (number + 1) * _TEST_CALLS)
-        fresh = [simulator.gains(NARROW, state, step, pair, seed) for seed in seeds]
-        gains.append(float(np.mean(fresh)))
-    thinking.decisions.clear()
-    error = float(np.std(gains, ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else 0.0
-    return Trial(thinking.method.name, float(np.mean(gains)), error)
+        fresh = [self.simulator.gains(NARROW, state, step, pair, seed) for seed in seeds]
+        return float(np.mean(fresh))

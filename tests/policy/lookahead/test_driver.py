@@ -1,13 +1,13 @@
 """Thinking at the decision: what is played, and how long it takes."""
 
-from dataclasses import dataclass, field
+import functools
 
 import numpy as np
 import pytest
+from helpers.clocks import Stopped, Ticking
 from helpers.levers import NONE, lever_policy
+from helpers.slow_simulator import SlowSimulator
 
-from mdpo_rddl.policy.lookahead.choice import choose
-from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
@@ -20,62 +20,29 @@ SECONDS = 0.5
 START = {"pulled": np.zeros(3, bool)}
 
 
-@dataclass
-class Clock:
-    """A clock that moves only when it is told to."""
-
-    now: float = 0.0
-
-    def __call__(self) -> float:
-        return self.now
+@functools.cache
+def prepared(pulled, **words):
+    """Compiled once, with a clock of its own: what a machine can do in time is not tested."""
+    simulator = Simulator(lever_policy(pulled, **words), depth=1, clock=Ticking(0.01))
+    simulator.prepare(START, SECONDS)
+    return simulator
 
 
-@dataclass
-class SlowSimulator:
-    """A simulator whose calls take a given time, and in which a3 alone pays, at random."""
-
-    policy: object
-    clock: Clock
-    durations: dict
-    horizon: int = 4
-    depth: int = 1
-    random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-
-    def __post_init__(self):
-        self.components = Components.of(self.policy.planner)
-
-    def seconds(self, kind, step):
-        return self.durations[kind]
-
-    def challengers(self, kind):
-        return {WIDE: 7, NARROW: 3}[kind]
-
-    def legal(self, state, actions):
-        return np.ones(len(actions), bool)
-
-    def gains(self, kind, state, step, candidates, seed):
-        self.clock.now += self.durations[kind]
-        extra = candidates[1:, 0, 2] - candidates[0, 0, 2]
-        return extra[:, np.newaxis] + self.random.normal(size=(len(extra), 16))
-
-
-def thinking(policy, method, seconds=SECONDS):
-    simulator = Simulator(policy, depth=1)
+def thinking(simulator, method):
     assert method.applies(simulator.components)
-    simulator.prepare(START, seconds)
-    # the machine may be busy: what it can do in time is not what is tested here
-    return LookaheadPolicy(simulator, method, 20.0, seed=0)
+    return LookaheadPolicy(simulator, method, 2 * SECONDS, seed=0, clock=Ticking(0.01))
 
 
-def play(policy, thinker, episodes=1):
-    return evaluate(make_environment(policy.problem), thinker, episodes, seed=0)
+def play(policy, thinker):
+    return evaluate(make_environment(policy.problem), thinker, episodes=1, seed=0)
 
 
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_one_step_ahead_shows_what_pays(method):
-    policy = lever_policy(NONE, LIKELIHOOD="0.75")
+    simulator = prepared(NONE, LIKELIHOOD="0.75")
+    policy = simulator.policy
     assert play(policy, policy).mean == 0.0
-    thinker = thinking(policy, method())
+    thinker = thinking(simulator, method())
     played = play(policy, thinker)
     # the first and the third arm at each of four steps
     assert {float(r) for r in played.returns} <= {a + 3.0 * c for a in range(5) for c in range(5)}
@@ -89,37 +56,25 @@ def test_one_step_ahead_shows_what_pays(method):
 
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_only_legal_actions_are_played(method):
-    policy = lever_policy(NONE, MOST="1", RULES="forall_{?a : arm} [pull(?a) => PAYS(?a) < 2];")
-    thinker = thinking(policy, method())
-    played = play(policy, thinker)
+    simulator = prepared(NONE, MOST="1", RULES="forall_{?a : arm} [pull(?a) => PAYS(?a) < 2];")
+    thinker = thinking(simulator, method())
+    played = play(simulator.policy, thinker)
     # the arm that pays 3 may not be pulled
     assert played.mean == 4.0
     assert played.illegal_actions == 0
 
 
 def test_an_optimal_policy_is_not_left():
-    policy = lever_policy((1, 0, 1))
-    thinker = thinking(policy, Coordinate())
-    assert play(policy, thinker).mean == 16.0
+    simulator = prepared((1, 0, 1))
+    thinker = thinking(simulator, Coordinate())
+    assert play(simulator.policy, thinker).mean == 16.0
     assert not any(decision.left_base for decision in thinker.decisions)
-    choice = choose(policy, SECONDS)
-    assert choice.policy is None
-    assert choice.trials[0].mean == 0.0
-
-
-def test_thinking_is_chosen_where_it_pays():
-    policy = lever_policy(NONE)
-    choice = choose(policy, SECONDS)
-    assert choice.policy is not None
-    assert choice.trials[0].mean > 0.0
-    assert choice.policy.decisions == []
-    assert play(policy, choice.policy).mean > 0.0
 
 
 @pytest.mark.parametrize("call", [0.004, 0.02, 0.04, 0.3])
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_a_decision_ends_in_time(method, call):
-    policy, clock, proposer = lever_policy(NONE), Clock(), method()
+    policy, clock, proposer = lever_policy(NONE), Stopped(), method()
     simulator = SlowSimulator(policy, clock, {WIDE: call, NARROW: 0.75 * call})
     assert proposer.applies(simulator.components)
     thinker = LookaheadPolicy(simulator, proposer, 0.25, seed=0, clock=clock)
@@ -132,7 +87,7 @@ def test_a_decision_ends_in_time(method, call):
 
 
 def test_noise_alone_is_no_reason_to_leave_the_base():
-    policy, clock = lever_policy((0, 0, 1)), Clock()
+    policy, clock = lever_policy((0, 0, 1)), Stopped()
     simulator = SlowSimulator(policy, clock, {WIDE: 0.001, NARROW: 0.001})
     proposer = FirstActions()
     proposer.applies(simulator.components)

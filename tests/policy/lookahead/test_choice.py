@@ -1,0 +1,71 @@
+"""Whether to think at all: what the trials of the methods say, and how long they may take."""
+
+import pytest
+from helpers.clocks import Stopped, Ticking
+from helpers.levers import NONE, lever_policy
+from helpers.slow_simulator import SlowSimulator
+
+from mdpo_rddl.policy.lookahead import choice as choosing
+from mdpo_rddl.policy.lookahead.choice import NO_TIME, Trial, choose
+from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
+
+SECONDS = 0.5
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """Makes simulators whose calls take a given time; the clock stands still otherwise."""
+
+    def use(call, preparation=0.0):
+        clock = Stopped()
+
+        def make(policy, depth, clock):
+            return SlowSimulator(policy, clock, {WIDE: call, NARROW: call}, preparation)
+
+        monkeypatch.setattr(choosing, "Simulator", make)
+        return clock
+
+    return use
+
+
+def test_an_optimal_policy_is_played_alone():
+    # nothing is random: what the third arm pays is all that there is to gain
+    choice = choose(lever_policy((1, 0, 1)), SECONDS, clock=Ticking(0.01))
+    assert choice.policy is None
+    assert [trial.mean for trial in choice.trials] == [0.0, 0.0]
+
+
+def test_the_method_that_gains_is_chosen(slow):
+    clock = slow(call=0.01)
+    choice = choose(lever_policy(NONE), SECONDS, clock=clock)
+    assert choice.policy is not None
+    assert all(trial.mean == pytest.approx(1.0, abs=0.3) for trial in choice.trials)
+    best = max(choice.trials, key=lambda trial: trial.mean)
+    assert choice.policy.method.name == best.method
+    assert choice.policy.decisions == []
+
+
+def test_decisions_too_short_for_a_method_are_no_result(slow):
+    clock = slow(call=0.5)
+    choice = choose(lever_policy(NONE), SECONDS, clock=clock)
+    assert choice.policy is None
+    assert [trial.note for trial in choice.trials] == [NO_TIME, NO_TIME]
+    assert not any(trial.pays for trial in choice.trials)
+
+
+def test_methods_share_the_time(slow):
+    clock = slow(call=0.01, preparation=2.0)
+    choice = choose(lever_policy(NONE), SECONDS, within=6.0, clock=clock)
+    assert choice.seconds <= 6.0
+    assert [trial.note for trial in choice.trials] == ["", ""]
+    # of the time that is left after the preparation each method has enough for a few decisions
+    clock = slow(call=0.01, preparation=5.5)
+    choice = choose(lever_policy(NONE), SECONDS, within=6.0, clock=clock)
+    assert choice.seconds <= 6.0 + SECONDS
+    assert {trial.note for trial in choice.trials} == {NO_TIME}
+
+
+def test_a_gain_within_its_error_does_not_pay():
+    assert Trial("one", 1.0, 0.5).pays
+    assert not Trial("one", 0.5, 0.5).pays
+    assert not Trial("one", None, None, NO_TIME).pays

@@ -1,0 +1,29 @@
+"""How a run's time is shared between finding a policy and preparing to think."""
+
+from pathlib import Path
+
+import pytest
+from helpers.levers import lever_policy
+
+from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.session.requests import PlanRequest
+from mdpo_rddl.session.thinking import choice_seconds, without_choice
+
+
+def request(seconds, decision_seconds):
+    problem = lever_policy().problem
+    config = auto_preset("lever").with_values("Optimize", train_seconds=seconds)
+    return PlanRequest(
+        problem, config, "auto", 0, 2, Path("out"), decision_seconds=decision_seconds
+    )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "decision", "kept"),
+    [(60.0, 0.0, 0.0), (60.0, 1.0, 15.0), (30.0, 1.0, 8.0), (10.0, 1.0, 5.0), (600.0, 1.0, 60.0)],
+)
+def test_preparing_to_think_is_within_the_runs_time(seconds, decision, kept):
+    asked = request(seconds, decision)
+    assert choice_seconds(asked) == kept
+    assert without_choice(asked).config.budget().seconds == seconds - kept
+    assert asked.config.budget().seconds == seconds
