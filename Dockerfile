@@ -8,7 +8,9 @@
 FROM python:3.11-slim-bookworm AS build
 RUN python -m venv /opt/venv
 WORKDIR /source
-COPY constraints.txt pyproject.toml README.md LICENSE ./
+COPY constraints.txt pyproject.toml setup.py README.md LICENSE ./
+COPY domains domains
+COPY instances instances
 COPY mdpo_rddl mdpo_rddl
 RUN /opt/venv/bin/pip install --no-cache-dir --disable-pip-version-check --no-compile \
       --constraint constraints.txt . \

@@ -3,26 +3,37 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plan test test-all test-random test-lowest lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
+.PHONY: docs results dist test-wheel plan test test-all test-random test-lowest lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
 
 plan: $(VENV)/.installed
-	$(BIN)/mdpo-plan domains/hvac.rddl instances/hvac10.rddl
+	$(BIN)/mdpo-plan hvac10
 
 test: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow" --durations=30
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not wheel" --durations=30
 
 test-all: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist worksteal --durations=30
+	$(BIN)/pytest -n 2 --dist worksteal -m "not wheel" --durations=30
 
 # one process, so that a test that needs what another one did is seen
 test-random: $(VENV)/.installed
-	$(BIN)/pytest -p randomly -m "not slow"
+	$(BIN)/pytest -p randomly -m "not slow and not wheel"
 
 # a smoke set on the oldest versions that pyproject.toml allows
 SMOKE := tests/noise tests/policy tests/planner/programs tests/planner/test_exact.py \
   tests/cli/test_plan_run.py
 test-lowest: .venv-lowest/.installed
 	.venv-lowest/bin/pytest -m "not slow" --durations=30 $(SMOKE)
+
+# the wheel in an empty environment of each Python that is declared and found on this machine
+PYTHONS ?= 3.11 3.12 3.13
+test-wheel: $(VENV)/.installed-dist
+	WHEEL_PYTHONS="$$(tools/pythons.sh $(PYTHONS))" $(BIN)/pytest -m wheel tests/packaging
+
+# source distribution and wheel, in dist/
+dist: $(VENV)/.installed-dist
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -100,6 +111,12 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
+# what builds distributions and the docs
+$(VENV)/.installed-dist $(VENV)/.installed-docs: $(VENV)/.installed-%: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --editable '.[dev,tuning,slurm,$*]'
+	touch $@
+
 # PPO's packages
 $(VENV)/.installed-paper: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
@@ -110,4 +127,4 @@ $(VENV)/.installed-paper: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-lowest build *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .venv-lowest build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # whoever wants to read what is logged says where it goes
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "ActionNoise",

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.paper.names import FACTORS, METHODS, SENSITIVITY_SETTINGS
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, positive_int
@@ -12,9 +12,7 @@ from mdpo_rddl.cli.options import OneLineParser, positive_int
 def add_paper_commands(commands: Any) -> list[OneLineParser]:
     """Adds the commands; returns those that take `--out`."""
     paper = commands.add_parser("paper", help="the paper's Table 1 and figures")
-    paper.add_argument(
-        "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(DOMAIN_FILES)
-    )
+    paper.add_argument("--settings", nargs="+", choices=list(SETTINGS), default=list(SETTINGS))
     paper.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     _add_size(paper, seeds=20)
     paper.add_argument(
@@ -34,7 +32,7 @@ def add_paper_commands(commands: Any) -> list[OneLineParser]:
         "paper-sensitivity", help="adaptive noise with one choice changed at a time"
     )
     choices.add_argument(
-        "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(SENSITIVITY_SETTINGS)
+        "--settings", nargs="+", choices=list(SETTINGS), default=list(SENSITIVITY_SETTINGS)
     )
     factors = list(FACTORS)
     choices.add_argument("--factors", nargs="+", choices=factors, default=factors)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.configs.names import PLANS, SCALES
 from mdpo_rddl.bench.optima.names import OPTIMA_INSTANCES
 from mdpo_rddl.bench.presets.names import NOISES, PLANNERS
@@ -32,7 +32,7 @@ def bench_parser() -> OneLineParser:
 
     for command in (noise, paper):
         command.add_argument(
-            "--settings", nargs="+", choices=list(DOMAIN_FILES), default=list(DOMAIN_FILES)
+            "--settings", nargs="+", choices=list(SETTINGS), default=list(SETTINGS)
         )
         command.add_argument(
             "--decay",
@@ -46,7 +46,7 @@ def bench_parser() -> OneLineParser:
     profile = commands.add_parser("profile", help="where the time of an iteration goes")
     for command, seconds in ((speed, 3), (profile, 1)):
         command.add_argument(
-            "--settings", nargs="+", choices=list(DOMAIN_FILES), default=SPEED_SETTINGS
+            "--settings", nargs="+", choices=list(SETTINGS), default=SPEED_SETTINGS
         )
         command.add_argument("--turns", type=positive_int, default=5, help="of each side")
         command.add_argument(
@@ -70,7 +70,7 @@ def bench_parser() -> OneLineParser:
         "--problems",
         nargs="+",
         metavar="NAME",
-        default=list(DOMAIN_FILES),
+        default=list(SETTINGS),
         help="settings, or Problem:instance of rddlrepository (default: the six settings)",
     )
     auto.add_argument("--planners", nargs="+", choices=PLANNERS, default=["expert", "auto"])

@@ -9,8 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from mdpo_rddl import __version__
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.preset_names import DEFAULT_PRESET, PLAIN_PRESET, PRESET_NAMES
+from mdpo_rddl.problem.files import problem_names
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -75,8 +77,20 @@ def plan_parser() -> OneLineParser:
         "noise on the actions, and evaluate the policy on the exact environment.",
         epilog="Bad input ends with one line on standard error and status 2.",
     )
-    parser.add_argument("domain", help="domain file, or a problem name of rddlrepository")
-    parser.add_argument("instance", help="instance file, or an instance of that problem")
+    domain = parser.add_argument(
+        "domain",
+        nargs="?",
+        help="domain file, or a problem's name: one that comes with the package, such as hvac10, "
+        "or one of rddlrepository",
+    )
+    domain.completer = _complete_problem  # type: ignore[attr-defined]
+    parser.add_argument(
+        "instance", nargs="?", help="instance file, or an instance of rddlrepository's problem"
+    )
+    parser.add_argument(
+        "--list", action="store_true", help="print the names of all problems, and stop"
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
         "--preset",
@@ -146,6 +160,11 @@ def plan_parser() -> OneLineParser:
     )
     run.add_argument("--quiet", action="store_true", help="nothing but that")
     return parser
+
+
+def _complete_problem(**_: Any) -> list[str]:
+    """What a shell offers for the first argument."""
+    return problem_names()
 
 
 def _add_noise_options(group: argparse._ArgumentGroup) -> None:
@@ -280,6 +299,8 @@ def check_plan_options(options: argparse.Namespace) -> None:
     Raises:
       InputError: naming the option, if it does not go with another one.
     """
+    if options.domain is None:
+        raise InputError("which problem? Such as: mdpo-plan hvac10; mdpo-plan --list shows all")
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
     if options.load is not None:

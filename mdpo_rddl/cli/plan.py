@@ -1,14 +1,18 @@
 """`mdpo-plan`: plan an RDDL problem from its files."""
 
+# PYTHON_ARGCOMPLETE_OK
+
 import argparse
 import logging
 import sys
 from collections.abc import Sequence
 
+import argcomplete
+
 from mdpo_rddl.cli.options import check_plan_options, plan_parser
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.problem.files import read_problem
+from mdpo_rddl.problem.files import list_problems, read_problem
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -17,7 +21,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
       The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
-    options = plan_parser().parse_args(arguments)
+    parser = plan_parser()
+    argcomplete.autocomplete(parser)
+    options = parser.parse_args(arguments)
+    if options.list:
+        print("\n".join(list_problems()))
+        return 0
     logging.basicConfig(
         level=logging.ERROR if options.quiet else logging.WARNING,
         format="mdpo-plan: %(levelname)s: %(message)s",

@@ -8,6 +8,9 @@ from pathlib import Path
 from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem.shipped import shipped_files, shipped_names
+
+_LIST = "mdpo-plan --list shows all"
 
 
 @dataclass(frozen=True)
@@ -30,18 +33,22 @@ class ProblemFiles:
     is_own: bool
 
 
-def read_problem(domain: str, instance: str) -> ProblemFiles:
+def read_problem(domain: str, instance: str | None = None) -> ProblemFiles:
     """Finds a problem and reads its files.
 
     Args:
-      domain, instance: two files, or two names of rddlrepository. They are files if either
-        looks like one: it has a path separator or the suffix .rddl, or it exists.
+      domain: a file, or a name of rddlrepository; without an instance the name of a problem that
+        comes with the package.
+      instance: a file, or the name of an instance. Both are files if either looks like one: it
+        has a path separator or the suffix .rddl, or it exists.
 
     Raises:
       InputError: naming the argument, if there is no such problem or a file cannot be read.
     """
-    is_own = looks_like_file(domain) or looks_like_file(instance)
-    if is_own:
+    is_own = instance is None or looks_like_file(domain) or looks_like_file(instance)
+    if instance is None:
+        domain_path, instance_path = _shipped_paths(domain)
+    elif is_own:
         domain_path, instance_path = Path(domain), Path(instance)
     else:
         domain_path, instance_path = _repository_paths(domain, instance)
@@ -61,16 +68,53 @@ def looks_like_file(argument: str) -> bool:
     return has_separator or argument.lower().endswith(".rddl") or os.path.isfile(argument)
 
 
+def problem_names() -> list[str]:
+    """The names of the shipped problems, then those of rddlrepository, in alphabetical order."""
+    return [*shipped_names(), *sorted(RDDLRepoManager().list_problems(), key=str.lower)]
+
+
+def list_problems() -> list[str]:
+    """One line for each problem that can be named: what to write, and its instances."""
+    manager = RDDLRepoManager()
+    lines = shipped_names()
+    for name in problem_names()[len(lines) :]:
+        lines.append(f"{name} {'|'.join(manager.get_problem(name).list_instances())}")
+    return lines
+
+
+def _shipped_paths(name: str) -> tuple[Path, Path]:
+    """The files of a shipped problem. Raises `InputError`, with near names, if there is none."""
+    if name in shipped_names():
+        return shipped_files(name)
+    manager = RDDLRepoManager()
+    known = manager.list_problems()
+    if name in known:
+        available = " ".join(manager.get_problem(name).list_instances())
+        raise InputError(f"which instance of '{name}'? It has: {available}")
+    if looks_like_file(name):
+        raise InputError(f"{name}: which instance? Give its file too")
+    hint = _near(name, problem_names())
+    raise InputError(f"there is no problem '{name}'{hint} ({_LIST})")
+
+
+def _near(name: str, known: list[str]) -> str:
+    """The known names that are like this one, as a question; empty if there is none."""
+    by_lowercase = {problem.lower(): problem for problem in known}
+    close = difflib.get_close_matches(name.lower(), by_lowercase, n=4, cutoff=0.5)
+    names = " or ".join(by_lowercase[match] for match in close)
+    return f"; did you mean {names}?" if close else ""
+
+
 def _repository_paths(name: str, instance: str) -> tuple[Path, Path]:
     """Find a problem of rddlrepository. Raises `InputError` for an unknown name."""
     manager = RDDLRepoManager()
     known = manager.list_problems()
     if name not in known:
-        by_lowercase = {problem.lower(): problem for problem in known}
-        close = difflib.get_close_matches(name.lower(), by_lowercase, n=4, cutoff=0.5)
-        hint = "; did you mean " + " or ".join(by_lowercase[match] for match in close) + "?"
+        if name in shipped_names():
+            raise InputError(f"'{name}' is a problem by itself: leave '{instance}' out")
+        hint = _near(name, known)
         raise InputError(
-            f"'{name}' is neither a file nor a problem of rddlrepository" + (hint if close else "")
+            f"'{name}' is neither a file nor a problem of rddlrepository{hint} ({_LIST})"
         )
     info = manager.get_problem(name)
     available = info.list_instances()

@@ -62,11 +62,11 @@ class Problem:
 
 def load_problem(
     domain: str,
-    instance: str,
+    instance: str | None = None,
     horizon: int | None = None,
     tables: Path | None = None,
 ) -> Problem:
-    """Parse and check a problem given as two files, or as two names of rddlrepository.
+    """Parse and check a problem: two files, two names of rddlrepository, or a shipped one's name.
 
     The arguments are those of `mdpo_rddl.problem.files.read_problem`, and the others those of
     `parse_problem`.

@@ -80,8 +80,8 @@ def plan(
     was. A keyboard interrupt ends it like `cancel`.
 
     Args:
-      domain: a problem's name in rddlrepository or a domain file; or a `Problem` or a pyRDDLGym
-        environment, without an instance then.
+      domain: a problem's name in rddlrepository or a domain file; or, without an instance, the
+        name of a shipped problem, a `Problem` or a pyRDDLGym environment.
       instance: the instance's name, number or file.
       seconds: the time for everything, loading and compilation included; the configuration's if
         None, which for "auto" is 90. A compilation under way is not interrupted.
@@ -144,9 +144,8 @@ def _check(seconds: Any, seed: Any) -> None:
 
 def _problem(domain: Any, instance: Any, horizon: int | None) -> Problem:
     if isinstance(domain, (str, Path)):
-        if instance is None:
-            raise InputError(f"{domain}: which instance? Give its name or its file")
-        return load_problem(str(domain), str(instance), horizon, kept_tables())
+        name = None if instance is None else str(instance)
+        return load_problem(str(domain), name, horizon, kept_tables())
     if instance is not None:
         raise InputError(f"an instance does not go with a {type(domain).__name__}, which has one")
     if horizon is not None:

@@ -103,7 +103,7 @@ class LoadRequest:
     """
 
     domain: str
-    instance: str
+    instance: str | None
     folder: Path
     episodes: int
     seed: int | None = None

@@ -22,7 +22,8 @@ print("imported", *sorted({large!r} & set(sys.modules)), file=sys.stderr)
 sys.exit(status)
 """
 MISTAKES = [
-    ("plan", "tanks.rddl", "the following arguments are required: instance"),
+    ("plan", "", "which problem? Such as: mdpo-plan hvac10"),
+    ("plan", "tanks.rddl", "tanks.rddl: which instance? Give its file too"),
     ("plan", "tanks.rddl two.rddl --restarts 0", "--restarts: must be a positive integer"),
     ("plan", "tanks.rddl two.rddl --preset best", "invalid choice: 'best'"),
     ("plan", "tanks.rddl two.rddl --preset auto --batch 2", "--batch does not go with --preset"),
@@ -31,6 +32,7 @@ MISTAKES = [
     ("plan", "tanks.rddl two.rddl --load run --batch 2", "--batch does not go with --load"),
     ("plan", "tanks.rddl two.rddl --load run", "run: no such run folder"),
     ("plan", "no.rddl two.rddl", "no.rddl: cannot read the domain file"),
+    ("plan", "hvac1", "there is no problem 'hvac1'; did you mean hvac"),
     ("plan", "Resevoir 1", "'Resevoir' is neither a file nor a problem of rddlrepository"),
     ("bench", "", "the following arguments are required: COMMAND"),
     ("bench", "speed --settings hvac", "invalid choice: 'hvac'"),

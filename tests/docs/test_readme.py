@@ -23,8 +23,6 @@ def test_the_python_example_runs(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     quick = code.replace("seconds=60", "seconds=5, preset='paper', horizon=5")
     quick = quick.replace("episodes=50", "episodes=2").replace("hvac10.policy", "p.policy")
-    for folder in ("domains", "instances"):
-        (tmp_path / folder).symlink_to(ROOT / folder)
     # in a process of its own, where nothing was imported before
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", quick], cwd=tmp_path, capture_output=True, text=True

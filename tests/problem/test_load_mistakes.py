@@ -201,7 +201,10 @@ def test_unknown_problem_suggests_close_names() -> None:
 
 def test_unknown_problem_with_no_close_name() -> None:
     message = load_error("qqqqqqqqqqqq", "1")
-    assert message == "'qqqqqqqqqqqq' is neither a file nor a problem of rddlrepository"
+    assert message == (
+        "'qqqqqqqqqqqq' is neither a file nor a problem of rddlrepository "
+        "(mdpo-plan --list shows all)"
+    )
 
 
 def test_unknown_instance_lists_those_available() -> None:

@@ -1,28 +1,27 @@
 """The paper's six settings: IPC 2023 instances 4 and 5 of three domains, horizon 120."""
 
-from pathlib import Path
-
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.problem.shipped import shipped_files
 
 
-def setting_files(name: str, root: Path = Path()) -> tuple[str, str]:
-    """Domain and instance file of a setting, in the folders `domains` and `instances`.
+def setting_files(name: str) -> tuple[str, str]:
+    """Domain and instance file of a setting.
 
     Raises:
       InputError: if there is no such setting.
     """
-    if name not in DOMAIN_FILES:
-        raise InputError(f"unknown setting {name!r}, known are {', '.join(DOMAIN_FILES)}")
-    domain = root / "domains" / DOMAIN_FILES[name]
-    return str(domain), str(root / "instances" / f"{name}.rddl")
+    if name not in SETTINGS:
+        raise InputError(f"unknown setting {name!r}, known are {', '.join(SETTINGS)}")
+    domain, instance = shipped_files(name)
+    return str(domain), str(instance)
 
 
-def load_setting(name: str, root: Path = Path()) -> Problem:
-    """Loads one setting from the folders `domains` and `instances` under `root`.
+def load_setting(name: str) -> Problem:
+    """Loads one setting.
 
     Raises:
-      InputError: if there is no such setting or its files are missing.
+      InputError: if there is no such setting.
     """
-    return load_problem(*setting_files(name, root))
+    return load_problem(*setting_files(name))

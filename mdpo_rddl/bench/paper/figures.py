@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.paper.landscape import Landscape
 from mdpo_rddl.bench.paper.names import ADAPTIVE, METHODS
 from mdpo_rddl.bench.paper.tables import Key, Measured
@@ -54,7 +54,7 @@ def draw_learning_curves(path: Path, measured: Mapping[Key, Measured], over_time
       measured: the finished cells.
       over_time: against training seconds of all seeds, else against iterations.
     """
-    settings = [s for s in DOMAIN_FILES if any(setting == s for setting, _ in measured)]
+    settings = [s for s in SETTINGS if any(setting == s for setting, _ in measured)]
     columns = min(3, len(settings))
     rows = -(-len(settings) // columns)
     figure = Figure(figsize=(5.0 * columns, 3.4 * rows), layout="constrained")

@@ -19,7 +19,7 @@ from mdpo_rddl.problem.load import Problem, load_problem
 
 EXACT = "exact"
 WEIGHTS = (50.0, 2.0, 0.01)
-_PROBLEM = ("domains/powergen.rddl", "instances/powergen2.rddl")
+_PROBLEM = "powergen2"
 _ACTION = "curProd"
 _LOW, _HIGH = 1.0, 6.0
 _ROLLOUTS = 16
@@ -50,7 +50,7 @@ def run_landscape(out: Path, points: int = 51) -> None:
     known = load_landscape(out)
     if known is not None and len(known.actions) == points:
         return
-    problem = load_problem(*_PROBLEM)
+    problem = load_problem(_PROBLEM)
     actions = np.linspace(_LOW, _HIGH, points)
     models = {EXACT: None, **{f"w = {weight:g}": weight for weight in WEIGHTS}}
     returns = {name: _returns(problem, weight, actions) for name, weight in models.items()}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.paper.cells import load_played, load_trained
 from mdpo_rddl.bench.paper.figures import draw_landscapes, draw_learning_curves, draw_noise
 from mdpo_rddl.bench.paper.landscape import load_landscape
@@ -55,7 +55,7 @@ def write_report(out: Path) -> str:
 def load_measured(out: Path) -> dict[Key, Measured]:
     """The complete cells of a results folder, in the paper's order."""
     found = {}
-    for setting in DOMAIN_FILES:
+    for setting in SETTINGS:
         for method in METHODS:
             measured = _load(out / "cells" / f"{setting}_{method}")
             if measured is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.paper.cells import Trained
 from mdpo_rddl.bench.paper.iterates import LAST
 from mdpo_rddl.bench.paper.names import ADAPTIVE, METHODS, PPO
@@ -85,7 +85,7 @@ class Row:
 
 def make_rows(measured: Mapping[Key, Measured]) -> list[Row]:
     """The rows of all cells that there are, in the paper's order."""
-    keys = [(s, m) for s in DOMAIN_FILES for m in METHODS if (s, m) in measured]
+    keys = [(s, m) for s in SETTINGS for m in METHODS if (s, m) in measured]
     return [_row(key, measured[key], measured.get((key[0], ADAPTIVE))) for key in keys]
 
 
@@ -139,7 +139,7 @@ class Overall:
 
 def make_overall(measured: Mapping[Key, Measured]) -> list[Overall]:
     """Every method that has been measured on all settings that any has."""
-    settings = [s for s in DOMAIN_FILES if any(s == setting for setting, _ in measured)]
+    settings = [s for s in SETTINGS if any(s == setting for setting, _ in measured)]
     found = []
     for method in METHODS:
         if all((setting, method) in measured for setting in settings):

@@ -24,7 +24,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.problem.load import load_problem
 
-FILES = ("domains/powergen.rddl", "instances/powergen2.rddl")
+PROBLEM = "powergen2"
 HORIZON = 10
 SIGMA = 1.0
 DIRECTIONS = 6
@@ -83,7 +83,7 @@ def run_theorem(out: Path, batches: int) -> Records:
 
 
 def _estimate(model: Model, batches: int) -> Estimate:
-    problem = load_problem(*FILES, HORIZON)
+    problem = load_problem(PROBLEM, horizon=HORIZON)
     built = build_planner(problem, _config(problem.domain_name, model))
     trained = train_fully(built, random.PRNGKey(0), _TRAINING)
     point, as_params = ravel_pytree(trained.last_params)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.bench.common.names import DOMAIN_FILES
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.presets.auto_variants import VARIANTS
@@ -79,7 +79,7 @@ def run_auto(
 
 
 def _load(name: str) -> Problem:
-    if name in DOMAIN_FILES:
+    if name in SETTINGS:
         return load_setting(name)
     domain, colon, instance = name.partition(":")
     if not colon:
