@@ -263,6 +263,47 @@ def test_nothing_unpickles_what_may_come_from_anyone():
                 assert node.value.value is False, path
 
 
+def test_nothing_is_executed_that_was_read():
+    # a literal of a configuration is none: `ast.literal_eval` makes values only
+    executing = {"eval", "exec", "compile", "execfile", "system", "popen", "load_module"}
+    found = {
+        (module_name(path), ast.unparse(node.func))
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).rpartition(".")[2] in executing
+        and ast.unparse(node.func).rpartition(".")[0] in ("", "os", "builtins")
+    }
+    assert found == set()
+    shells = [
+        module_name(path)
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.keyword) and node.arg == "shell"
+    ]
+    assert shells == []
+
+
+def test_jaxplan_s_controller_that_unpickles_files_is_never_made():
+    assert [module_name(path) for path in FILES if "JaxOfflineController" in calls(path)] == []
+
+
+def test_files_from_anybody_are_read_through_the_one_door():
+    # its own resources, a child's log, the tables and the programs of the user's own cache
+    own = {
+        "mdpo_rddl.bench.speed.growth",
+        "mdpo_rddl.bench.tasks.published",
+        "mdpo_rddl.machine.child",
+        "mdpo_rddl.machine.files",
+        "mdpo_rddl.machine.process_tree",
+        "mdpo_rddl.planner.config.presets.by_domain",
+        "mdpo_rddl.planner.programs.stored",
+        "mdpo_rddl.problem.load",
+    }
+    reading = {"read_text", "read_bytes", "load_file", "safe_open", "loadtxt", "fromfile"}
+    assert {module_name(path) for path in FILES if calls(path) & reading} <= own
+
+
 def test_no_file_chooses_how_a_notebook_draws():
     # pyplot picks a backend for the whole process; `Figure` objects do not
     assert violations(FILES, "matplotlib.pyplot", "matplotlib.use", "pylab") == []

@@ -4,10 +4,10 @@ import logging
 import sys
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 
 from mdpo_rddl.cli.bench_parser import bench_parser
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from mdpo_rddl.cli.bench_commands import COMMANDS
 
         table = COMMANDS[options.run](options)
-        _write(options.out / "table.md", table)
+        write_atomically(options.out / "table.md", table)
     except InputError as error:
         print(f"mdpo-bench: error: {error}", file=sys.stderr)
         return 2
@@ -34,13 +34,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     print(table, end="")
     return 0
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 if __name__ == "__main__":

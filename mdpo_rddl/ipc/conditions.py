@@ -9,7 +9,7 @@ from typing import Any
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Rules
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.machine.versions import versions
 
 CONDITIONS = "run.json"
@@ -59,7 +59,7 @@ def load_conditions(root: Path) -> dict[str, Any]:
     """
     path = root / CONDITIONS
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path, root)
     except FileNotFoundError as error:
         raise InputError(f"{root}: holds no run of mdpo-ipc ({CONDITIONS} is missing)") from error
     except OSError as error:

@@ -21,7 +21,7 @@ from mdpo_rddl.ipc.tables import (
     overall_table,
     return_table,
 )
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, write_atomically
 
 MARKDOWN, JSON = "scores.md", "scores.json"
 REMARKS = "remarks.md"
@@ -105,7 +105,7 @@ def markdown(
 def _remarks(root: Path) -> str:
     path = root / REMARKS
     try:
-        return path.read_text(encoding="utf-8") if path.exists() else ""
+        return read_bounded(path, MOST_BYTES, root).decode() if path.exists() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
 

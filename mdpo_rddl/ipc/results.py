@@ -9,7 +9,7 @@ from typing import Any
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Entry, Instance
 from mdpo_rddl.ipc.trial import OK
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import read_json, write_atomically
 
 RESULTS = "entries"
 FINAL = ("timeout", "memory", "crash")
@@ -101,7 +101,7 @@ def load_result(root: Path, entry: Entry, wanted: int) -> EntryResult:
       InputError: naming the file, if it does not hold what `EntryResult.save` writes.
     """
     path = _path(root, entry)
-    return _read(path) if path.exists() else EntryResult(entry, wanted)
+    return _read(path, root) if path.exists() else EntryResult(entry, wanted)
 
 
 def load_results(root: Path) -> list[EntryResult]:
@@ -110,7 +110,7 @@ def load_results(root: Path) -> list[EntryResult]:
     Raises:
       InputError: as `load_result`.
     """
-    return [_read(path) for path in sorted((root / RESULTS).glob("*/*/*.json"))]
+    return [_read(path, root) for path in sorted((root / RESULTS).glob("*/*/*.json"))]
 
 
 def _path(root: Path, entry: Entry) -> Path:
@@ -118,12 +118,16 @@ def _path(root: Path, entry: Entry) -> Path:
     return folder.with_name(folder.name + ".json")
 
 
-def _read(path: Path) -> EntryResult:
+def _read(path: Path, root: Path) -> EntryResult:
     try:
-        return _parse(json.loads(path.read_text(encoding="utf-8")))
+        result = _parse(read_json(path, root))
+        # what it says of itself is where it will be written to
+        if _path(root, result.entry) != path:
+            raise ValueError("another entry's")
+        return result
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (AttributeError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: is not the result of an entry: {error!r}") from error
 
 
@@ -131,8 +135,20 @@ def _parse(values: Mapping[str, Any]) -> EntryResult:
     entry, preparation = values["entry"], values["preparation"]
     trials: Iterable[Mapping[str, Any]] = values["trials"]
     return EntryResult(
-        entry=Entry(Instance(**entry["problem"]), entry["planner"]),
-        wanted=values["wanted"],
-        preparation=None if preparation is None else Preparation(**preparation),
-        trials=tuple(Trial(**trial) for trial in trials),
+        entry=Entry(Instance(**_typed(entry["problem"])), str(entry["planner"])),
+        wanted=int(values["wanted"]),
+        preparation=None if preparation is None else Preparation(**_typed(preparation)),
+        trials=tuple(Trial(**_typed(trial)) for trial in trials),
     )
+
+
+_TEXTS = ("status", "cause", "domain", "instance")
+
+
+def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values, if they are texts and numbers where they should be; raises TypeError."""
+    for name, value in values.items():
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (isinstance(value, str) if name in _TEXTS else is_number or value is None):
+            raise TypeError(f"{name} is {value!r}")
+    return dict(values)

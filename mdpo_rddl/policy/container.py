@@ -6,11 +6,15 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
-import safetensors
-from safetensors.numpy import save
+from safetensors.numpy import load, save
 
-from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.machine.files import read_bounded, write_atomically
+
+MOST_POLICY_BYTES = 2**29
+"""Of a file; its tensors take as many bytes as they have in it."""
+
+_LENGTH_BYTES, _MOST_HEADER_BYTES = 8, 2**26
 
 Tensors = dict[str, np.ndarray]
 Metadata = dict[str, str]
@@ -31,34 +35,58 @@ def write_container(path: Path, tensors: Tensors, metadata: Metadata) -> None:
     write_atomically(path, save(tensors, metadata=metadata))
 
 
-def read_container(path: Path, formats: Collection[str]) -> tuple[Metadata, Tensors]:
+def read_container(
+    path: Path, formats: Collection[str], within: Path | None = None
+) -> tuple[Metadata, Tensors]:
     """Reads a file back, bit for bit.
 
     Args:
       path: of the file.
       formats: that the file may have.
+      within: a folder that links must not lead out of, if any.
 
     Returns:
       The text without the digest, and the tensors.
 
     Raises:
-      InputError: naming the file, if it is missing, damaged or of another format.
+      InputError: naming the file, if it is missing, damaged, of another format, or larger than
+        `MOST_POLICY_BYTES`.
     """
     try:
-        with safetensors.safe_open(str(path), framework="numpy") as file:
-            metadata = file.metadata() or {}
-            if metadata.get("format") not in formats:
-                found = metadata.get("format")
-                raise InputError(f"{path}: not a policy of mdpo-rddl (format {found!r})")
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        content = read_bounded(path, MOST_POLICY_BYTES, within)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such policy") from error
-    except (OSError, safetensors.SafetensorError) as error:
-        cause = " ".join(str(error).split())
-        raise InputError(f"{path}: damaged policy file: {cause}") from error
+    except OSError as error:
+        raise InputError(f"{path}: damaged policy file: {error.strerror}") from error
+    try:
+        metadata = _metadata(content)
+        if metadata.get("format") not in formats:
+            found = f"{metadata.get('format')!r:.40}"
+            raise InputError(f"{path}: not a policy of mdpo-rddl (format {found})")
+        tensors = load(content)
+    except InputError:
+        raise
+    except Exception as error:  # the library's own, and numpy's for types that it lacks
+        raise InputError(f"{path}: damaged policy file: {one_line_cause(error)}") from error
     if metadata.pop("digest", None) != _digest(tensors, metadata):
         raise InputError(f"{path}: damaged policy file: its contents do not match their digest")
     return metadata, tensors
+
+
+def _metadata(content: bytes) -> Metadata:
+    """The text in a file's header.
+
+    Raises:
+      ValueError, RecursionError: if there is no such header.
+    """
+    length = int.from_bytes(content[:_LENGTH_BYTES], "little")
+    if not 0 < length <= min(len(content) - _LENGTH_BYTES, _MOST_HEADER_BYTES):
+        raise ValueError("it has no header")
+    header = json.loads(content[_LENGTH_BYTES : _LENGTH_BYTES + length])
+    metadata = header.get("__metadata__", {}) if isinstance(header, dict) else None
+    if not isinstance(metadata, dict) or not all(isinstance(v, str) for v in metadata.values()):
+        raise ValueError("its header holds something else")
+    return metadata
 
 
 def _digest(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:

@@ -9,14 +9,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
 from mdpo_rddl.policy.table import ActionTable, Optimum, parse_table, table_tensors, table_text
+from mdpo_rddl.problem.files import MOST_RDDL_BYTES
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 
 FORMAT = "mdpo-rddl policy 1"
 TABLE_FORMAT = "mdpo-rddl table 2"
+_SEEDS = 2**31
 
 
 @dataclass(frozen=True)
@@ -112,15 +114,19 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
     write_container(path, tensors, {"format": FORMAT, "config": policy.config, **common})
 
 
-def load_policy(path: Path) -> SavedPolicy | SavedTable:
+def load_policy(path: Path, within: Path | None = None) -> SavedPolicy | SavedTable:
     """Reads a policy back, bit for bit.
+
+    Args:
+      path: of the file.
+      within: a folder that links must not lead out of, if any.
 
     Raises:
       InputError: naming the file, if it is missing, damaged or not such a policy.
     """
     readers: dict[str, Callable[[Metadata, Tensors], SavedPolicy | SavedTable]]
     readers = {FORMAT: _parameters, TABLE_FORMAT: _table}
-    return _load(path, readers)
+    return _load(path, readers, within)
 
 
 def load_parameters(path: Path) -> SavedPolicy:
@@ -135,13 +141,19 @@ def load_parameters(path: Path) -> SavedPolicy:
 _Saved = TypeVar("_Saved")
 
 
-def _load(path: Path, readers: Mapping[str, Callable[[Metadata, Tensors], _Saved]]) -> _Saved:
+def _load(
+    path: Path,
+    readers: Mapping[str, Callable[[Metadata, Tensors], _Saved]],
+    within: Path | None = None,
+) -> _Saved:
     """What the reader of the file's format makes of it."""
-    metadata, tensors = read_container(path, readers)
+    metadata, tensors = read_container(path, readers, within)
     try:
         return readers[metadata["format"]](metadata, tensors)
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: damaged policy file: {error!r}") from error
+    except (LookupError, AttributeError, OverflowError, RecursionError, TypeError) as error:
+        raise InputError(f"{path}: damaged policy file: {error!r:.200}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: damaged policy file: {one_line_cause(error)}") from error
 
 
 def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
@@ -150,22 +162,65 @@ def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
         params=trees["params"],
         policy_hyperparams=trees.get("hyperparams", {}),
         config=metadata["config"],
-        problem=json.loads(metadata["problem"]),
-        seed=int(metadata["seed"]),
+        problem=_identity(metadata),
+        seed=_seed(metadata),
         source=_source(metadata),
-        candidates=tuple(json.loads(metadata.get("candidates", "[]"))),
+        candidates=_candidates(metadata),
     )
 
 
+def _identity(metadata: Metadata) -> dict[str, Any]:
+    """The problem's identity; raises ValueError if it cannot be one."""
+    identity: dict[str, Any] = json.loads(metadata["problem"])
+    _require(isinstance(identity, dict), "problem")
+    _require(_is_count(identity.get("horizon", 1)), "horizon")
+    for name in ("domain", "instance", "label", "digest"):
+        _require(isinstance(identity.get(name, ""), str), name)
+    return identity
+
+
+def _seed(metadata: Metadata) -> int:
+    seed = int(metadata["seed"])
+    _require(0 <= seed < _SEEDS, "seed")
+    return seed
+
+
 def _source(metadata: Metadata) -> ProblemSource | None:
+    """The problem's texts; raises ValueError if they cannot be read of files either."""
     text = metadata.get("source")
-    return None if text is None else ProblemSource(**json.loads(text))
+    if text is None:
+        return None
+    source = ProblemSource(**json.loads(text))
+    _require(_is_count(source.horizon), "horizon")
+    for name in ("domain", "instance", "label", "domain_text", "instance_text"):
+        value = getattr(source, name)
+        _require(isinstance(value, str) and len(value) <= MOST_RDDL_BYTES, name)
+    return source
+
+
+def _candidates(metadata: Metadata) -> tuple[Mapping[str, Any], ...]:
+    """What planning judged; raises ValueError if it cannot be shown."""
+    candidates = tuple(json.loads(metadata.get("candidates", "[]")))
+    for each in candidates:
+        _require(isinstance(each["candidate"], str), "candidates")
+        _require(isinstance(each["became_incumbent"], bool), "candidates")
+        for name in ("seconds", "mean_return"):
+            _require(isinstance(each[name], int | float | None), "candidates")
+    return candidates
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0
+
+
+def _require(holds: bool, what: str) -> None:
+    if not holds:
+        raise ValueError(f"its {what} cannot be what was saved")
 
 
 def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
     table, optimum = parse_table(tensors, metadata)
-    problem, seed = json.loads(metadata["problem"]), int(metadata["seed"])
-    return SavedTable(table, optimum, problem, seed, _source(metadata))
+    return SavedTable(table, optimum, _identity(metadata), _seed(metadata), _source(metadata))
 
 
 def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:

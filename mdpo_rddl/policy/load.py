@@ -21,9 +21,10 @@ def load_policy(path: str | Path) -> AnyPolicy:
       InputError: naming the file, if it is missing, damaged, no such policy, its tensors do not
         fit its problem, or it does not hold its problem, as earlier run folders' do not.
     """
-    where = Path(path)
-    where = where / _NAME if where.is_dir() else where
-    saved = file.load_policy(where)
+    where, folder = Path(path), None
+    if where.is_dir():
+        where, folder = where / _NAME, where
+    saved = file.load_policy(where, folder)
     if saved.source is None:
         raise InputError(f"{where}: holds no RDDL: evaluate its run folder with mdpo-plan --load")
     return restored(saved, saved.source.load(kept_tables()), str(where))

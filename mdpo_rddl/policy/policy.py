@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -158,7 +158,13 @@ class Policy(PolicyAgent):
 
 
 def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> None:
-    expected = planner.params_structure(saved.policy_hyperparams)
+    damaged = f"{source}: damaged policy file"
+    if not isinstance(saved.policy_hyperparams, Mapping) or not isinstance(saved.params, Mapping):
+        raise InputError(f"{damaged}: it has no trees of tensors")
+    try:
+        expected = planner.params_structure(saved.policy_hyperparams)
+    except Exception as error:  # whatever JAX makes of hyperparameters that do not fit
+        raise InputError(f"{damaged}: {one_line_cause(error)}") from error
     wanted = jax.tree.map(lambda leaf: leaf.shape, expected)
     tensors = jax.tree.map(lambda leaf: leaf.shape, saved.params)
     if wanted != tensors:
@@ -166,3 +172,6 @@ def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> No
             f"{source}: damaged policy file, or saved for another horizon: its tensors are "
             f"{tensors}, expected {wanted}"
         )
+    for leaf in jax.tree.leaves((saved.params, saved.policy_hyperparams)):
+        if not np.all(np.isfinite(leaf)):
+            raise InputError(f"{damaged}: it holds numbers that are not finite")

@@ -8,7 +8,11 @@ from pathlib import Path
 from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import read_bounded
 from mdpo_rddl.problem.shipped import shipped_files, shipped_names
+
+MOST_RDDL_BYTES = 2**20
+"""Of one file; parsing that much takes about ten seconds."""
 
 _LIST = "mdpo-plan --list shows all"
 
@@ -132,7 +136,9 @@ def _read_text(path: Path, role: str) -> str:
     A byte that is not UTF-8 becomes U+FFFD: legal in a comment, else refused by the lexer.
     """
     try:
-        return path.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        cause = error.strerror or type(error).__name__
+        content = read_bounded(path, MOST_RDDL_BYTES)
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        cause = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot read the {role} file: {cause}") from error
+    text = content.decode("utf-8-sig", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -27,6 +27,7 @@ from pyRDDLGym.core.parser.rddl import RDDL
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.problem.files import ProblemFiles, read_problem
+from mdpo_rddl.problem.sizes import oversize
 
 logger = logging.getLogger(__name__)
 
@@ -98,6 +99,9 @@ def parse_problem(
         _check_names(ast, domain_path, instance_path)
     _check_instance_block(ast, instance_path)
     with _guarded(domain_path, instance_path):
+        too_large = oversize(ast)
+        if too_large is not None:
+            raise _input_error(f"{instance_path}: {too_large}")
         model = RDDLLiftedModel(ast)
     problem = Problem(
         model=model,
@@ -285,6 +289,9 @@ def _guarded(*paths: Path) -> Iterator[None]:
             yield
     except InputError:
         raise
+    except RecursionError as error:
+        message = "an expression is nested too deeply, or a chain of operators is too long"
+        raise _input_error(f"{', '.join(map(str, paths))}: {message}") from error
     except Exception as error:  # Its errors have no common base, and some are accidents.
         is_own = type(error).__module__.startswith("pyRDDLGym")
         cause = str(error) if is_own else f"{type(error).__name__}: {error}"

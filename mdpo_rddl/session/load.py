@@ -34,7 +34,9 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         raise InputError(f"{request.folder}: no such run folder")
     if request.out is not None and request.out.resolve() == request.folder.resolve():
         raise InputError(f"{request.out}: not overwritten: the policy is loaded from it")
-    saved = load_policy(path)
+    saved = load_policy(path, request.folder)
+    if "horizon" not in saved.problem:
+        raise InputError(f"{path}: damaged policy file: it does not say its horizon")
     horizon = saved.problem["horizon"] if request.horizon is None else request.horizon
     problem = load_problem(request.domain, request.instance, horizon)
     seed = saved.seed if request.seed is None else request.seed

@@ -8,6 +8,7 @@ from helpers.mistakes import one_line
 from helpers.tanks import DOMAIN, INSTANCE, write
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem import files
 from mdpo_rddl.problem.load import load_problem
 
 
@@ -42,10 +43,10 @@ def test_directory(tmp_path: Path) -> None:
 def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     domain, instance = write(tmp_path)
 
-    def refuse(*_: object, **__: object) -> str:
+    def refuse(*_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_text", refuse)  # A mode does not stop the superuser.
+    monkeypatch.setattr(files, "read_bounded", refuse)  # A mode does not stop the superuser.
     assert load_error(domain, instance) == (
         f"{domain}: cannot read the domain file: Permission denied"
     )

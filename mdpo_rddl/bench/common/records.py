@@ -1,6 +1,7 @@
 """Results as rows of a CSV file, written one by one so that a stopped run goes on."""
 
 import csv
+import io
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -9,6 +10,13 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import (
+    MOST_BYTES,
+    append,
+    read_bounded,
+    read_json,
+    write_atomically,
+)
 
 
 class Records:
@@ -43,14 +51,17 @@ class Records:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                path.write_text(",".join(self.columns) + "\n", encoding="utf-8")
-            with path.open("r+", encoding="utf-8", newline="") as file:
-                text = file.read()
+                write_atomically(path, ",".join(self.columns) + "\n")
+            text = read_bounded(path, MOST_BYTES).decode()
+            path.open("r+b").close()  # says now whether rows can be added
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
         except UnicodeDecodeError as error:
             raise InputError(f"{path}: is not a CSV file of results") from error
-        found, *rows = list(csv.reader(text.splitlines())) or [[]]
+        try:
+            found, *rows = list(csv.reader(text.splitlines())) or [[]]
+        except csv.Error as error:
+            raise InputError(f"{path}: is not a CSV file of results: {error}") from error
         if tuple(found) != self.columns:
             raise InputError(f"{path}: holds other results (columns {', '.join(found)})")
         for line, row in enumerate(rows, start=2):
@@ -64,10 +75,14 @@ class Records:
     def _keep(self, conditions: dict[str, Any]) -> None:
         path = self.path.with_suffix(".json")
         if not self.rows or not path.exists():
-            path.write_text(json.dumps(conditions, indent=2) + "\n", encoding="utf-8")
+            write_atomically(path, json.dumps(conditions, indent=2) + "\n")
             return
         try:
-            kept = json.loads(path.read_text(encoding="utf-8"))
+            kept = read_json(path)
+            if not isinstance(kept, dict):
+                raise ValueError("no object")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
         except ValueError as error:
             raise InputError(f"{path}: is not a file of conditions: {error}") from error
         for name, value in conditions.items():
@@ -83,10 +98,15 @@ class Records:
         return any(tuple(row[name] for name in self.keys) == wanted for row in self.rows)
 
     def add(self, *values: Any) -> None:
-        """Appends one row and writes it at once."""
+        """Appends one row and writes it at once.
+
+        Raises:
+          InputError: naming the file, if it cannot be written; the rows before stay.
+        """
         row = {name: str(value) for name, value in zip(self.columns, values, strict=True)}
-        with self.path.open("a", encoding="utf-8", newline="") as file:
-            csv.DictWriter(file, self.columns, lineterminator="\n").writerow(row)
+        text = io.StringIO(newline="")
+        csv.DictWriter(text, self.columns, lineterminator="\n").writerow(row)
+        append(self.path, text.getvalue().encode())
         self.rows.append(row)
 
 

@@ -19,6 +19,7 @@ from mdpo_rddl.bench.configs.candidates import MANY, candidates
 from mdpo_rddl.bench.configs.choice import BASELINE, NOOP, REFERENCES, choose
 from mdpo_rddl.bench.configs.names import PLANS
 from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.baseline import train_baseline
@@ -197,4 +198,4 @@ def ship(records: Records, folder: Path) -> None:
     """Writes the chosen configuration of every domain and plan that the records know."""
     for domain, plan in sorted({(row["domain"], row["plan"]) for row in records.rows}):
         path = folder / f"{domain}_ippc2023_{plan}.cfg"
-        path.write_text(shipped_text(records.rows, domain, plan), encoding="utf-8")
+        write_atomically(path, shipped_text(records.rows, domain, plan))

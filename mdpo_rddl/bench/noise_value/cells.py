@@ -8,7 +8,7 @@ from typing import Any
 
 from mdpo_rddl.bench.noise_value.methods import cell_config
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.machine.versions import versions
 
 OK = "ok"
@@ -85,7 +85,7 @@ def read(path: Path) -> dict[str, Any]:
       InputError: if it is not a cell's.
     """
     try:
-        kept = json.loads(path.read_text(encoding="utf-8"))
+        kept = read_json(path)
         kept["conditions"]["method"], kept["status"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is not a result of noise-value") from error

@@ -12,6 +12,7 @@ from rddlrepository import RDDLRepoManager
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.machine.files import MOST_BYTES, read_bounded
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
@@ -112,8 +113,8 @@ def read_published(path: Path) -> dict[tuple[str, str], float]:
       InputError: if it is missing or has other columns.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+        text = read_bounded(path, MOST_BYTES).decode()
+        rows = list(csv.DictReader(text.splitlines()))
         return {(row["problem"], row["instance"]): float(row["best"]) for row in rows}
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error

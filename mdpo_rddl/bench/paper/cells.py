@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors.numpy import load_file, save
+from safetensors.numpy import load, save
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import read_bounded, read_json, write_atomically
+from mdpo_rddl.policy.container import MOST_POLICY_BYTES
 from mdpo_rddl.policy.file import flatten, unflatten
 
 _PLAYED = "played.csv"
@@ -105,7 +106,7 @@ def load_trained(folder: Path) -> Trained | None:
     """
     path = folder / "training.json"
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = read_json(path, folder)
         sigma = values["sigma"]
         return Trained(
             values["conditions"],
@@ -132,7 +133,7 @@ def load_policies(folder: Path) -> Any:
     """
     path = folder / "policies.safetensors"
     try:
-        return unflatten(load_file(path))[_PARAMS]
+        return unflatten(load(read_bounded(path, MOST_POLICY_BYTES, folder)))[_PARAMS]
     except Exception as error:  # safetensors has exceptions of its own
         raise InputError(f"{path}: cannot be read: {error}") from error
 

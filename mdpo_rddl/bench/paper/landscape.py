@@ -10,7 +10,7 @@ from jax import random
 
 from mdpo_rddl.bench.paper.relaxation import with_relaxation
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
@@ -71,7 +71,7 @@ def load_landscape(out: Path) -> Landscape | None:
     """
     path = out / _FILE
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path, out)
         returns = {name: np.array(values) for name, values in content["returns"].items()}
         return Landscape(np.array(content["actions"]), returns)
     except FileNotFoundError:

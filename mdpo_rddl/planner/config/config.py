@@ -13,6 +13,7 @@ from typing import Any
 
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import read_bounded
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.config.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS, Budget
 from mdpo_rddl.planner.config.checks import (
@@ -26,6 +27,8 @@ from mdpo_rddl.planner.config.extensions import stand_ins
 from mdpo_rddl.planner.config.noise_section import rule_values
 from mdpo_rddl.planner.config.text import format_sections, one_line, parse_sections
 from mdpo_rddl.planner.upstream import logic, planner
+
+_MOST_BYTES = 2**20
 
 JaxPlanArguments = tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
 
@@ -50,8 +53,8 @@ class PlannerConfig:
           InputError: if it cannot be read, or as `from_text` does.
         """
         try:
-            text = Path(path).read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
+            text = read_bounded(Path(path), _MOST_BYTES).decode("utf-8-sig")
+        except (OSError, ValueError) as error:  # not UTF-8, or a name with a null character
             reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
             raise InputError(f"{path}: cannot read the configuration: {reason}") from error
         return cls.from_text(text, str(path))

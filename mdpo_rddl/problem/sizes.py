@@ -1,0 +1,95 @@
+"""How large a problem becomes once it is grounded, before anything of that size is made."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from pyRDDLGym.core.parser.expr import Expression
+from pyRDDLGym.core.parser.rddl import RDDL
+
+MOST_GROUND_FLUENTS = 2_000_000
+"""Of all kinds together; pyRDDLGym gives each of them a name."""
+
+MOST_VALUES = 50_000_000
+"""Of one expression: a value for each combination of the objects that it ranges over."""
+
+
+def oversize(ast: RDDL) -> str | None:
+    """What of a problem is too large, in words; None if nothing is.
+
+    Names that are not defined count as one object: others complain of them.
+
+    Args:
+      ast: both files, parsed.
+    """
+    counts = _object_counts(ast)
+    ground = 0
+    params: dict[str, list[str]] = {}
+    for variable in ast.domain.pvariables:
+        params[variable.name] = list(variable.param_types or ())
+        ground += math.prod(counts.get(name, 1) for name in params[variable.name])
+    if ground > MOST_GROUND_FLUENTS:
+        return f"{ground:,} ground fluents, at most {MOST_GROUND_FLUENTS:,} can be planned for"
+    for name, scope, expression in _expressions(ast, params):
+        values = _most_values(expression, math.prod(counts.get(each, 1) for each in scope), counts)
+        if values > MOST_VALUES:
+            return (
+                f"{name} ranges over {values:,} combinations of objects, "
+                f"at most {MOST_VALUES:,} can be planned for"
+            )
+    return None
+
+
+def _object_counts(ast: RDDL) -> dict[str, int]:
+    """Objects per type; of an enumerated one, its values."""
+    counts = {}
+    for name, kind in getattr(ast.domain, "types", None) or ():
+        if isinstance(kind, list | tuple):
+            counts[name] = len(kind)
+    for block in (ast.non_fluents, ast.instance):
+        for name, objects in getattr(block, "objects", None) or ():
+            counts[name] = len(objects or ())
+    return counts
+
+
+def _expressions(ast: RDDL, params: dict[str, list[str]]) -> Iterator[tuple[str, list[str], Any]]:
+    """A name, the types of the parameters and the expression, of all that the domain defines."""
+    for cpf in ast.domain.cpfs[1]:
+        name = cpf.pvar[1][0]
+        yield f"the cpf of {name}", params.get(name.removesuffix("'"), []), cpf.expr
+    yield "the reward", [], ast.domain.reward
+    for what, attribute in (
+        ("a precondition", "preconds"),
+        ("a constraint", "constraints"),
+        ("an invariant", "invariants"),
+        ("a termination condition", "terminals"),
+    ):
+        for expression in getattr(ast.domain, attribute, None) or ():
+            yield what, [], expression
+
+
+def _most_values(expression: Any, values: int, counts: dict[str, int]) -> int:
+    """The largest number of values of an expression and its parts.
+
+    Args:
+      expression: pyRDDLGym's.
+      values: of whatever stands around it, at least 1.
+      counts: objects per type.
+    """
+    most, waiting = values, [(expression, values)]
+    while waiting:  # no recursion: expressions may be nested as deep as anybody likes
+        node, around = waiting.pop()
+        parts = node
+        while isinstance(parts, Expression):  # one inside the other where there are parentheses
+            parts = parts._expr
+        if not isinstance(parts, tuple | list):
+            continue
+        ranges = [part[1][1] for part in parts if _is_quantifier(part)]
+        around *= math.prod(counts.get(name, 1) for name in ranges)
+        most = max(most, around)
+        waiting += [(part, around) for part in parts if not _is_quantifier(part)]
+    return most
+
+
+def _is_quantifier(part: Any) -> bool:
+    return isinstance(part, tuple) and len(part) == 2 and part[0] == "typed_var"

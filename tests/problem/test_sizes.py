@@ -1,0 +1,77 @@
+"""Problems too large to be planned are refused before they are grounded."""
+
+import time
+from pathlib import Path
+
+import pytest
+from helpers.files import changed
+from helpers.mistakes import one_line
+from helpers.plan_command import DOMAIN, INSTANCE
+
+from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.problem.sizes import MOST_GROUND_FLUENTS, MOST_VALUES
+
+SUM = "sum_{?t : tank} [-abs[volume(?t) - LEVEL(?t)]]"
+
+
+def tanks(count: int) -> str:
+    return changed(INSTANCE, "{t1, t2}", "{" + ", ".join(f"t{i + 1}" for i in range(count)) + "}")
+
+
+def refused(folder: Path, domain: str, instance: str) -> str:
+    (folder / "d.rddl").write_text(domain)
+    (folder / "i.rddl").write_text(instance)
+    started = time.monotonic()
+    said = one_line(lambda: load_problem(str(folder / "d.rddl"), str(folder / "i.rddl")))
+    assert time.monotonic() - started < 10.0
+    return said
+
+
+def test_too_many_ground_fluents(tmp_path: Path) -> None:
+    domain = changed(
+        DOMAIN,
+        "LEVEL(tank) :",
+        "FAR(tank, tank, tank, tank) : { non-fluent, real, default = 0.0 };\n LEVEL(tank) :",
+    )
+    said = refused(tmp_path, domain, tanks(40))
+    assert said == (
+        f"{tmp_path}/i.rddl: {40**4 + 3 * 40:,} ground fluents, "
+        f"at most {MOST_GROUND_FLUENTS:,} can be planned for"
+    )
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_too_many_combinations_of_objects(tmp_path: Path, nested: bool) -> None:
+    names = [f"?q{i} : tank" for i in range(8)]
+    inner = f"sum_{{{', '.join(names)}}} [1]"
+    if nested:
+        inner = "".join(f"(1 + sum_{{{name}}} [" for name in names) + "1" + "])" * 8
+    said = refused(tmp_path, changed(DOMAIN, "+ fill(?t)", f"+ fill(?t) + {inner}"), tanks(10))
+    assert said == (
+        f"{tmp_path}/i.rddl: the cpf of volume' ranges over {10**9:,} combinations of objects, "
+        f"at most {MOST_VALUES:,} can be planned for"
+    )
+
+
+def test_the_reward_and_the_preconditions_are_looked_at_too(tmp_path: Path) -> None:
+    ranges = ", ".join(f"?q{i} : tank" for i in range(8))
+    domain = changed(DOMAIN, SUM, f"sum_{{{ranges}}} [volume(?q1)]")
+    assert "i.rddl: the reward ranges over 100,000,000 comb" in refused(tmp_path, domain, tanks(10))
+    domain = changed(
+        DOMAIN, "forall_{?t : tank} [fill(?t) >= 0.0]", f"forall_{{{ranges}}} [fill(?q1) >= 0.0]"
+    )
+    assert "i.rddl: a precondition ranges over" in refused(tmp_path, domain, tanks(10))
+
+
+def test_deep_nesting_is_one_line(tmp_path: Path) -> None:
+    deep = "(" * 3000 + "fill(?t)" + ")" * 3000
+    for term in (deep, " + ".join(["fill(?t)"] * 3000)):
+        said = refused(tmp_path, changed(DOMAIN, "+ fill(?t)", f"+ {term}"), INSTANCE)
+        assert said.endswith(
+            ": an expression is nested too deeply, or a chain of operators is too long"
+        )
+
+
+def test_a_file_larger_than_any_problem_is_refused_unparsed(tmp_path: Path) -> None:
+    said = refused(tmp_path, DOMAIN + "//" + "x" * 2**20, INSTANCE)
+    assert said == f"{tmp_path}/d.rddl: is larger than 1 MiB, the most to be read"
