@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import jax
@@ -14,8 +13,10 @@ from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
-# jax 0.6 and 0.7, which tensorflow-probability needs, have it elsewhere
-_enable_x64 = getattr(jax, "enable_x64", None) or import_module("jax.experimental").enable_x64
+try:
+    from jax import enable_x64
+except ImportError:  # jax 0.6, which tensorflow-probability needs
+    from jax.experimental import enable_x64  # type: ignore[attr-defined,no-redef]
 
 
 class ActingPlanner(JaxBackpropPlanner):
@@ -80,7 +81,7 @@ class ActingPlanner(JaxBackpropPlanner):
 
     def _precision(self) -> Any:
         """JAX's precision as the planner was compiled, whatever it is elsewhere by now."""
-        return _enable_x64(jnp.float64 == self.compiled.REAL)
+        return enable_x64(jnp.float64 == self.compiled.REAL)
 
     def _clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
         actions = dict(found)
