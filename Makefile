@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: docs results dist test-wheel plan test test-all test-random test-lowest lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
+.PHONY: docs results dist test-wheel plan test test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -34,6 +34,10 @@ dist: $(VENV)/.installed-dist
 	rm -rf dist
 	$(BIN)/python -m build
 	$(BIN)/python -m twine check --strict dist/*
+
+# what others wrote for JaxPlan and whose pins differ from ours
+test-clients: .venv-clients/.installed
+	.venv-clients/bin/pytest tests/examples/test_scikit_decide.py
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -117,6 +121,17 @@ $(VENV)/.installed-dist $(VENV)/.installed-docs: $(VENV)/.installed-%: $(VENV)/.
 	  --constraint constraints.txt --editable '.[dev,tuning,slurm,$*]'
 	touch $@
 
+# scikit-decide's extras bring torch and more, of which its JaxPlan solver needs nothing
+.venv-clients/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv --clear .venv-clients
+	grep -v '^gymnasium==' constraints.txt > .venv-clients/constraints.txt
+	.venv-clients/bin/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint .venv-clients/constraints.txt --editable '.[dev]' \
+	  scikit-decide==1.1.1 'gymnasium<1.2' gurobipy==13.0.3
+	.venv-clients/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
+	  pyRDDLGym-rl==0.2 pyRDDLGym-gurobi==0.2
+	touch $@
+
 # PPO's packages
 $(VENV)/.installed-paper: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
@@ -127,4 +142,4 @@ $(VENV)/.installed-paper: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-lowest build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .venv-lowest .venv-clients build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -122,6 +122,20 @@ class MDPOPlanner(CallingPlanner):
             hyperparams = {name: [*values, *values] for name, values in hyperparams.items()}
         self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
 
+    @property
+    def restarts(self) -> int:
+        """How many policies are trained side by side, without their companions.
+
+        `parallel_updates` counts those too: one with noise beside each, where no rule was given.
+        """
+        return self.parallel_updates // (2 if self.noise.paired else 1)
+
+    @functools.wraps(JaxBackpropPlanner.as_optimization_problem)
+    def as_optimization_problem(self, *args: Any, **kwargs: Any) -> Any:
+        """JaxPlan's, without noise: a companion is no part of it."""
+        with half_the_lanes(self, self.noise.paired):
+            return super().as_optimization_problem(*args, **kwargs)
+
     # JaxPlan's compilation hooks, in the order in which it calls them
 
     def _jax_compile_graph(self) -> None:

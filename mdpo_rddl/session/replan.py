@@ -66,7 +66,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "mean_iterations": float(np.mean([d.iterations for d in policy.decisions])),
             "mean_seconds": float(np.mean(seconds)),
             "max_seconds": float(np.max(seconds)),
-            "restarts": planner.parallel_updates,
+            "restarts": planner.restarts,
             "batch": planner.batch_size_train,
             "compile_seconds": compile_seconds,
             "device": str(jax.devices()[0]),

@@ -1,7 +1,6 @@
 """What works with JaxPlan 3.1 works with one import changed: scripts, controllers, options."""
 
 import inspect
-import runpy
 
 import jax
 import jax.numpy as jnp
@@ -9,15 +8,12 @@ import numpy as np
 import pytest
 from helpers.problems import (
     FOREVER,
-    JAXPLAN_EXAMPLES,
     assert_same_bits,
     make_plan,
     make_planner,
     optimize,
     tiny_files,
 )
-from pyRDDLGym.core.env import RDDLEnv
-from pyRDDLGym.core.policy import BaseAgent
 
 from mdpo_rddl import (
     AdaptiveNoise,
@@ -60,99 +56,15 @@ def trained(planner_class, problem, kind="slp", epochs=5, training=None, **argum
     return optimize(planner, epochs, train_seconds=FOREVER, **(training or {}))
 
 
-# --- JaxPlan's example scripts, with their import changed ------------------------------------
-
-CONFIG = """
-[Compiler]
-method='DefaultJaxRDDLCompilerWithGrad'
-print_warnings=False
-
-[Planner]
-method={method!r}
-method_kwargs={{}}
-optimizer='rmsprop'
-optimizer_kwargs={{'learning_rate': 0.05}}
-batch_size_train=2
-pgpe=None
-
-[Optimize]
-key=42
-epochs=4
-train_seconds=1e300
-policy_hyperparams=1.0
-print_summary=False
-print_progress=False
-
-[Noise]
-method={noise!r}
-"""
-METHODS = {
-    "slp": "JaxStraightLinePlan",
-    "drp": "JaxDeepReactivePolicy",
-    "replan": "JaxStraightLinePlan",
-}
-
-
-@pytest.fixture
-def played(monkeypatch):
-    """What every evaluation returned."""
-    results = []
-    evaluate = BaseAgent.evaluate
-    monkeypatch.setattr(BaseAgent, "evaluate", lambda *a, **k: results.append(evaluate(*a, **k)))
-    monkeypatch.setattr(RDDLEnv, "render", lambda *a, **k: None)
-    return results
-
-
-def example_main(folder, name, changed):
-    """The function `main` of one of JaxPlan's examples."""
-    text = (JAXPLAN_EXAMPLES / name).read_text()
-    if changed:
-        theirs = "from pyRDDLGym_jax.core.planner import "
-        assert text.count(theirs) == 1
-        text = text.replace(theirs, "from mdpo_rddl import ")
-        text = text.replace("JaxBackpropPlanner, ", "MDPOPlanner as JaxBackpropPlanner, ", 1)
-    script = folder / name
-    script.write_text(text)
-    module = runpy.run_path(str(script))
-    assert module["JaxBackpropPlanner"] is (MDPOPlanner if changed else JaxBackpropPlanner)
-    return module["main"]
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_jaxplan_s_script_plays_the_same_episode(tmp_path, played, method):
-    files = tiny_files(tmp_path)
-    (tmp_path / "configs").mkdir()
-    config = tmp_path / "configs" / f"default_{method}.cfg"
-    runs = [("NoNoise", False), ("NoNoise", True)]
-    if method == "slp":
-        runs.append(("ConstantNoise", True))
-    for noise, changed in runs:
-        # JaxPlan reads the file with [Noise] too
-        config.write_text(CONFIG.format(method=METHODS[method], noise=noise))
-        example_main(tmp_path, "run_plan.py", changed)(*files, method)
-    theirs, ours, *noisy = played
-    assert ours == theirs
-    assert all(result["mean"] != theirs["mean"] for result in noisy)
-
-
-def test_jaxplan_s_scipy_script_finds_the_optimum(tmp_path, played):
-    files = tiny_files(tmp_path)
-    (tmp_path / "configs").mkdir()
-    config = tmp_path / "configs" / "default_slp.cfg"
-    config.write_text(CONFIG.format(method=METHODS["slp"], noise="AdaptiveNoise"))
-    example_main(tmp_path, "run_scipy.py", True)(*files, "BFGS")
-    # both units are at the goal after the first action: only the first reward is lost
-    assert played[0]["mean"] == pytest.approx(-2 * 0.5**2, abs=1e-4)
-
-
-def test_the_optimization_problem_is_jaxplan_s_whatever_the_noise(windy):
+@pytest.mark.parametrize("noise", [None, ConstantNoise(3.0)])
+def test_the_optimization_problem_is_jaxplan_s_whatever_the_noise(windy, noise):
     problems = [
         make_planner(planner_class, windy, make_plan("drp"), **extra).as_optimization_problem(
             key=jax.random.PRNGKey(5)
         )
         for planner_class, extra in (
             (JaxBackpropPlanner, {}),
-            (MDPOPlanner, {"noise": ConstantNoise(3.0)}),
+            (MDPOPlanner, {"noise": noise}),
         )
     ]
     (loss, grad, guess, unravel), (our_loss, our_grad, our_guess, our_unravel) = problems

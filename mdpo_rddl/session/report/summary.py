@@ -104,7 +104,7 @@ def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, 
     return {
         "iterations": result.iterations,
         "best_iteration": result.best_iteration,
-        "restarts": planner.parallel_updates,
+        "restarts": planner.restarts,
         "restart": result.restart,
         "batch": planner.batch_size_train,
         "status": result.status,
