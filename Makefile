@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: docs results dist test-wheel plan test test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -28,6 +28,20 @@ test-lowest: .venv-lowest/.installed
 PYTHONS ?= 3.11 3.12 3.13
 test-wheel: $(VENV)/.installed-dist
 	WHEEL_PYTHONS="$$(tools/pythons.sh $(PYTHONS))" $(BIN)/pytest -m wheel tests/packaging
+
+# the docs as a site to be read from its files: site/index.html
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+# the page of results from results/, the pictures of the gallery, and what the commands show
+results:
+	python3 tools/write_results.py
+
+gallery: $(VENV)/.installed
+	$(BIN)/python tools/draw_gallery.py
+
+screens: $(VENV)/.installed-docs
+	$(BIN)/python tools/capture_screens.py
 
 # source distribution and wheel, in dist/
 dist: $(VENV)/.installed-dist

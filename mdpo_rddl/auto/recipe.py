@@ -8,8 +8,8 @@ Where all states can be enumerated, the optimum is known before any of this begi
    weights if the plan does not promise to become as good.
 3. MDPO follows the relaxed model's gradient from there and from the best constant action, with
    several step sizes side by side, in phases, each from the best policy so far.
-4. Another search around the best policy evens out what the relaxed model has wrong.
-5. Meanwhile, in a second process, JaxPlan's default planners have their try.
+4. Another search around the best policy corrects the relaxation error.
+5. Meanwhile, in a second process, JaxPlan's default planners are trained.
 6. The candidate of the largest return in fresh exact rollouts is the result.
 
 Where no constant action and no random rule returns more than the no-op, 2 to 4 are a search for

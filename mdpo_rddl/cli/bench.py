@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
+from mdpo_rddl.cli.markdown import print_markdown
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
 
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("mdpo-bench: interrupted; the same command goes on from here", file=sys.stderr)
         return 130
-    print(table, end="")
+    print_markdown(table)
     return 0
 
 

@@ -2,10 +2,14 @@
 
 import argparse
 
+from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, run_published
+from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.trial import Conditions
 from mdpo_rddl.errors import InputError
+
+PUBLISHED_PICTURE = "published.png"
 
 
 def _conditions(options: argparse.Namespace) -> Conditions:
@@ -30,8 +34,22 @@ def _published(options: argparse.Namespace) -> str:
         _conditions(options),
         (int(first), int(count)),
     )
+    draw_published(options.out / PUBLISHED_PICTURE, records)
     return published_table(records)
 
 
-TASK_COMMANDS = {"everywhere": _everywhere, "published": _published}
+def _published_report(options: argparse.Namespace) -> str:
+    path = options.out / "rows.csv"
+    if not path.is_file():
+        raise InputError(f"{path}: no such results; mdpo-bench published makes them")
+    records = Records.of_file(path)
+    draw_published(options.out / PUBLISHED_PICTURE, records)
+    return published_table(records)
+
+
+TASK_COMMANDS = {
+    "everywhere": _everywhere,
+    "published": _published,
+    "published-report": _published_report,
+}
 """By the commands' names."""

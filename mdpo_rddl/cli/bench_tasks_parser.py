@@ -8,7 +8,7 @@ from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
-    """Adds `everywhere` and `published`."""
+    """Adds `everywhere`, `published` and `published-report`."""
     everywhere = commands.add_parser(
         "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
     )
@@ -19,10 +19,14 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         "--shard", metavar="I/N", default="0/1", help="every N-th task, from the I-th on, from 0"
     )
     published.set_defaults(run="published", out=Path("results/published"))
+    report = commands.add_parser(
+        "published-report", help="the table and the picture of published, from its rows alone"
+    )
+    report.set_defaults(run="published-report", out=Path("results/published"))
     for command, seconds, episodes in ((everywhere, 30.0, 20), (published, 60.0, 20)):
         command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
         command.add_argument("--seconds", type=number(above=0), default=seconds)
         command.add_argument("--episodes", type=positive_int, default=episodes)
         command.add_argument("--seeds", type=positive_int, default=1)
         command.add_argument("--memory-gb", type=number(above=0), default=8.0)
-    return [everywhere, published]
+    return [everywhere, published, report]

@@ -8,6 +8,7 @@ from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.cli.executor_options import executor_from, hardware
 from mdpo_rddl.cli.ipc_display import LiveTable
+from mdpo_rddl.cli.markdown import print_markdown
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.conditions import keep_conditions
 from mdpo_rddl.ipc.problems import parse_problems
@@ -49,7 +50,7 @@ def _run(options: argparse.Namespace) -> int:
     _log_to_stderr(level)
     with LiveTable(options.out, entries, rules, shown):
         run(options.out, entries, rules, executor)
-    print(write_report(options.out), end="")
+    print_markdown(write_report(options.out))
     return 0
 
 
@@ -68,7 +69,7 @@ def _check_jobs(rules: Rules, jobs: SlurmExecutor) -> None:
 
 
 def _score(options: argparse.Namespace) -> int:
-    print(write_report(options.folder), end="")
+    print_markdown(write_report(options.folder))
     return 0
 
 

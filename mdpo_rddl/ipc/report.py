@@ -25,7 +25,7 @@ from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, write_atomically
 
 MARKDOWN, JSON = "scores.md", "scores.json"
 REMARKS = "remarks.md"
-"""What somebody has to say about the run, in its folder; the report takes it up."""
+"""What somebody has to say about the run, in its folder; the report includes it."""
 DOMAINS_PICTURE, PROFILES_PICTURE = "domains.png", "profiles.png"
 
 

@@ -57,8 +57,8 @@ def run(root: Path, entries: Sequence[Entry], rules: Rules, executor: Executor) 
 def run_entry(task: EntryTask) -> None:
     """Prepares and plays one entry in a process of its own; goes on where it was left.
 
-    A planner that was stopped between its trials takes up what it had prepared. If it kept
-    nothing, or cannot take it up, it begins again: all its trials are of one preparation.
+    A planner that was stopped between its trials restores what it had prepared. If it kept
+    nothing, or cannot restore it, it begins again: all its trials are of one preparation.
 
     Raises:
       InputError: if the folder cannot be written or the entry's file is not a result.
@@ -76,7 +76,7 @@ def run_entry(task: EntryTask) -> None:
 
 
 def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
-    """Plays the missing trials; returns an empty result if nothing can be taken up."""
+    """Plays the missing trials; returns an empty result if nothing can be restored."""
     rules = contestant.rules
     first = PREPARE if result.preparation is None else RESTORE
     phases = [first, *range(len(result.trials), rules.trials)]

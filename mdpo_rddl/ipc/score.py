@@ -1,6 +1,6 @@
 """The scores of a run: raw returns with intervals, and the competition's normalised ones.
 
-An instance is worth 0 at the better one of doing nothing and playing at random, and 1 at the best
+An instance is worth 0 at the better one of the no-op and the random player, and 1 at the best
 planner of the run, linearly between them and clipped to [0, 1]; a failure in any trial is worth
 0 (IPPC 2023). A domain is worth the mean over its instances, a run the mean over its domains.
 """

@@ -1,7 +1,7 @@
 """From a raw, perturbed action to one that the relaxed model accepts.
 
 The noise must enter *before* these functions: a component that sits on its bound has no
-gradient after a clip, and only a perturbation ahead of the clip can wake it.
+gradient after a clip, and only a perturbation ahead of the clip restores it.
 """
 
 from collections.abc import Mapping

@@ -110,7 +110,8 @@ class PolicyAgent(BaseAgent):
             episode only; if None an environment of the problem's, each episode with a seed of
             its own, as `mdpo-plan` evaluates.
           episodes: how many; if None 50, or 1 in an environment that is given, as there.
-          verbose, render: have pyRDDLGym print or draw each step of an environment that is given.
+          verbose: have pyRDDLGym print each step of an environment that is given.
+          render: have it draw them.
           seed: of the episodes; if None 0, or none in an environment that is given.
 
         Raises:

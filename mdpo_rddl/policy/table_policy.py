@@ -47,7 +47,7 @@ class TablePolicy(PolicyAgent):
 
     @classmethod
     def from_saved(cls, saved: SavedTable, problem: Problem, source: str) -> "TablePolicy":
-        """Takes up a saved table.
+        """Rebuilds a saved table.
 
         Args:
           saved: the table.

@@ -8,6 +8,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from mdpo_rddl.planner.training import Progress as TrainingProgress
 
+TRAINING = "training"
+
 
 class ProgressBar:
     """A reporter that draws a progress bar on standard error; for use in a `with` block."""
@@ -32,6 +34,7 @@ class ProgressBar:
             disable=not shown,
         )
         self._task: Any = None
+        self._stage = ""
 
     def __enter__(self) -> "ProgressBar":
         self._bar.start()
@@ -53,12 +56,14 @@ class ProgressBar:
     def stage(self, name: str) -> None:
         """Starts a new bar under the finished ones."""
         self._finish()
+        self._stage = name
         self._task = self._bar.add_task(name, total=None, note="")
 
     def training(self, progress: TrainingProgress) -> None:
         """Moves the bar of the training stage, which follows compilation by itself."""
-        if progress.iteration == 0:
-            self.stage("training")
+        # the first report is of the first call's last iteration, whichever that is
+        if self._stage != TRAINING:
+            self.stage(TRAINING)
         self._bar.update(
             self._task,
             total=1.0,

@@ -8,6 +8,7 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks import everywhere
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.published import published, published_table, score
+from mdpo_rddl.bench.tasks.published_figure import OURS, published_scores
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
@@ -128,3 +129,28 @@ def test_the_commands(tmp_path, capsys):
     assert "there are no published returns of 'Nowhere'" in capsys.readouterr().err
     assert bench.main(["published", *arguments, "--shard", "2/2"]) == 2
     assert "--shard: must be I/N with 0 <= I < N" in capsys.readouterr().err
+
+
+def test_the_picture_has_the_best_of_the_others_times(tmp_path):
+    task = Task("SysAdmin_MDP_ippc2011", "1")
+    row = published()[task]
+    best = float(row["best"])
+    records = records_of(tmp_path, (task.problem, "mdpo", [best, best]))
+    found = published_scores(records)
+    assert list(found) == [task]
+    assert found[task][OURS] == 1.0
+    prost = max(float(row[f"prost_{seconds}"]) for seconds in (1, 3, 5))
+    assert found[task]["PROST"] == score(prost, row)
+    assert "DiSProD" not in found[task]
+
+
+def test_the_report_is_made_of_the_rows_alone(tmp_path, capsys):
+    arguments = ["published-report", "--out", str(tmp_path)]
+    assert bench.main(arguments) == 2
+    assert "rows.csv: no such results" in capsys.readouterr().err
+    records = records_of(tmp_path, ("Navigation_MDP_ippc2011", "mdpo", [-8.0, -8.0]))
+    rows = records.path.read_bytes()
+    assert bench.main(arguments) == 0
+    assert capsys.readouterr().out == published_table(records)
+    assert (tmp_path / "published.png").stat().st_size > 10_000
+    assert records.path.read_bytes() == rows

@@ -1,6 +1,7 @@
 """The Python in the docs runs, each block in a process of its own in an empty folder."""
 
 import re
+import shutil
 import subprocess
 import sys
 
@@ -29,14 +30,20 @@ sigma_max=SIGMA_TUNE
 ELSEWHERE = {"ipc.md"}
 # the same with fewer trials
 SMALLER = {"online=False,": "online=False, eval_trials=1, gp_iters=1,"}
+
+
+def is_slow(page, code):
+    """A tuner's workers are processes; the pages in folders repeat what the others show."""
+    return ".tune(" in code or page.parent.name != "docs"
+
+
 BLOCKS = [
-    # a tuner's workers are processes, which takes a while
     pytest.param(
         code,
-        id=f"{page.name}:{place}",
-        marks=[pytest.mark.slow, pytest.mark.timeout(300)] if ".tune(" in code else [],
+        id=f"{page.relative_to(ROOT / 'docs')}:{place}",
+        marks=[pytest.mark.slow, pytest.mark.timeout(300)] if is_slow(page, code) else [],
     )
-    for page in sorted((ROOT / "docs").glob("*.md"))
+    for page in sorted((ROOT / "docs").rglob("*.md"))
     if page.name not in ELSEWHERE
     for place, code in enumerate(
         re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
@@ -45,11 +52,13 @@ BLOCKS = [
 
 
 def test_blocks_are_found():
-    assert len(BLOCKS) >= 2
+    assert len(BLOCKS) >= 10
 
 
 @pytest.mark.parametrize("code", BLOCKS)
 def test_a_block_runs(code, tmp_path):
+    for path in (ROOT / "examples" / "room").iterdir():
+        shutil.copy(path, tmp_path)
     (tmp_path / "template.cfg").write_text(TEMPLATE)
     for old, new in SMALLER.items():
         code = code.replace(old, new)

@@ -38,7 +38,7 @@ def test_clip_keeps_the_whole_gradient_on_a_bound_and_none_outside():
     assert gradient(outside).tolist() == [0.0, 0.0, 0.0, 1.0]
 
 
-def test_a_perturbation_wakes_a_clipped_component():
+def test_a_perturbation_restores_a_clipped_gradient():
     """Why the noise enters ahead of the projection."""
 
     def through(raw, shift):

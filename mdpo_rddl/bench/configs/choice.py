@@ -16,8 +16,8 @@ _LEVEL = 0.02
 def choose(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> str:
     """The candidate that the rows speak for.
 
-    On each instance a return has the competition's score, (return - doing nothing) / (best -
-    doing nothing) over all that was tried there, at least 0. Fit are the candidates that were
+    On each instance a return has the competition's score, (return - no-op's) / (best -
+    no-op's) over all that was tried there, at least 0. Fit are the candidates that were
     tried on most instances and whose mean score is not below JaxPlan's by more than its standard
     error. Of these the largest mean wins, or one level with it (within 0.02) that needs fewer
     rollouts an iteration, so that larger instances fit into memory; "jaxplan" if none is fit.
@@ -59,7 +59,7 @@ class Score(NamedTuple):
 def mean_scores(rows: Iterable[Mapping[str, str]], domain: str, plan: str) -> dict[str, Score]:
     """Per candidate and reference, over the instances on which it has a return.
 
-    Where doing nothing was not tried, the worst return stands for it. What failed scores 0.
+    Where the no-op was not tried, the worst return stands for it. What failed scores 0.
 
     Args:
       rows: with `COLUMNS`.

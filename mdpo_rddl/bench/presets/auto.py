@@ -74,7 +74,7 @@ def run_auto(
                     continue
                 row = _try(problem, planner, seed, seconds, episodes)
                 records.add(name, planner, seed, *row)
-                logger.info("%s, %s, seed %d: %s", name, planner, seed, row[0])
+                logger.info("%s, %s, seed %d: %.2f", name, planner, seed, row[0])
     return records
 
 

@@ -76,17 +76,24 @@ def score(mean: float, row: Mapping[str, str]) -> float:
     return (mean - floor) / (best - floor)
 
 
+def mean_returns(records: Records) -> dict[Task, float | None]:
+    """Of each task that was measured the mean return over its seeds; None if none was played."""
+    returns: dict[Task, list[float]] = {}
+    for record in records.rows:
+        found = returns.setdefault(Task(record["problem"], record["instance"]), [])
+        if record["status"] == OK:
+            found.append(float(record["mean"]))
+    return {task: float(np.mean(found)) if found else None for task, found in returns.items()}
+
+
 def published_table(records: Records) -> str:
     """Markdown: each task's mean return and score beside the others', and the totals."""
-    rows = published()
-    means: dict[Task, list[float]] = {}
-    failed: dict[Task, str] = {}
-    for record in records.rows:
-        task = Task(record["problem"], record["instance"])
-        if record["status"] == OK:
-            means.setdefault(task, []).append(float(record["mean"]))
-        else:
-            failed[task] = record["status"]
+    rows, measured = published(), mean_returns(records)
+    failed = {
+        Task(record["problem"], record["instance"]): record["status"]
+        for record in records.rows
+        if record["status"] != OK
+    }
     lines = [
         "| problem | instance | ours | score | best published | by | "
         + " | ".join(OTHERS)
@@ -95,11 +102,11 @@ def published_table(records: Records) -> str:
     ]
     scores = []
     for task, row in rows.items():
-        if task not in means and task not in failed:
+        if task not in measured:
             continue
-        ours = float(np.mean(means[task])) if task in means else float("nan")
-        scores.append(score(ours, row) if task in means else 0.0)
-        shown = f"{ours:,.6g}" if task in means else failed[task]
+        ours = measured[task]
+        scores.append(0.0 if ours is None else score(ours, row))
+        shown = failed[task] if ours is None else f"{ours:,.6g}"
         cells = [task.problem, task.instance, shown, f"{scores[-1]:.3f}", _number(row["best"])]
         cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
         cells += [_number(row["noop"]), _number(row["random"])]
