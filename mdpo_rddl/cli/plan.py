@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import shlex
 import sys
 from collections.abc import Sequence
 
@@ -28,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # takes long to import, which what is wrong so far need not wait for
             from mdpo_rddl.cli import planning
 
-            summary, where = planning.run(options)
+            given = sys.argv[1:] if arguments is None else arguments
+            summary, where = planning.run(options, shlex.join(["mdpo-plan", *given]))
     except InputError as error:
         print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2

@@ -77,6 +77,7 @@ class PlanRequest:
       traced_cache: where traced programs are kept from one process to the next, if anywhere.
       decision_seconds: that the policy may think at each decision of the evaluation; 0 plays it
         as it was prepared.
+      command: the line that makes the run again, if a command was given.
     """
 
     problem: Problem
@@ -87,6 +88,7 @@ class PlanRequest:
     out: Path
     traced_cache: Path | None = None
     decision_seconds: float = 0.0
+    command: str | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class LoadRequest:
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
-      decision_seconds: as of a `PlanRequest`.
+      decision_seconds, command: as of a `PlanRequest`.
     """
 
     domain: str
@@ -110,3 +112,4 @@ class LoadRequest:
     horizon: int | None = None
     out: Path | None = None
     decision_seconds: float = 0.0
+    command: str | None = None

@@ -32,6 +32,8 @@ MISTAKES = [
     ("plan", "tanks.rddl two.rddl --load run", "run: no such run folder"),
     ("plan", "no.rddl two.rddl", "no.rddl: cannot read the domain file"),
     ("plan", "Resevoir 1", "'Resevoir' is neither a file nor a problem of rddlrepository"),
+    ("report", "", "the following arguments are required: RUN"),
+    ("report", "none", "none: no such run folder"),
     ("bench", "", "the following arguments are required: COMMAND"),
     ("bench", "speed --settings hvac", "invalid choice: 'hvac'"),
     ("bench", "paper --methods best", "invalid choice: 'best'"),
