@@ -97,6 +97,13 @@ def plan_parser() -> OneLineParser:
         type=Path,
         help="evaluate the policy saved in this run folder instead of training",
     )
+    parser.add_argument(
+        "--start-from",
+        metavar="RUN",
+        type=Path,
+        help="begin with the policy of this run folder: of the same problem, or of another "
+        "instance of the domain, whose shared rule is carried over (preset auto)",
+    )
     _add_noise_options(parser.add_argument_group("noise on the actions"))
     _add_training_options(parser.add_argument_group("training"))
     run = parser.add_argument_group("the run")
@@ -282,6 +289,8 @@ def check_plan_options(options: argparse.Namespace) -> None:
     """
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
+    if options.replan and options.start_from is not None:
+        raise InputError("--start-from does not go with --replan, which plans anew")
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:
@@ -290,6 +299,8 @@ def check_plan_options(options: argparse.Namespace) -> None:
                 )
         if options.replan:
             raise InputError("--replan does not go with --load, which plans nothing")
+        if options.start_from is not None:
+            raise InputError("--start-from does not go with --load, which plans nothing")
     elif options.config is None:
         preset_name(options)
         noise_numbers(options, options.noise or "adaptive")

@@ -49,6 +49,8 @@ def _check_quickly(options: argparse.Namespace) -> None:
     check_plan_options(options)
     if options.load is not None and not options.load.is_dir():
         raise InputError(f"{options.load}: no such run folder")
+    if options.start_from is not None and not options.start_from.exists():
+        raise InputError(f"{options.start_from}: no such run folder")
     read_problem(options.domain, options.instance)
 
 

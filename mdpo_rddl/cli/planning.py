@@ -24,6 +24,7 @@ from mdpo_rddl.machine.jax_setup import (
     leave_out_of_collections,
     use_all_cores,
 )
+from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.load import evaluate_saved
@@ -113,6 +114,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         out,
         traced_cache,
         decision_seconds=options.decision_seconds,
+        start_from=None if options.start_from is None else load_policy(options.start_from),
     )
 
 

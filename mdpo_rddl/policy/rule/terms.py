@@ -103,7 +103,10 @@ def _texts(feedback: Feedback, action: str) -> list[tuple[float, str]]:
         scaled[feature.name] = (1.0 / scale, text)
         squared = text if text.startswith("(") else f"({text})"
         scaled[f"{feature.name}^2"] = (1.0 / scale**2, f"({squared}^2 - {_number(scale**2)})")
-    constants = {name: (1.0, f"standardised {name}") for name in features.constant}
+    constants = {}
+    for name in features.constant:
+        mean, deviation = features.moments[name]
+        constants[name] = (1.0 / deviation, _centred(name, mean))
     return [{**scaled, **constants}.get(name, (1.0, name)) for name in names]
 
 

@@ -80,7 +80,7 @@ def test_other_features_and_each_objects_own(pushing):
     terms = explanation.equations[0].terms
     assert {term.text for term in terms} == {
         "+ 0.125 ((x - 2)^2 - 16)",
-        "- 1 standardised WEIGHT",
+        "- 2 (WEIGHT - 1.5)",
         "+ 6 cos(1 pi t / H)",
         "+ a gain of each object's own on (x - 2) (from -0.2 to 0.1)",
     }
