@@ -11,7 +11,7 @@ import numpy as np
 
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.timing import Clock, Timed
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact import exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ class MeanReturn:
           rollouts: of each policy.
           seed: of the rollouts; searches and training draw other numbers from the same one.
         """
-        self._returns = compile_exact_returns(planner, rollouts)
+        self._returns = exact_returns(planner, rollouts)
         # a seed that training does not use
         self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
 

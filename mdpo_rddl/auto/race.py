@@ -17,6 +17,7 @@ from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.recipe import Recipe
 from mdpo_rddl.auto.sizes import plans_fit
+from mdpo_rddl.auto.start import start_candidates
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.build import build_planner
@@ -25,6 +26,7 @@ from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
@@ -59,6 +61,7 @@ class RaceOptions:
       on_stage: called with the name of each part as it begins.
       on_progress: called while a training with a gradient goes on.
       on_judged: called with each candidate once the judge has played it.
+      start_from: a policy to begin with, which `accepted_start` has accepted.
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
     """
@@ -67,6 +70,7 @@ class RaceOptions:
     on_stage: Callable[[str], None] = _ignore_stage
     on_progress: Callable[[Progress], None] = _ignore_progress
     on_judged: Callable[[Judged], None] = _ignore_judged
+    start_from: Policy | None = None
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
 
@@ -99,7 +103,8 @@ def plan_automatically(
         arena = _arena(problem, config, seed, started, options)
         if arena.probe.policy_seconds is not None:
             alternatives.stop()  # its memory is needed
-        recipe, interrupted = Recipe(arena, shares, options.on_stage), False
+        initial = start_candidates(arena, options.start_from)
+        recipe, interrupted = Recipe(arena, shares, options.on_stage, initial), False
         recipe.arms += [] if exact is None else [exact]
         try:
             recipe.run()

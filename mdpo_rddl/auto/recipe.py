@@ -18,7 +18,7 @@ a plan that explores.
 
 import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
@@ -28,6 +28,7 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE, SimpleArm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -57,14 +58,22 @@ class Recipe:
       random_return: mean return of random actions; None if it was not measured.
     """
 
-    def __init__(self, arena: Arena, shares: Shares, on_stage: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        arena: Arena,
+        shares: Shares,
+        on_stage: Callable[[str], None],
+        initial: Sequence[Candidate] = (),
+    ) -> None:
         """Does nothing yet.
 
         Args:
           arena: where the arms meet.
           shares: of the time.
           on_stage: called with the name of each part as it begins.
+          initial: policies to begin with, judged after the no-op and the best constant.
         """
+        self._initial = initial
         self._arena, self._shares, self._on_stage = arena, shares, on_stage
         self._judge = arena.judge
         self.arms: list[Arm] = []
@@ -80,15 +89,22 @@ class Recipe:
             return
         simple = SimpleArm(arena)
         self.give(simple, arena.clock())
+        for candidate in self._initial:
+            judge.record(candidate)
         self._on_stage("searching")
         if arena.has_plan:
             self.random_return = arena.plans.random_return(arena.noop)
         self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
-        shared = SharedWeightsArm(arena, RANDOM_RULE)
+        shared = SharedWeightsArm(arena, self._first_rule())
         if arena.has_plan and judge.best_mean <= arena.plans.return_to_beat:
             self._explore(shared)
         else:
             self._improve(shared)
+
+    def _first_rule(self) -> str:
+        """Label of the rule that the search for shared weights begins with."""
+        best = self._arena.incumbent.label
+        return best if best in [candidate.label for candidate in self._initial] else RANDOM_RULE
 
     def give(self, arm: Arm, until: float) -> bool:
         """Gives an arm a slice of time and judges what it finds.

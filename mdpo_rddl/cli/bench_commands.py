@@ -15,6 +15,7 @@ from mdpo_rddl.bench.optima.optima import (
 from mdpo_rddl.bench.presets.auto import auto_table, run_auto
 from mdpo_rddl.bench.presets.noise_sweep import NoisePoint, sweep, sweep_table
 from mdpo_rddl.bench.presets.paper_preset import paper_preset_table, run_paper_preset
+from mdpo_rddl.bench.presets.transfer import run_transfer, transfer_table
 from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
 from mdpo_rddl.bench.problems.exactness import exactness_table, run_exactness
 from mdpo_rddl.bench.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
@@ -27,6 +28,10 @@ from mdpo_rddl.cli.bench_tasks import TASK_COMMANDS
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.jax_setup import keep_compiled_programs, use_all_cores
 from mdpo_rddl.planner.config.presets.paper import PYTORCH_DECAY
+
+
+def _transfer(options: argparse.Namespace) -> str:
+    return transfer_table(run_transfer(options.out, options.pairs, options.seconds, options.seed))
 
 
 def _auto(options: argparse.Namespace) -> str:
@@ -135,6 +140,7 @@ COMMANDS = {
     "profile": _profile,
     "speed": _speed,
     "auto": _auto,
+    "transfer": _transfer,
     "compatibility": _compatibility,
     "exactness": _exactness,
     "ipc-smoke": _ipc_smoke,

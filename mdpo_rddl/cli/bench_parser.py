@@ -6,13 +6,13 @@ from typing import Any
 from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.configs.names import PLANS, SCALES
 from mdpo_rddl.bench.optima.names import OPTIMA_INSTANCES
-from mdpo_rddl.bench.presets.names import NOISES, PLANNERS
+from mdpo_rddl.bench.presets.names import NOISES, PLANNERS, TRANSFER_PAIRS
 from mdpo_rddl.bench.problems.names import DOMAINS, INSTANCES
 from mdpo_rddl.bench.speed.names import AXES, SPEED_SETTINGS
 from mdpo_rddl.cli.bench_noise_parser import add_noise_command
 from mdpo_rddl.cli.bench_paper_parser import add_paper_commands
 from mdpo_rddl.cli.bench_tasks_parser import add_task_commands
-from mdpo_rddl.cli.options import OneLineParser, number, positive_int
+from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.planner.config.budgets import AUTO_SECONDS
 
 
@@ -78,8 +78,15 @@ def bench_parser() -> OneLineParser:
     auto.add_argument("--seconds", type=number(above=0), default=AUTO_SECONDS)
     auto.add_argument("--episodes", type=positive_int, default=50)
     auto.set_defaults(run="auto", out=Path("results/auto"))
+    transfer = commands.add_parser(
+        "transfer", help="a policy of one instance on another one, untrained and as a start"
+    )
+    transfer.add_argument("--pairs", nargs="+", metavar="NAME:I:J", default=list(TRANSFER_PAIRS))
+    transfer.add_argument("--seconds", type=number(above=0), default=60.0)
+    transfer.add_argument("--seed", type=seed_int, default=0)
+    transfer.set_defaults(run="transfer", out=Path("results/transfer"))
 
-    others = [auto, *_add_trial_commands(commands), *add_task_commands(commands)]
+    others = [auto, transfer, *_add_trial_commands(commands), *add_task_commands(commands)]
     others += [*add_paper_commands(commands), add_noise_command(commands)]
     for command in (noise, paper, speed, profile, *others):
         command.add_argument("--out", metavar="DIR", type=Path, help="results folder")

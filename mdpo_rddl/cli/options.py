@@ -111,6 +111,13 @@ def plan_parser() -> OneLineParser:
         type=Path,
         help="evaluate the policy saved in this run folder instead of training",
     )
+    parser.add_argument(
+        "--start-from",
+        metavar="RUN",
+        type=Path,
+        help="begin with the policy of this run folder: of the same problem, or of another "
+        "instance of the domain, whose shared rule is carried over (preset auto)",
+    )
     _add_noise_options(parser.add_argument_group("noise on the actions"))
     _add_training_options(parser.add_argument_group("training"))
     run = parser.add_argument_group("the run")
@@ -303,6 +310,7 @@ def check_plan_options(options: argparse.Namespace) -> None:
         raise InputError("which problem? Such as: mdpo-plan hvac10; mdpo-plan --list shows all")
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
+    _check_start(options)
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:
@@ -316,6 +324,15 @@ def check_plan_options(options: argparse.Namespace) -> None:
         noise_numbers(options, options.noise or "adaptive")
     elif options.noise is not None:
         noise_numbers(options, options.noise)
+
+
+def _check_start(options: argparse.Namespace) -> None:
+    if options.start_from is None:
+        return
+    if options.replan:
+        raise InputError("--start-from does not go with --replan, which plans anew")
+    if options.load is not None:
+        raise InputError("--start-from does not go with --load, which plans nothing")
 
 
 def option_name(attribute: str) -> str:

@@ -4,6 +4,7 @@
 
 import argparse
 import logging
+import shlex
 import sys
 from collections.abc import Sequence
 
@@ -37,7 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # takes long to import, which what is wrong so far need not wait for
             from mdpo_rddl.cli import planning
 
-            summary, where = planning.run(options)
+            given = sys.argv[1:] if arguments is None else arguments
+            summary, where = planning.run(options, shlex.join(["mdpo-plan", *given]))
     except InputError as error:
         print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2
@@ -56,6 +58,8 @@ def _check_quickly(options: argparse.Namespace) -> None:
     check_plan_options(options)
     if options.load is not None and not options.load.is_dir():
         raise InputError(f"{options.load}: no such run folder")
+    if options.start_from is not None and not options.start_from.exists():
+        raise InputError(f"{options.start_from}: no such run folder")
     read_problem(options.domain, options.instance)
 
 

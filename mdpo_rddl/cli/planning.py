@@ -7,6 +7,7 @@ import json
 import sys
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from mdpo_rddl.machine.jax_setup import (
     leave_out_of_collections,
     use_all_cores,
 )
+from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.load import evaluate_saved
@@ -35,11 +37,14 @@ from mdpo_rddl.session.requests import LoadRequest, PlanRequest
 RUNS = Path("runs")
 
 
-def run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
+def run(
+    options: argparse.Namespace, command: str | None = None
+) -> tuple[dict[str, Any], Path | None]:
     """Plans, or evaluates what is saved.
 
     Args:
       options: what `mdpo_rddl.cli.options.plan_parser` parsed and `check_plan_options` checked.
+      command: the line that was given.
 
     Returns:
       The summary, as `summary.json` holds it, and the run folder, if one was written.
@@ -57,8 +62,8 @@ def run(options: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         use_all_cores()
     with _silenced(options.quiet), ProgressBar(shown=not options.quiet) as bar:
         if options.load is not None:
-            return evaluate_saved(_load_request(options), bar), options.out
-        request = _plan_request(options, traced_cache)
+            return evaluate_saved(_load_request(options, command), bar), options.out
+        request = replace(_plan_request(options, traced_cache), command=command)
         is_online = options.replan or str(options.config) == "replan"
         if is_online and options.decision_seconds:
             raise InputError("--decision-seconds does not go with replanning, which plans anew")
@@ -74,7 +79,7 @@ def show(options: argparse.Namespace, summary: dict[str, Any], where: Path | Non
         print(json.dumps(summary, allow_nan=False))
 
 
-def _load_request(options: argparse.Namespace) -> LoadRequest:
+def _load_request(options: argparse.Namespace, command: str | None) -> LoadRequest:
     return LoadRequest(
         domain=options.domain,
         instance=options.instance,
@@ -84,6 +89,7 @@ def _load_request(options: argparse.Namespace) -> LoadRequest:
         horizon=options.horizon,
         out=options.out,
         decision_seconds=options.decision_seconds,
+        command=command,
     )
 
 
@@ -108,6 +114,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         out,
         traced_cache,
         decision_seconds=options.decision_seconds,
+        start_from=None if options.start_from is None else load_policy(options.start_from),
     )
 
 

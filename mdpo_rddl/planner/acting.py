@@ -63,7 +63,7 @@ class ActingPlanner(JaxBackpropPlanner):
           Per action fluent [batch, *shape].
         """
         hyperparams = self._complete_hyperparams(policy_hyperparams)
-        numbers = {name: self._numbers(name, values) for name, values in states.items()}
+        numbers = {name: self.numbers(name, values) for name, values in states.items()}
         with self._precision():
             actions = self._batched_policy(key, params, hyperparams, step, numbers, {})
         return self._clipped({name: np.asarray(values) for name, values in actions.items()})
@@ -72,7 +72,8 @@ class ActingPlanner(JaxBackpropPlanner):
     def _batched_policy(self) -> Callable[..., Mapping[str, Array]]:
         return jax.jit(jax.vmap(self.test_policy, in_axes=(None, None, None, None, 0, None)))
 
-    def _numbers(self, name: str, values: Any) -> np.ndarray:
+    def numbers(self, name: str, values: Any) -> np.ndarray:
+        """What an environment shows of a fluent as numbers: places of objects for their names."""
         values = np.asarray(values)
         if values.dtype.kind != "U":
             return values

@@ -38,6 +38,14 @@ def compile_exact_returns(
     return _over_policies(lambda key, params: play(key, params)[0], side_by_side)
 
 
+def exact_returns(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Any], Array]:
+    """`compile_exact_returns`, compiled once for each planner and number of rollouts."""
+    programs = planner.exact_programs
+    if rollouts not in programs:
+        programs[rollouts] = compile_exact_returns(planner, rollouts)
+    return programs[rollouts]
+
+
 def compile_visits(
     planner: MDPOPlanner, rollouts: int, side_by_side: int | None = None
 ) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:

@@ -84,6 +84,8 @@ class MDPOPlanner(CallingPlanner):
         self.stop_at_termination = stop_at_termination
         self.keep_group_limits = keep_group_limits
         self.action_specs: dict[str, ActionSpec] = {}
+        # by the number of rollouts; kept with the planner, whose compilation they belong to
+        self.exact_programs: dict[int, Callable[..., Any]] = {}
         super().__init__(*args, **kwargs)
 
     @property

@@ -38,6 +38,13 @@ class Recorder(Protocol):
         """One step: what was observed before it, what was played, what it paid."""
 
 
+class EpisodesRecorder(Protocol):
+    """Who keeps what happens in several episodes, one after the other."""
+
+    def begin(self) -> Recorder | None:
+        """The recorder of the next episode; None if it is not kept."""
+
+
 @dataclass
 class Episode:
     """An episode and what has come of it so far, also after an error in it.

@@ -7,7 +7,7 @@ import numpy as np
 from pyRDDLGym import RDDLEnv
 
 from mdpo_rddl.machine.html import html_table
-from mdpo_rddl.problem.episode import Episode, Policy
+from mdpo_rddl.problem.episode import Episode, EpisodesRecorder, Policy
 from mdpo_rddl.problem.legality import Referee
 
 # what pyRDDLGym's agents tell of an evaluation; its deviation divides by n
@@ -98,7 +98,8 @@ def evaluate(
     policy: Policy,
     episodes: int,
     seed: int,
-    on_episode: Callable[[], None] = lambda: None,
+    on_episode: Callable[[], object] = lambda: None,
+    recorder: EpisodesRecorder | None = None,
 ) -> Evaluation:
     """Plays a policy on an exact environment.
 
@@ -107,7 +108,8 @@ def evaluate(
       policy: maps step and observation to an action, which a `Referee` rules on.
       episodes: number of episodes.
       seed: of the run; each episode gets its own, derived from it.
-      on_episode: called after each episode.
+      on_episode: called after each episode; False from it ends the evaluation there.
+      recorder: keeps what happens in the episodes, if anybody does.
 
     Raises:
       ValueError: if `env` is not vectorized.
@@ -117,10 +119,11 @@ def evaluate(
     referee = Referee(env)
     played = []
     for episode_seed in episode_seeds(seed, episodes):
-        episode = Episode(env, policy, referee)
+        episode = Episode(env, policy, referee, None if recorder is None else recorder.begin())
         episode.play(env.reset(seed=episode_seed)[0])
         played.append(episode)
-        on_episode()
+        if on_episode() is False:
+            break
     return Evaluation(
         returns=np.array([episode.total for episode in played]),
         lengths=np.array([episode.steps for episode in played]),

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from mdpo_rddl.problem.evaluation import Evaluation, Policy, evaluate
 from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.requests import EvaluationTerms, Reporter
 
 
@@ -15,11 +16,20 @@ class Evaluator:
     reporter: Reporter
     _done: int = field(default=0, init=False)
 
-    def run(self, policy: Policy) -> Evaluation:
-        """Plays a policy."""
+    def run(self, policy: Policy, observed: Observed | None = None) -> Evaluation:
+        """Plays a policy.
+
+        Args:
+          policy: what is played.
+          observed: keeps how it plays.
+        """
         self._done = 0
-        env = make_environment(self.terms.problem)
-        return evaluate(env, policy, self.terms.episodes, self.terms.seed, self._count)
+        terms, env = self.terms, make_environment(self.terms.problem)
+        recorder = None
+        if observed is not None:
+            policy = observed.watch(policy)
+            recorder = observed.recorder
+        return evaluate(env, policy, terms.episodes, terms.seed, self._count, recorder)
 
     def _count(self) -> None:
         self._done += 1

@@ -1,5 +1,6 @@
 """Find a policy: by one training, or by the race of the preset `auto`."""
 
+import dataclasses
 import logging
 import time
 from typing import TYPE_CHECKING
@@ -40,6 +41,8 @@ def find_by_training(
     Raises:
       InputError: if the problem or the configuration cannot be used.
     """
+    if terms.start_from is not None:
+        raise InputError("a policy to start from goes with the preset auto only")
     reporter.stage("compiling")
     built = build_planner(terms.problem, terms.config, terms.traced_cache)
     planner, seed = built.planner, terms.seed
@@ -91,6 +94,10 @@ def find_by_race(
     """
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
+    from mdpo_rddl.auto.start import accepted_start
 
     options = options or RaceOptions(terms.traced_cache, reporter.stage, reporter.training)
+    if terms.start_from is not None:
+        start = accepted_start(terms.start_from, terms.problem)
+        options = dataclasses.replace(options, start_from=start)
     return plan_automatically(terms.problem, terms.config, terms.seed, options)

@@ -38,6 +38,8 @@ class PlanOptions:
       horizon: replaces the instance's.
       progress: whether to draw a bar; if None in a terminal and in a notebook only.
       cancel: ends planning once it is set; what was found so far is returned.
+      start_from: a policy that the race of "auto" begins with: of the same problem or of another
+        instance of its domain.
 
     Raises:
       InputError: if both a preset and a configuration are given.
@@ -48,6 +50,7 @@ class PlanOptions:
     horizon: int | None = None
     progress: bool | None = None
     cancel: threading.Event | None = None
+    start_from: AnyPolicy | None = None
 
     def __post_init__(self) -> None:
         if self.preset is not None and self.config is not None:
@@ -63,6 +66,7 @@ class _Terms:
     seed: int
     episodes: int = 0
     traced_cache: Path | None = None
+    start_from: AnyPolicy | None = None
 
 
 def plan(
@@ -106,7 +110,8 @@ def plan(
             left = max(seconds - watch.elapsed, _LEAST_SECONDS)
             config = config.with_values("Optimize", train_seconds=left)
         watch.seconds = config.budget().seconds
-        terms = _Terms(problem, config, config.key if seed is None else seed)
+        key = config.key if seed is None else seed
+        terms = _Terms(problem, config, key, start_from=chosen.start_from)
         policy = _find(terms, watch, counts_compilation=seconds is not None)
         if watch.error is not None:
             raise watch.error

@@ -5,12 +5,15 @@ import dataclasses
 from typing import Any
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.observed import Observed
+from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import (
     identity,
@@ -43,15 +46,18 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
 
     with contextlib.ExitStack() as stack:
         folder = None if request.out is None else stack.enter_context(RunFolder(request.out))
+        warnings = stack.enter_context(kept_warnings())
         reporter.stage("compiling")
         policy = restored(dataclasses.replace(saved, seed=seed), problem, str(path))
         reporter.stage("evaluating")
         terms = Terms(problem, seed, request.episodes)
-        plain = Evaluator(terms, reporter).run(policy)
+        observed = None if folder is None else Observed(terms)
+        plain = Evaluator(terms, reporter).run(policy, observed)
         figures = return_figures(plain)
         if request.decision_seconds > 0.0 and isinstance(policy, Policy):
             seconds = request.decision_seconds
-            figures = think(policy, plain, (seconds, longest_choice(seconds)), terms, reporter)
+            times = seconds, longest_choice(seconds)
+            figures = think(policy, plain, times, terms, reporter, observed)
         summary = {
             **identity(
                 problem,
@@ -65,8 +71,11 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             "loaded_from": str(request.folder),
             "versions": package_versions(),
         }
-        if folder is not None:
+        if folder is not None and observed is not None:
+            summary |= {**observed.figures(), "warnings": warnings, "command": request.command}
             with folder.writing():
                 write_json(folder.staging / SUMMARY, summary)
+                observed.write(folder.staging)
+            add_page(folder)
             folder.commit()
     return summary

@@ -1,13 +1,20 @@
 """Find a policy once, by one training or by the race of the preset `auto`, then evaluate it."""
 
 import contextlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.rule.explanation import is_compiled
 from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
+from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed
+from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.race import race_figures, write_race
 from mdpo_rddl.session.report.run_folder import RunFolder, write_summary
 from mdpo_rddl.session.report.summary import (
@@ -21,6 +28,12 @@ from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.thinking import choice_seconds, think, without_choice
 
+# for what the terms of a rule are worth
+_EXPLAINING_SECONDS = 1.0
+
+_Found = tuple[dict[str, Any], Callable[[Path, Mapping[str, Any]], None]]
+"""The summary, and what writes the policy and all that goes with it."""
+
 
 def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
     """Finds a policy, evaluates it exactly and writes the run folder.
@@ -32,59 +45,86 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
         is left behind then.
     """
-    with RunFolder(request.out) as folder:
-        return (_race if is_race(request.config) else _train_once)(request, reporter, folder)
+    find = _race if is_race(request.config) else _train_once
+    with RunFolder(request.out) as folder, kept_warnings() as warnings:
+        observed = Observed(request)
+        summary, write = find(request, reporter, observed)
+        summary |= {**observed.figures(), "warnings": warnings, "command": request.command}
+        with folder.writing():
+            write(folder.staging, summary)
+            observed.write(folder.staging)
+        add_page(folder)
+        folder.commit()
+    return summary
 
 
-def _train_once(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[str, Any]:
+def _train_once(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Found:
     with contextlib.ExitStack() as stack:
         second = stack.enter_context(SecondEvaluator(request))
         policy, result = find_by_training(without_choice(request), reporter)
         planner, hyperparams = policy.planner, policy.policy_hyperparams
         reporter.stage("evaluating")
         evaluator = Evaluator(request, reporter)
-        second.begin(policy.params, hyperparams)
-        last = evaluator.run(policy.with_params(result.last_params))
-        best = second.result() or evaluator.run(policy)
+        second.begin(result.last_params, hyperparams)
+        best = evaluator.run(policy, observed)
+        last = second.result() or evaluator.run(policy.with_params(result.last_params))
     summary = {
         **_identity(policy, request),
-        **_played(policy, best, request, reporter),
+        **_played(policy, best, request, reporter, observed),
         "last_iterate": return_figures(last),
         **training_figures(planner, result),
     }
-    with folder.writing():
-        write_training(folder.staging, result, policy, summary)
-        write_summary(folder.staging, policy.config, summary)
-    folder.commit()
-    return summary
+
+    def write(folder: Path, summary: Mapping[str, Any]) -> None:
+        write_training(folder, result, policy, summary)
+        write_summary(folder, policy.config, summary)
+
+    return summary, write
 
 
-def _race(request: PlanRequest, reporter: Reporter, folder: RunFolder) -> dict[str, Any]:
+def _race(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Found:
     outcome = find_by_race(without_choice(request), reporter)
     policy = outcome.policy
     reporter.stage("evaluating")
-    evaluator = Evaluator(request, reporter)
+    # compiled now, no decision's time has that in it
+    policy(0, make_environment(request.problem).reset(seed=0)[0])
+    plain = Evaluator(request, reporter).run(policy, observed)
     summary = {
         **_identity(policy, request),
-        **_played(policy, evaluator.run(policy), request, reporter),
+        **_played(policy, plain, request, reporter, observed),
         **race_figures(outcome),
+        "rule": _rule(policy, observed),
     }
-    with folder.writing():
-        write_race(folder.staging, outcome, summary)
-        write_summary(folder.staging, outcome.config, summary)
-    folder.commit()
-    return summary
+
+    def write(folder: Path, summary: Mapping[str, Any]) -> None:
+        write_race(folder, outcome, summary)
+        write_summary(folder, outcome.config, summary)
+
+    return summary, write
 
 
 def _played(
-    policy: AnyPolicy, plain: Evaluation, request: PlanRequest, reporter: Reporter
+    policy: AnyPolicy,
+    plain: Evaluation,
+    request: PlanRequest,
+    reporter: Reporter,
+    observed: Observed,
 ) -> dict[str, Any]:
     """The figures of the evaluation, with thinking at the decisions if that was asked for."""
     # a table plays its optimum already
     if request.decision_seconds == 0.0 or not isinstance(policy, Policy):
         return return_figures(plain)
     times = request.decision_seconds, choice_seconds(request)
-    return think(policy, plain, times, request, reporter)
+    return think(policy, plain, times, request, reporter, observed)
+
+
+def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:
+    """The lifted rule in words, if the policy is one; what its terms are worth if that is cheap."""
+    if not isinstance(policy, Policy) or observed.episode_seconds > LONGEST_EPISODE_SECONDS:
+        return None
+    # the race has compiled what plays the terms, except for large problems
+    explanation = policy.explain(_EXPLAINING_SECONDS if is_compiled(policy.planner) else 0.0)
+    return explanation.to_json() if explanation.equations else None
 
 
 def _identity(policy: AnyPolicy, request: PlanRequest) -> dict[str, Any]:

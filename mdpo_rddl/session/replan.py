@@ -7,12 +7,15 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, Budget
 from mdpo_rddl.policy.replanning import Decision, OnlinePolicy
-from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.observed import Observed
+from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import identity, planner_figures, return_figures
 from mdpo_rddl.session.requests import PlanRequest, Reporter
@@ -30,24 +33,18 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
     Raises:
       InputError: as `plan` does.
     """
-    with RunFolder(request.out) as folder:
+    with RunFolder(request.out) as folder, kept_warnings() as warnings:
         reporter.stage("compiling")
         built = build_planner(request.problem, request.config)
         planner, budget = built.planner, request.config.budget(seconds=DECISION_SECONDS)
         # JaxPlan divides by epochs - 1
         budget = Budget(max(2, budget.iterations), budget.seconds)
         policy = OnlinePolicy(built, request.seed, budget)
-        env = make_environment(request.problem)
-        compile_seconds = policy.compile(env.reset(seed=request.seed)[0])
+        state = make_environment(request.problem).reset(seed=request.seed)[0]
+        compile_seconds = policy.compile(state)
         reporter.stage("replanning")
-        done = iter(range(1, request.episodes + 1))
-        found = evaluate(
-            env,
-            policy,
-            request.episodes,
-            request.seed,
-            lambda: reporter.episode(next(done), request.episodes),
-        )
+        observed = Observed(request)
+        found = Evaluator(request, reporter).run(policy, observed)
         seconds = [decision.seconds for decision in policy.decisions]
         summary = {
             **identity(
@@ -71,6 +68,9 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "compile_seconds": compile_seconds,
             "device": str(jax.devices()[0]),
             "versions": package_versions(),
+            **observed.figures(),
+            "warnings": warnings,
+            "command": request.command,
         }
         config = {
             "source": request.config_name,
@@ -82,6 +82,8 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             _write_decisions(folder.staging / "decisions.csv", policy.decisions)
             write_json(folder.staging / "config.json", config)
             write_json(folder.staging / SUMMARY, summary)
+            observed.write(folder.staging)
+        add_page(folder)
         folder.commit()
     return summary
 

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.problem.load import Problem
 
 
@@ -49,6 +50,10 @@ class FindTerms(EvaluationTerms, Protocol):
     def traced_cache(self) -> Path | None:
         """Where traced programs are kept from one process to the next, if anywhere."""
 
+    @property
+    def start_from(self) -> AnyPolicy | None:
+        """A policy that a race begins with, if any."""
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -77,6 +82,8 @@ class PlanRequest:
       traced_cache: where traced programs are kept from one process to the next, if anywhere.
       decision_seconds: that the policy may think at each decision of the evaluation; 0 plays it
         as it was prepared.
+      command: the line that makes the run again, if a command was given.
+      start_from: a policy that a race begins with, if any.
     """
 
     problem: Problem
@@ -87,6 +94,8 @@ class PlanRequest:
     out: Path
     traced_cache: Path | None = None
     decision_seconds: float = 0.0
+    command: str | None = None
+    start_from: AnyPolicy | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,7 @@ class LoadRequest:
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
-      decision_seconds: as of a `PlanRequest`.
+      decision_seconds, command: as of a `PlanRequest`.
     """
 
     domain: str
@@ -110,3 +119,4 @@ class LoadRequest:
     horizon: int | None = None
     out: Path | None = None
     decision_seconds: float = 0.0
+    command: str | None = None

@@ -8,8 +8,9 @@ import numpy as np
 from mdpo_rddl.policy.lookahead.choice import Choice, can_think, choose
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.policy.policy import Policy
-from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
 from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
 
@@ -22,7 +23,7 @@ _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 def choice_seconds(request: PlanRequest) -> float:
     """How much of the request's time for planning is kept for preparing to think.
 
-    None where thinking was not asked for or the problem is one that no method is for.
+    0 where thinking was not asked for or the problem is one that no method is for.
     """
     if request.decision_seconds == 0.0 or not can_think(request.problem):
         return 0.0
@@ -56,6 +57,7 @@ def think(
     times: tuple[float, float],
     terms: EvaluationTerms,
     reporter: Reporter,
+    observed: Observed | None = None,
 ) -> dict[str, Any]:
     """Chooses whether thinking pays and, if so, plays the same episodes with it.
 
@@ -65,6 +67,7 @@ def think(
       times: seconds of a decision, the first included, and of the choice.
       terms: how the policy is played.
       reporter: hears of the stages.
+      observed: keeps how the policy plays with thinking, if that was chosen.
 
     Returns:
       The figures of the returns, with thinking if it was chosen, and under "thinking" how
@@ -77,14 +80,7 @@ def think(
     if choice.policy is None:
         return {**return_figures(plain), "thinking": thinking}
     reporter.stage("thinking")
-    done = iter(range(1, terms.episodes + 1))
-    played = evaluate(
-        make_environment(terms.problem),
-        choice.policy,
-        terms.episodes,
-        terms.seed,
-        lambda: reporter.episode(next(done), terms.episodes),
-    )
+    played = Evaluator(terms, reporter).run(choice.policy, observed)
     gains = played.returns - plain.returns
     error = float(np.std(gains, ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else None
     thinking |= decision_figures(choice.policy.decisions, seconds, terms.episodes)

@@ -82,6 +82,8 @@ def test_the_folder_holds_all_candidates_and_their_picture(raced: Run) -> None:
         "config.json",
         "candidates.csv",
         "learning_curve.png",
+        "trajectories.npz",
+        "report.html",
     }
     with (raced.folder / "candidates.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

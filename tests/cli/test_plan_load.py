@@ -54,7 +54,8 @@ def test_the_evaluation_of_a_loaded_policy_can_be_kept(
 ) -> None:
     outcome = run(f"{TANKS} --load {finished.folder} --episodes 2 --json --out kept/it", capsys)
     assert "written to kept/it" in outcome.out
-    assert {path.name for path in (workplace / "kept" / "it").iterdir()} == {"summary.json"}
+    files = {"summary.json", "trajectories.npz", "report.html"}
+    assert {path.name for path in (workplace / "kept" / "it").iterdir()} == files
     assert json.loads((workplace / "kept/it/summary.json").read_text()) == outcome.summary
 
 

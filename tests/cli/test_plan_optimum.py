@@ -57,6 +57,7 @@ def test_the_summary_has_the_optimum(solved: Run) -> None:
 def test_the_folder_is_complete(solved: Run) -> None:
     names = {path.name for path in solved.folder.iterdir()}
     others = {"config.json", "candidates.csv", "learning_curve.png"}
+    others |= {"trajectories.npz", "report.html"}
     assert names == {"summary.json", "policy.safetensors", *others}
     config = json.loads((solved.folder / "config.json").read_text())
     assert config["optimum"] == solved.summary["optimum"]

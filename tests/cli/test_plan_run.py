@@ -75,7 +75,8 @@ def test_the_summary_names_the_run(finished: Run) -> None:
     assert {key: summary[key] for key in expected} == expected
     measured = {"best_iteration", "train_seconds", "compile_seconds", "device", "versions"}
     returns = {"mean_return", "std_return", "ci95", "returns"}
-    assert set(summary) == set(expected) | measured | returns | {"last_iterate"}
+    looks = {"references", "decision_times", "warnings", "command"}
+    assert set(summary) == set(expected) | measured | returns | looks | {"last_iterate"}
     assert set(summary["last_iterate"]) == returns | {
         "episode_lengths",
         "illegal_actions",
@@ -173,7 +174,7 @@ def test_the_same_seed_gives_the_same_run_and_quiet_json_exactly_one_line(
     outcome = in_a_process(f"{OPTIONS} --out again --quiet --json", tmp_path)
     assert outcome.err == ""
     assert len(outcome.out.splitlines()) == 1
-    unequal = {"train_seconds", "compile_seconds"}
+    unequal = {"train_seconds", "compile_seconds", "decision_times", "command", "references"}
     ours = {key: value for key, value in outcome.summary.items() if key not in unequal}
     theirs = {key: value for key, value in finished.summary.items() if key not in unequal}
     assert ours == theirs

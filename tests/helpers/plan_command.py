@@ -77,6 +77,8 @@ RUN_FILES = {
     "noise.npy",
     "learning_curve.png",
     "noise.png",
+    "trajectories.npz",
+    "report.html",
 }
 
 

@@ -18,3 +18,14 @@ VARIANT_NAMES = (
     "auto-with-plain-adam",
 )
 PLANNERS = ("expert", *VARIANT_NAMES, "jaxplan-slp", "jaxplan-drp")
+
+TRANSFER_PAIRS = (
+    "HVAC_ippc2023:1:3",
+    "PowerGen_ippc2023:1:3",
+    "Reservoir_ippc2023:1:3",
+    "SysAdmin_MDP_ippc2011:1:5",
+    "Elevators_MDP_ippc2011:1:3",
+    "UAV_ippc2023:1:3",
+    "MarsRover_ippc2023:1:3",
+)
+"""Problem, the instance whose policy is carried over, the instance that it is carried to."""

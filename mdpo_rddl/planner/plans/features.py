@@ -37,10 +37,13 @@ class ActionFeatures(NamedTuple):
       state: those that change with the state.
       constant: by name, those of the objects themselves [*action shape], with mean 0 and
         deviation 1 over the objects.
+      moments: by name, the mean and the deviation that they had; also of those that are the same
+        for all objects, which are no features.
     """
 
     state: tuple[Feature, ...]
     constant: dict[str, np.ndarray]
+    moments: dict[str, tuple[float, float]]
 
 
 def observed_fluents(rddl: Any) -> list[str]:
@@ -71,7 +74,7 @@ def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> Action
             features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))
         else:
             features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
-    return ActionFeatures(tuple(features), _constants(rddl, values, types, shape))
+    return ActionFeatures(tuple(features), *_constants(rddl, values, types, shape))
 
 
 def _aligned(
@@ -154,8 +157,8 @@ def _along(change: Callable[[Array], Array], sizes: tuple[int, ...], value: Arra
 
 def _constants(
     rddl: Any, values: Mapping[str, Any], types: Sequence[str], shape: tuple[int, ...]
-) -> dict[str, np.ndarray]:
-    found = {}
+) -> tuple[dict[str, np.ndarray], dict[str, tuple[float, float]]]:
+    found, moments = {}, {}
     for name in rddl.non_fluents:
         own = list(rddl.variable_params[name])
         if not set(own) & set(types):
@@ -163,6 +166,7 @@ def _constants(
         value = jnp.asarray(np.asarray(values[name], float))
         per_object = np.asarray(jnp.broadcast_to(_aligned(own, types, shape)(value), shape), float)
         deviation = per_object.std()
+        moments[name] = float(per_object.mean()), float(deviation)
         if deviation > 1e-6 * np.max(np.abs(per_object), initial=1e-9):
             found[name] = (per_object - per_object.mean()) / deviation
-    return found
+    return found, moments

@@ -13,7 +13,8 @@ from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, ob
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
-_GAIN = "gain on "
+GAIN = "gain on "
+"""How the entries of `own` begin that are gains on a fluent."""
 
 Params = dict[str, Any]
 
@@ -105,7 +106,7 @@ class Feedback:
         own = {
             name: {
                 "bias": jnp.zeros(shape, self.dtype),
-                **{f"{_GAIN}{f}": jnp.zeros(shape, self.dtype) for f in self._own[name]},
+                **{f"{GAIN}{f}": jnp.zeros(shape, self.dtype) for f in self._own[name]},
             }
             for name, shape in self.action_shapes.items()
         }
@@ -131,6 +132,11 @@ class Feedback:
             **{name: part for name, part in parts.items() if part},
         }
 
+    def scale(self, fluent: str) -> tuple[float, float]:
+        """Centre and scale in which the policy reads a fluent."""
+        center, scale = self._scales.get(fluent, (0.0, 1.0))
+        return float(center), float(scale)
+
     def raw(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
         """The raw actions, per fluent [*shape].
 
@@ -147,7 +153,7 @@ class Feedback:
             own = params["own"][name]
             value = own["bias"] + self._shared(name, params["shared"][name], scaled, time)
             for fluent in self._own[name]:
-                value = value + own[f"{_GAIN}{fluent}"] * scaled[fluent]
+                value = value + own[f"{GAIN}{fluent}"] * scaled[fluent]
             if self.shape.plan:
                 value = value + params["plan"][name][step]
             if hidden is not None:
@@ -156,7 +162,7 @@ class Feedback:
         return actions
 
     def _scaled(self, name: str, value: Any) -> Array:
-        center, scale = self._scales.get(name, (0.0, 1.0))
+        center, scale = self.scale(name)
         # the environment gives a fluent without parameters as an array of one
         value = jnp.reshape(jnp.asarray(value, self.dtype), self._shapes[name])
         scaled = (value - center) / scale

@@ -16,9 +16,13 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 
 SUMMARY = "summary.json"
 POLICY = "policy.safetensors"
+TRAJECTORIES = "trajectories.npz"
+PAGE = "report.html"
 RUN_FILES = {
     SUMMARY,
     POLICY,
+    TRAJECTORIES,
+    PAGE,
     "config.json",
     "history.csv",
     "noise.npy",

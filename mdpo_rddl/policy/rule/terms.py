@@ -1,0 +1,125 @@
+"""The terms of a feedback policy's rule, in the names and units of the domain."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from mdpo_rddl.planner.plans.feedback import GAIN, Feedback, Params
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+
+_DIGITS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A part of the rule of one action fluent.
+
+    Attributes:
+      action: the fluent.
+      text: the term as it stands in the equation, with its sign; in words if it is no product.
+      is_shared: whether it is one weight for all objects.
+      params: of the policy without the term.
+    """
+
+    action: str
+    text: str
+    is_shared: bool
+    params: Params
+
+
+def terms_of(plan: FeedbackPlan, params: Params) -> list[Term]:
+    """The terms that are not zero.
+
+    Args:
+      plan: compiled.
+      params: of one policy.
+    """
+    found = []
+    for action in plan.feedback.action_shapes:
+        unit = raw_unit(plan, action)
+        found += _shared_terms(plan.feedback, params, action, unit)
+        found += _own_terms(plan.feedback, params, action, unit)
+    return found
+
+
+def raw_unit(plan: FeedbackPlan, action: str) -> float:
+    """What a raw value of 1 means: in the action's unit; 1 for a bool, whose score it is."""
+    return float(np.max(plan.units[action])) if action in plan.units else 1.0
+
+
+def _shared_terms(feedback: Feedback, params: Params, action: str, unit: float) -> list[Term]:
+    weights = np.asarray(params["shared"][action], float)
+    texts = _texts(feedback, action)
+    terms = []
+    for place in np.flatnonzero(weights):
+        factor, variable = texts[place]
+        without = jnp.asarray(params["shared"][action]).at[place].set(0.0)
+        text = _product(unit * weights[place] * factor, variable)
+        terms.append(Term(action, text, True, _with(params, "shared", {action: without})))
+    return terms
+
+
+def _own_terms(feedback: Feedback, params: Params, action: str, unit: float) -> list[Term]:
+    terms = []
+    for name, values in params["own"][action].items():
+        if not np.any(values):
+            continue
+        scale = 1.0
+        text = "a constant of each object's own"
+        if name.startswith(GAIN):
+            fluent = name.removeprefix(GAIN)
+            center, scale = feedback.scale(fluent)
+            text = f"a gain of each object's own on {_centred(fluent, center)}"
+        low, high = unit * np.min(values) / scale, unit * np.max(values) / scale
+        text = f"+ {text} (from {_number(low)} to {_number(high)})"
+        own = {**params["own"][action], name: jnp.zeros_like(values)}
+        terms.append(Term(action, text, False, _with(params, "own", {action: own})))
+    if np.any(params.get("plan", {}).get(action, 0.0)):
+        text = "+ an open-loop plan, a value for each step and object"
+        without = {action: jnp.zeros_like(params["plan"][action])}
+        terms.append(Term(action, text, False, _with(params, "plan", without)))
+    output = f"output_{action}"
+    if np.any(params.get("net", {}).get(output, 0.0)):
+        text = "+ a net that sees the whole state"
+        without = {output: jnp.zeros_like(params["net"][output])}
+        terms.append(Term(action, text, False, _with(params, "net", without)))
+    return terms
+
+
+def _with(params: Params, part: str, changed: Mapping[str, Any]) -> Params:
+    return {**params, part: {**params[part], **changed}}
+
+
+def _texts(feedback: Feedback, action: str) -> list[tuple[float, str]]:
+    """Per shared feature the factor from weight to coefficient, and what that multiplies."""
+    features, names = feedback.features[action], feedback.names(action)
+    scaled = {}
+    for feature in features.state:
+        center, scale = feedback.scale(feature.fluent)
+        text = _centred(feature.name, center)
+        scaled[feature.name] = (1.0 / scale, text)
+        squared = text if text.startswith("(") else f"({text})"
+        scaled[f"{feature.name}^2"] = (1.0 / scale**2, f"({squared}^2 - {_number(scale**2)})")
+    constants = {}
+    for name in features.constant:
+        mean, deviation = features.moments[name]
+        constants[name] = (1.0 / deviation, _centred(name, mean))
+    return [{**scaled, **constants}.get(name, (1.0, name)) for name in names]
+
+
+def _centred(name: str, center: float) -> str:
+    if center == 0.0:
+        return name
+    return f"({name} {'-' if center > 0 else '+'} {_number(abs(center))})"
+
+
+def _product(factor: float, variable: str) -> str:
+    sign = "-" if factor < 0 else "+"
+    return f"{sign} {_number(abs(factor))}" + ("" if variable == "1" else f" {variable}")
+
+
+def _number(value: float) -> str:
+    return f"{value:.{_DIGITS}g}"

@@ -1,0 +1,90 @@
+"""What a run shows of how its policy plays, beside the returns."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.problem.episode import Policy
+from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.trajectories import TrajectoriesRecorder
+from mdpo_rddl.session.references import noop_evaluation, random_evaluation
+from mdpo_rddl.session.report.page.record import write_play
+from mdpo_rddl.session.report.summary import return_figures
+from mdpo_rddl.session.requests import EvaluationTerms
+
+# the no-op and random actions may take as long as the policy did, within limits
+_SHORTEST, _LONGEST = 1.5, 5.0
+LONGEST_EPISODE_SECONDS = 2.0
+"""With longer ones nothing is played only to be shown."""
+_OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns")
+
+
+class Observed:
+    """Keeps the trajectories and the decision times of the policy that is played last.
+
+    Attributes:
+      recorder: of its episodes.
+    """
+
+    def __init__(self, terms: EvaluationTerms) -> None:
+        """Keeps nothing yet.
+
+        Args:
+          terms: how policies are evaluated.
+        """
+        self._terms = terms
+        self._seconds: list[float] = []
+        self._began = self._ended = 0.0
+        self.recorder = TrajectoriesRecorder(terms.problem.model, terms.episodes)
+        self._noop = TrajectoriesRecorder(terms.problem.model, terms.episodes)
+
+    def watch(self, policy: Policy) -> Policy:
+        """The same policy, whose decisions are timed; what was kept of another one is forgotten."""
+        self._seconds, self._began = [], time.perf_counter()
+        seconds = self._seconds
+        self.recorder = TrajectoriesRecorder(self._terms.problem.model, self._terms.episodes)
+
+        def watched(step: int, state: Any) -> Any:
+            began = time.perf_counter()
+            action = policy(step, state)
+            self._ended = time.perf_counter()
+            seconds.append(self._ended - began)
+            return action
+
+        return watched
+
+    def figures(self) -> dict[str, Any]:
+        """Plays the no-op and random actions; JSON of their returns and of the decision times."""
+        references: dict[str, Any] = {"noop": None, "random": None}
+        if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
+            most = min(max(self._ended - self._began, _SHORTEST), _LONGEST)
+            references["noop"] = _reference(noop_evaluation(self._terms, most, self._noop))
+            references["random"] = _reference(random_evaluation(self._terms, most))
+        return {"references": references, "decision_times": self._decision_times()}
+
+    @property
+    def episode_seconds(self) -> float:
+        """That an episode of the policy took, on average."""
+        return (self._ended - self._began) / self._terms.episodes
+
+    def write(self, folder: Path) -> None:
+        """Writes the trajectories and the decision times."""
+        plays = {"policy": self.recorder.result(), "noop": self._noop.result()}
+        write_play(folder, plays, np.array(self._seconds))
+
+    def _decision_times(self) -> dict[str, float] | None:
+        if not self._seconds:
+            return None
+        seconds = np.array(self._seconds)
+        return {
+            "mean": float(seconds.mean()),
+            "p99": float(np.quantile(seconds, 0.99)),
+            "max": float(seconds.max()),
+        }
+
+
+def _reference(evaluation: Evaluation) -> dict[str, Any]:
+    figures = return_figures(evaluation)
+    return {name: figures[name] for name in _OF_A_REFERENCE}

@@ -1,0 +1,1 @@
+"""The page `report.html`, made from what else is in a run folder."""

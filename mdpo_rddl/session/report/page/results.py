@@ -1,0 +1,94 @@
+"""The figures of the page's tables."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.session.report.page.charts import Returns
+from mdpo_rddl.session.report.page.record import RunRecord
+from mdpo_rddl.session.report.page.style import NOOP_COLOUR, POLICY_COLOUR, RANDOM_COLOUR
+
+
+@dataclass(frozen=True)
+class ResultRow:
+    """Returns of one policy.
+
+    Attributes:
+      returns: with name and interval.
+      difference: mean of what the first row's policy returned more on the same episodes; None in
+        the first row, or where the episodes are others.
+      difference_interval: 95% interval of it; None for one episode.
+      shared: of how many episodes.
+    """
+
+    returns: Returns
+    difference: float | None = None
+    difference_interval: tuple[float, float] | None = None
+    shared: int = 0
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the first row's policy returned less, with 95% confidence."""
+        return self.difference_interval is not None and self.difference_interval[1] < 0.0
+
+
+def result_rows(run: RunRecord) -> list[ResultRow]:
+    """The policy, and what it is compared with: those of its references that were played."""
+    summary = run.summary
+    policy = returns_of(_policy_name(summary), POLICY_COLOUR, summary)
+    rows = [ResultRow(policy)]
+    references = summary.get("references") or {}
+    for key, name, colour in (
+        ("noop", "no-op", NOOP_COLOUR),
+        ("random", "random", RANDOM_COLOUR),
+    ):
+        if references.get(key) is not None:
+            rows.append(compared(policy, returns_of(name, colour, references[key])))
+    return rows
+
+
+def compared(first: Returns, other: Returns) -> ResultRow:
+    """A row with the paired difference of two that met the same episodes, in the same order."""
+    shared = min(len(first.returns), len(other.returns))
+    gains = first.returns[:shared] - other.returns[:shared]
+    gains = gains[np.isfinite(gains)]
+    if not len(gains):
+        return ResultRow(other)
+    mean = float(np.mean(gains))
+    return ResultRow(other, mean, interval(gains), len(gains))
+
+
+def interval(values: np.ndarray) -> tuple[float, float] | None:
+    """Student's 95% interval of a mean; None for one value."""
+    if len(values) < 2:
+        return None
+    from scipy import special  # takes long to import
+
+    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
+    half = float(special.stdtrit(len(values) - 1, 0.975) * error)
+    mean = float(np.mean(values))
+    return mean - half, mean + half
+
+
+def are_comparable(runs: Sequence[RunRecord]) -> bool:
+    """Whether runs were evaluated on the same episodes: by their problem, horizon and seed."""
+    keys = ("domain", "instance", "label", "horizon", "seed")
+    return len({tuple(run.summary[key] for key in keys) for run in runs}) == 1
+
+
+def returns_of(name: str, colour: str, figures: Mapping[str, Any]) -> Returns:
+    """The returns that a summary holds, or a part of it."""
+    returns = np.array(figures["returns"], dtype=float)  # None becomes NaN
+    bounds = figures.get("ci95")
+    if bounds is None or None in bounds:
+        return Returns(name, colour, returns, None)
+    return Returns(name, colour, returns, (bounds[0], bounds[1]))
+
+
+def _policy_name(summary: Mapping[str, Any]) -> str:
+    thinking = summary.get("thinking") or {}
+    if summary.get("mode") == "replan":
+        return "replanning"
+    return "policy, thinking" if thinking.get("method") else "policy"

@@ -1,0 +1,55 @@
+"""Writes the page into a run folder, or one that compares several."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.session.report.page.record import read_run
+from mdpo_rddl.session.report.page.render import comparison_page, run_page
+from mdpo_rddl.session.report.run_folder import PAGE, RunFolder
+
+logger = logging.getLogger(__name__)
+
+
+def add_page(folder: RunFolder) -> None:
+    """Writes the page of a run under construction; a mistake in it costs the run nothing."""
+    try:
+        run = read_run(folder.staging)
+        write_atomically(folder.staging / PAGE, run_page(run, folder.target.name))
+    except Exception as error:
+        logger.warning("no %s: %s: %s", PAGE, type(error).__name__, error)
+
+
+def write_page(folder: Path, out: Path | None = None) -> Path:
+    """Writes the page of a run, from what is in its folder.
+
+    Args:
+      folder: the run folder.
+      out: where; `report.html` in the folder if None.
+
+    Returns:
+      The page's path.
+
+    Raises:
+      InputError: if the folder is no run folder or damaged, or the page cannot be written.
+    """
+    page = out or folder / PAGE
+    write_atomically(page, run_page(read_run(folder)))
+    return page
+
+
+def write_comparison(folders: Sequence[Path], out: Path) -> Path:
+    """Writes one page that compares several runs with the first one.
+
+    Returns:
+      The page's path.
+
+    Raises:
+      InputError: as `write_page`, or if a folder is named twice.
+    """
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise InputError(f"{folders[0]}: compared with itself: name each run folder once")
+    write_atomically(out, comparison_page([read_run(folder) for folder in folders]))
+    return out

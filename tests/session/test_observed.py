@@ -1,0 +1,52 @@
+"""What a run keeps of how its policy plays."""
+
+import numpy as np
+from helpers.tanks import DOMAIN, INSTANCE
+from helpers.toys import problem_from
+
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.observed import Observed
+from mdpo_rddl.session.references import noop_evaluation
+from mdpo_rddl.session.report.page.record import read_play
+from mdpo_rddl.session.requests import Terms
+
+
+class Silent:
+    def stage(self, name):
+        """Nobody listens."""
+
+    def episode(self, done, of):
+        """Nobody listens."""
+
+
+def fill(step, state):
+    return {"fill": np.full(2, 0.1)}
+
+
+def test_the_policy_that_played_last_is_kept_and_the_references_meet_its_episodes(tmp_path):
+    problem = problem_from(DOMAIN + INSTANCE, horizon=4)
+    terms = Terms(problem, seed=5, episodes=3)
+    observed = Observed(terms)
+    Evaluator(terms, Silent()).run(lambda step, state: {}, observed)
+    found = Evaluator(terms, Silent()).run(fill, observed)
+    figures = observed.figures()
+    noop = evaluate(make_environment(problem), lambda step, state: {}, 3, 5)
+    assert figures["references"]["noop"]["returns"] == noop.returns.tolist()
+    assert len(figures["references"]["random"]["returns"]) == 3
+    times = figures["decision_times"]
+    assert 0.0 < times["mean"] <= times["max"]
+    observed.write(tmp_path)
+    plays, seconds = read_play(tmp_path / "trajectories.npz")
+    assert seconds.shape == (12,)
+    np.testing.assert_array_equal(plays["policy"].values["action", "fill"], np.float32(0.1))
+    np.testing.assert_array_equal(plays["noop"].values["action", "fill"], 0.0)
+    np.testing.assert_allclose(plays["policy"].rewards.sum(axis=1), found.returns, rtol=1e-5)
+
+
+def test_a_reference_ends_with_its_time():
+    terms = Terms(problem_from(DOMAIN + INSTANCE, horizon=2), seed=0, episodes=9)
+    times = iter(range(100))
+    found = noop_evaluation(terms, 3.0, clock=lambda: float(next(times)))
+    assert len(found.returns) == 3

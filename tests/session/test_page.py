@@ -1,0 +1,244 @@
+"""The page `report.html`: what it holds, alone and in a browser."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.mistakes import one_line
+
+from mdpo_rddl.problem.trajectories import Fluent, Trajectories
+from mdpo_rddl.session.report.page.record import read_run, write_play
+from mdpo_rddl.session.report.page.results import compared, result_rows, returns_of
+from mdpo_rddl.session.report.page.write import write_comparison, write_page
+
+SUMMARY = {
+    "label": "two <tanks>",
+    "domain": "tanks",
+    "instance": "two",
+    "horizon": 6,
+    "config": "auto",
+    "noise": "none",
+    "noise_parameters": {},
+    "policy": "feedback",
+    "seed": 3,
+    "episodes": 3,
+    "mean_return": 3.0,
+    "std_return": 1.0,
+    "ci95": [0.5, 5.5],
+    "returns": [2.0, 3.0, 4.0],
+    "episode_lengths": [6, 6, 6],
+    "illegal_actions": 4,
+    "fallback_actions": 1,
+    "references": {
+        "noop": {"mean_return": 0.5, "std_return": 0.7, "ci95": [-5.8, 6.8], "returns": [0.0, 1.0]},
+        "random": None,
+    },
+    "warnings": ["too little time & space"],
+    "command": "mdpo-plan tanks.rddl two.rddl",
+    "versions": {"python": "3.11"},
+    "auto": {
+        "chosen": "rule",
+        "arm": "shared weights",
+        "parents": [],
+        "noop_return": 0.25,
+        "random_return": None,
+        "arms": {
+            "shared weights": {
+                "seconds": 1.0,
+                "compile_seconds": 0.5,
+                "iterations": 10,
+                "best_return": None,
+            }
+        },
+        "candidates": [
+            {"seconds": 1.0, "mean_return": 2.5, "became_incumbent": True},
+        ],
+    },
+}
+FLUENTS = (
+    Fluent("state", "level", "real", ("t1", "t2"), 40),
+    Fluent("state", "mood", "mood", ("",), 1, ("calm", "angry")),
+    Fluent("action", "open", "bool", ("t1", "t2"), 2),
+)
+
+
+def play(seed: int) -> Trajectories:
+    rng = np.random.default_rng(seed)
+    values = {
+        ("state", "level"): rng.normal(size=(3, 6, 2)) * [1.0, 9.0],
+        ("state", "mood"): rng.integers(2, size=(3, 6, 1)).astype(float),
+        ("action", "open"): rng.integers(2, size=(3, 6, 2)).astype(float),
+    }
+    values["state", "level"][:, 5:] = np.nan
+    return Trajectories(FLUENTS, np.arange(6), values, rng.normal(size=(3, 6)))
+
+
+def write_run(folder: Path, **changes: object) -> Path:
+    folder.mkdir()
+    (folder / "summary.json").write_text(json.dumps(SUMMARY | changes))
+    (folder / "config.json").write_text('{"sections": {"Noise": {"sigma": 0.5}}}')
+    plays = {"policy": play(0), "noop": play(1)}
+    write_play(folder, plays, np.array([0.001, 0.002, 0.5]))
+    return folder
+
+
+class Page(HTMLParser):
+    """Pictures, addresses and text of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.images, self.addresses, self.opened, self.text = [], [], [], ""
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.opened.append(tag)
+        self.addresses += [attributes[name] for name in ("src", "href") if name in attributes]
+        if tag == "img":
+            self.images.append(attributes)
+
+    def handle_data(self, data):
+        self.text += f" {data}"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = write_run(tmp_path_factory.mktemp("page") / "run")
+    return Page(write_page(folder))
+
+
+def test_everything_is_in_the_file(page):
+    assert len(page.source) < 5_000_000
+    assert all(address.startswith("data:") for address in page.addresses)
+    assert not re.search(r"https?://|url\(|@import", page.source)
+    assert "script" not in page.opened
+    # results, returns of the policy, five panels, decision times
+    assert len(page.images) == 8
+    for image in page.images:
+        png = base64.b64decode(image["src"].removeprefix("data:image/png;base64,"))
+        assert png.startswith(b"\x89PNG")
+        assert image["alt"]
+
+
+def test_the_figures_are_those_of_the_run(page):
+    text = " ".join(page.text.split())
+    for said in (
+        "two <tanks>",
+        "3.00 mean return of 3 episodes",
+        "0.5 no-op, the first 2",
+        "4 proposals were illegal; 1 of them",
+        "too little time & space",
+        "mdpo-plan tanks.rddl two.rddl",
+        "[Noise] sigma 0.5",
+        "the 2 that change most of 40",
+        "state mood",
+        "99 of 100 below",
+    ):
+        assert said in text, said
+    alts = [image["alt"] for image in page.images]
+    # the second tank moves more
+    levels = [alt.split()[0] for alt in alts if alt.startswith("level")]
+    assert levels == ["level(t2)", "level(t1)"]
+
+
+def test_differences_are_of_the_same_episodes(tmp_path):
+    first, noop = (row.returns for row in result_rows(read_run(write_run(tmp_path / "run"))))
+    row = compared(first, noop)
+    assert row.difference == 2.0
+    assert row.difference_interval == (2.0, 2.0)
+    assert row.shared == 2
+    assert not row.is_worse
+    worse = compared(noop, returns_of("more", "k", {"returns": [5.0, 6.5]}))
+    assert worse.difference == pytest.approx(-5.25)
+    # the quantile of Student's law with one degree of freedom is 12.706
+    assert worse.difference_interval == pytest.approx([-5.25 - 3.1765, -5.25 + 3.1765], abs=1e-3)
+    assert worse.is_worse
+
+
+def test_an_earlier_run_has_the_page_without_what_it_lacks(tmp_path):
+    folder = write_run(tmp_path / "run")
+    (folder / "trajectories.npz").unlink()
+    (folder / "config.json").unlink()
+    later = ("references", "warnings", "command", "versions", "auto")
+    summary = {key: value for key, value in SUMMARY.items() if key not in later}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    text = " ".join(Page(write_page(folder, tmp_path / "new" / "page.html")).text.split())
+    assert "None were recorded in this run." in text
+    assert "Neither the no-op nor random actions were played on these episodes ." not in text
+    assert "Neither the no-op nor random actions were played on these episodes." in text
+    assert not (folder / "report.html").exists()
+
+
+def test_returns_that_are_not_finite(tmp_path):
+    folder = write_run(tmp_path / "run", returns=[None, 1.0, 2.0], mean_return=None, ci95=[None, 1])
+    assert "not finite" in Page(write_page(folder)).text
+
+
+def test_several_runs_on_one_page(tmp_path):
+    a, b = write_run(tmp_path / "a"), write_run(tmp_path / "b", returns=[1.0, 2.0, 3.0])
+    c = write_run(tmp_path / "c", label="other", instance="other")
+    page = Page(write_comparison([a, b, c], tmp_path / "page.html"))
+    rows = [line for line in page.text.split("95% interval")[2].splitlines() if line.strip()]
+    text = " ".join(" ".join(rows).split())
+    assert "b 2.00 [0.5, 5.50] 1.00 [1.00, 1.00]" in text
+    # returns and searches of two problems, and the panels of the first one
+    assert len(page.images) == 4 + 5
+    assert page.images[-1]["alt"].endswith(": a, b")
+    said = one_line(lambda: write_comparison([a, a], tmp_path / "page.html"))
+    assert "compared with itself" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("summary.json", "{", "summary.json: damaged: "),
+        ("summary.json", "{}", "summary.json: not a run's summary: it has no 'label'"),
+        ("trajectories.npz", "PK", "trajectories.npz: damaged: "),
+        ("config.json", "]", "config.json: damaged: "),
+    ],
+)
+def test_a_damaged_run_is_told_in_a_line(tmp_path, name, content, said):
+    folder = write_run(tmp_path / "run")
+    (folder / name).write_text(content)
+    assert one_line(lambda: write_page(folder)).startswith(str(folder / said.split(":")[0]))
+    assert not (folder / "report.html").exists()
+
+
+def browser() -> str:
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        if shutil.which(name):
+            return name
+    pytest.skip("no Chromium on this machine")
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_browser_shows_every_picture_and_complains_of_nothing(page, tmp_path, width):
+    check = """<script>addEventListener("load", () => {
+      const images = [...document.images];
+      const shown = images.filter((image) => image.naturalWidth > 0 && image.width > 0);
+      const wide = document.documentElement.scrollWidth - innerWidth;
+      document.title = `shown ${shown.length} of ${images.length}, ${wide} too wide`;
+    })</script>"""
+    path = tmp_path / "page.html"
+    path.write_text(page.source.replace("</body>", check + "</body>"), encoding="utf-8")
+    command = [browser(), "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    command += [f"--user-data-dir={tmp_path / 'browser'}", f"--window-size={width},900"]
+    done = subprocess.run(
+        [*command, "--dump-dom", path.as_uri()],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=90,
+    )
+    assert "CONSOLE" not in done.stderr
+    title = re.search(r"<title>shown (\d+) of (\d+), (-?\d+) too wide", done.stdout)
+    assert title, done.stdout[:500]
+    assert int(title[1]) == int(title[2]) == len(page.images)
+    assert int(title[3]) <= 0
