@@ -92,5 +92,7 @@ def find_by_race(
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
 
-    options = options or RaceOptions(terms.traced_cache, reporter.stage, reporter.training)
+    options = options or RaceOptions(
+        terms.traced_cache, reporter.stage, reporter.training, reporter.judged
+    )
     return plan_automatically(terms.problem, terms.config, terms.seed, options)
