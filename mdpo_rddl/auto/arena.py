@@ -9,6 +9,7 @@ import jax
 
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.probing import Probe, with_bias
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import PopulationReturns, compile_population
@@ -42,6 +43,7 @@ class Arena:
       clock: what everybody asks for the time.
       search_share: of the time left, for the first search for weights: its rollouts are made
         so few that it can do enough iterations.
+      began: when the race began, by the clock.
       most_iterations: of one training with a gradient.
       on_progress: called while such a training goes on.
     """
@@ -55,6 +57,7 @@ class Arena:
     deadline: float
     clock: Clock = time.monotonic
     search_share: float = 0.25
+    began: float = 0.0
     most_iterations: int = UNLIMITED
     on_progress: Callable[[Progress], None] = _ignore
 
@@ -95,6 +98,17 @@ class Arena:
     def plans(self) -> PlanPopulation:
         """Open-loop plans side by side on the exact model; compiled when first played."""
         return PlanPopulation(self.planner, self.probe, self.seed, self.clock)
+
+    @cached_property
+    def plain(self) -> PlainPlanners:
+        """Planners of JaxPlan's own classes of policies."""
+        return PlainPlanners(self.problem)
+
+    def tell(self, progress: Progress) -> None:
+        """Passes on how a training gets on, as part of the race and with the best return of all."""
+        fraction = (self.clock() - self.began) / (self.deadline - self.began)
+        best = max(progress.best_return, self.judge.best_mean)
+        self.on_progress(progress._replace(fraction=min(1.0, fraction), best_return=best))
 
     @property
     def compile_seconds(self) -> float:

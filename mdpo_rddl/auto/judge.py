@@ -21,8 +21,7 @@ def _ignore(judged: Judged) -> None:
     del judged
 
 
-# of the standard error of the difference: what a candidate of another planner, which does not
-# meet the same random numbers, must be better by
+# of the standard error of the difference: what a candidate of another planner must be better by
 _MARGIN = 2.0
 
 
@@ -43,9 +42,17 @@ class MeanReturn:
 
     def __call__(self, params: Any) -> tuple[float, float]:
         """Plays the policy with these parameters."""
+        return mean_and_error(self.returns(params))
+
+    def returns(self, params: Any) -> np.ndarray:
+        """The return of each rollout [N]."""
         one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[jnp.newaxis], params)
-        returns = np.asarray(self._returns(self._key, one), float)[0]
-        return float(np.mean(returns)), float(np.std(returns) / np.sqrt(len(returns)))
+        return np.asarray(self._returns(self._key, one), float)[0]
+
+
+def mean_and_error(returns: np.ndarray) -> tuple[float, float]:
+    """Mean of returns [N] and its standard error."""
+    return float(np.mean(returns)), float(np.std(returns) / np.sqrt(len(returns)))
 
 
 class Judge:
@@ -76,8 +83,9 @@ class Judge:
         self._on_judged = on_judged
         self._rollouts, self._seed = rollouts, seed
         self._clock, self._began = clock, began
-        self._players: list[tuple[MDPOPlanner, Timed[[Any], tuple[float, float]]]] = []
+        self._players: list[tuple[MDPOPlanner, Timed[[Any], np.ndarray]]] = []
         self.incumbent: Candidate | None = None
+        self._incumbent_returns: np.ndarray | None = None
         self.judged: list[Judged] = []
 
     @property
@@ -93,31 +101,40 @@ class Judge:
     def record(self, candidate: Candidate) -> bool:
         """Plays a candidate unless its return is known; whether it is the new incumbent.
 
-        A mean that is not finite is worst. A candidate of the incumbent's planner meets the same
-        random numbers and must be better; one of another planner must be so by two standard
-        errors of the difference.
+        A mean that is not finite is worst. A candidate of the incumbent's planner must be better;
+        one of another planner, whose rollouts need not meet the same random numbers, must be so
+        by two standard errors of the difference, taken rollout by rollout where both were played.
 
         Args:
           candidate: with a planner, or with its mean and error.
         """
-        mean, error = candidate.mean, candidate.error
+        mean, error, returns = candidate.mean, candidate.error, None
         if mean is None:
-            mean, error = self._play(candidate)
+            returns = self._play(candidate)
+            mean, error = mean_and_error(returns)
         mean, error = (mean, error) if np.isfinite(mean) else (-np.inf, 0.0)
         candidate = dataclasses.replace(candidate, mean=mean, error=error)
         best = self.incumbent
-        if best is None:
-            is_better = True
-        else:
-            is_paired = candidate.planner is not None and candidate.planner is best.planner
-            margin = 0.0 if is_paired else _MARGIN * float(np.hypot(error, best.error))
-            is_better = mean > best.known_mean + margin
+        is_better = best is None or mean > best.known_mean + self._margin(candidate, best, returns)
         logger.info("%s: %.6g", candidate.label, mean)
         self.judged.append(Judged(candidate, self._clock() - self._began, is_better))
         if is_better:
-            self.incumbent = candidate
+            self.incumbent, self._incumbent_returns = candidate, returns
         self._on_judged(self.judged[-1])
         return is_better
+
+    def prepare(self, planner: MDPOPlanner, params: Any) -> None:
+        """Compiles what plays a planner's candidates; in any thread.
+
+        Args:
+          planner: compiled.
+          params: of any policy of the planner.
+        """
+        if any(known is planner for known, _ in self._players):
+            return
+        play = MeanReturn(planner, self._rollouts, self._seed).returns
+        play(params)
+        self._players.append((planner, Timed(play, self._clock)))
 
     def best_of(self, planner: MDPOPlanner) -> Candidate | None:
         """The best candidate of one planner, the first of equals; None if there is none."""
@@ -133,13 +150,21 @@ class Judge:
         of_label = (j.candidate for j in reversed(self.judged) if j.candidate.label == label)
         return next(of_label, None)
 
-    def _play(self, candidate: Candidate) -> tuple[float, float]:
+    def _margin(self, candidate: Candidate, best: Candidate, returns: np.ndarray | None) -> float:
+        if candidate.planner is not None and candidate.planner is best.planner:
+            return 0.0
+        others = self._incumbent_returns
+        if returns is None or others is None or not np.all(np.isfinite(returns - others)):
+            return _MARGIN * float(np.hypot(candidate.error, best.error))
+        return _MARGIN * mean_and_error(returns - others)[1]
+
+    def _play(self, candidate: Candidate) -> np.ndarray:
         planner = candidate.planner
         if planner is None:
             raise ValueError(f"{candidate.label}: there is no planner to play it")
         for known, play in self._players:
             if known is planner:
                 return play(candidate.params)
-        play = Timed(MeanReturn(planner, self._rollouts, self._seed), self._clock)
+        play = Timed(MeanReturn(planner, self._rollouts, self._seed).returns, self._clock)
         self._players.append((planner, play))
         return play(candidate.params)

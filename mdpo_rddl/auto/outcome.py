@@ -31,6 +31,8 @@ class RaceOutcome:
       judged: all candidates in the order in which the judge played them, with the seconds.
       arms: what each arm was given and did, in the order in which they began.
       probe: what constant actions have shown; None if the optimum was proven before.
+      noop_return: mean return of the no-op by the judge, or in the probe's few rollouts if it was
+        not judged; None if the optimum was proven before.
       random_return: mean return of uniformly random actions; None where it is not known.
       compile_seconds: of `seconds`, spent in compilation.
       seconds: that everything took.
@@ -42,6 +44,7 @@ class RaceOutcome:
     judged: Sequence[Judged]
     arms: Sequence[ArmLog]
     probe: Probe | None
+    noop_return: float | None
     random_return: float | None
     compile_seconds: float
     seconds: float
@@ -71,7 +74,7 @@ class RaceOutcome:
             "chosen": self.chosen.label,
             "arm": self.chosen.arm,
             "parents": list(self.chosen.parents),
-            "noop_return": _finite(probe.noop_return if probe else None),
+            "noop_return": _finite(self.noop_return),
             "random_return": _finite(self.random_return),
             "arms": {log.name: _arm(log) for log in self.arms},
             "candidates": [candidate_figures(judged) for judged in self.judged],

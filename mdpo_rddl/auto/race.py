@@ -3,21 +3,21 @@
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdpo_rddl.auto.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
-from mdpo_rddl.auto.candidate import Judged
+from mdpo_rddl.auto.arms.simple import NOOP
+from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe
-from mdpo_rddl.auto.recipe import Recipe
+from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.sizes import plans_fit
-from mdpo_rddl.auto.start import start_candidates
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.build import build_planner
@@ -26,7 +26,6 @@ from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.training import Progress
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
@@ -52,6 +51,11 @@ def _ignore_judged(judged: Judged) -> None:
     del judged
 
 
+def _no_candidates(arena: Arena) -> Sequence[Candidate]:
+    del arena
+    return ()
+
+
 @dataclass(frozen=True)
 class RaceOptions:
     """What has no influence on what a race looks for.
@@ -61,7 +65,8 @@ class RaceOptions:
       on_stage: called with the name of each part as it begins.
       on_progress: called while a training with a gradient goes on.
       on_judged: called with each candidate once the judge has played it.
-      start_from: a policy to begin with, which `accepted_start` has accepted.
+      initial: given the arena, policies to begin with, judged after the no-op and the best
+        constant.
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
     """
@@ -70,7 +75,7 @@ class RaceOptions:
     on_stage: Callable[[str], None] = _ignore_stage
     on_progress: Callable[[Progress], None] = _ignore_progress
     on_judged: Callable[[Judged], None] = _ignore_judged
-    start_from: Policy | None = None
+    initial: Callable[[Arena], Sequence[Candidate]] = _no_candidates
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
 
@@ -103,20 +108,20 @@ def plan_automatically(
         arena = _arena(problem, config, seed, started, options)
         if arena.probe.policy_seconds is not None:
             alternatives.stop()  # its memory is needed
-        initial = start_candidates(arena, options.start_from)
-        recipe, interrupted = Recipe(arena, shares, options.on_stage, initial), False
-        recipe.arms += [] if exact is None else [exact]
+        initial = options.initial(arena)
+        schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
+        schedule.arms += [] if exact is None else [exact]
         try:
-            recipe.run()
+            schedule.run()
             late = arena.deadline + _LATE_SHARE * seconds
             if alternatives.started:
-                recipe.give(JaxPlanArm(alternatives, clock), late)
+                schedule.give(JaxPlanArm(alternatives, clock), late)
         except (KeyboardInterrupt, Cancelled):
             if arena.judge.incumbent is None:
                 raise
             logger.warning("interrupted: the best policy so far is kept")
             interrupted = True
-    return _outcome(recipe, arena, clock() - started, interrupted)
+    return _outcome(schedule, arena, clock() - started, interrupted)
 
 
 def _shares(config: PlannerConfig) -> Shares:
@@ -149,6 +154,7 @@ def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -
         judged=judge.judged,
         arms=[arm.log],
         probe=None,
+        noop_return=None,
         random_return=None,
         compile_seconds=0.0,
         seconds=clock() - began,
@@ -183,15 +189,17 @@ def _arena(
         deadline=deadline,
         clock=clock,
         search_share=shares.shared_until,
+        began=began,
         most_iterations=options.most_iterations,
         on_progress=options.on_progress,
     )
 
 
-def _outcome(recipe: Recipe, arena: Arena, seconds: float, interrupted: bool) -> RaceOutcome:
+def _outcome(schedule: Schedule, arena: Arena, seconds: float, interrupted: bool) -> RaceOutcome:
     chosen = arena.judge.incumbent
     assert chosen is not None
-    logs = [arm.log for arm in recipe.arms]
+    noop = arena.judge.latest(NOOP)
+    logs = [arm.log for arm in schedule.arms]
     policy = policy_of(chosen, arena.problem, arena.seed)
     candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
     return RaceOutcome(
@@ -200,7 +208,8 @@ def _outcome(recipe: Recipe, arena: Arena, seconds: float, interrupted: bool) ->
         judged=arena.judge.judged,
         arms=logs,
         probe=arena.probe,
-        random_return=recipe.random_return,
+        noop_return=arena.probe.noop_return if noop is None else noop.mean,
+        random_return=schedule.random_return,
         compile_seconds=sum(log.compile_seconds for log in logs) + arena.compile_seconds,
         seconds=seconds,
         interrupted=interrupted,

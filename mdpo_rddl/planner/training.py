@@ -1,8 +1,9 @@
 """Running a planner to the end of its budget and keeping what it found."""
 
 import logging
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -121,44 +122,101 @@ def train(
       InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
         the problem with the planner's configuration.
     """
-    planner, budget = built.planner, budget or built.budget
-    with planner.call_sizes():  # the calls become shorter only for this training
-        started = time.perf_counter()
-        _force_compilation(built, key, budget)
-        compile_seconds = time.perf_counter() - started
-        if counts_compilation:
-            left = max(budget.seconds - compile_seconds, _LEAST_SECONDS)
-            budget = replace(budget, seconds=left)
-        started = time.perf_counter()
-        found, status = _run(built, key, budget, on_progress)
-        train_seconds = time.perf_counter() - started
-    return _result(found, status, compile_seconds, train_seconds)
+    training = Training(built, key, budget, on_progress)
+    training.compile()
+    if counts_compilation:
+        left = training.budget.seconds - training.compile_seconds
+        training.limit(max(left, _LEAST_SECONDS))
+    training.advance()
+    return training.result()
 
 
-def _run(
-    built: Built[MDPOPlanner],
-    key: Any,
-    budget: Budget,
-    on_progress: Callable[[Progress], None],
-) -> "tuple[_Found, str]":
-    """What the iterations have found, and why they ended."""
-    started = time.perf_counter()
-    found = _Found(built.planner.in_calls)
-    status = "iter_budget_reached"
-    try:
-        for callback in built.callbacks(key, budget):
-            found.add(callback)
-            iteration, elapsed = callback["iteration"], time.perf_counter() - started
-            done = max((iteration + 1) / budget.iterations, elapsed / budget.seconds)
-            on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
-            if callback["status"].is_terminal():
-                status = callback["status"].name.lower()
-    except (KeyboardInterrupt, Cancelled):
-        # the iterates so far are worth keeping
-        if not found.callback:
-            raise
-        status = "interrupted"
-    return found, status
+class Training:
+    """A training that can be stopped and gone on with.
+
+    Attributes:
+      budget: where it ends; JaxPlan counts the seconds from the first iteration, pauses included.
+      compile_seconds: compilation, with the one iteration that forces it.
+      train_seconds: training without compilation and pauses.
+      has_ended: whether the budget, the planner's own stopping rule or an interrupt has ended it.
+    """
+
+    def __init__(
+        self,
+        built: Built[MDPOPlanner],
+        key: Any,
+        budget: Budget | None = None,
+        on_progress: Callable[[Progress], None] = lambda progress: None,
+    ) -> None:
+        """Compiles nothing yet; the arguments are those of `train`."""
+        self._built, self._key = built, key
+        self.budget, self._on_progress = budget or built.budget, on_progress
+        self._found = _Found(built.planner.in_calls)
+        self._callbacks: Iterator[dict[str, Any]] | None = None
+        self._sizes: tuple[int, int] | None = None
+        self._status = "iter_budget_reached"
+        self.compile_seconds = self.train_seconds = 0.0
+        self.has_ended = False
+
+    def compile(self) -> None:
+        """Compiles an iteration, and bounds the length of a call by the budget's seconds.
+
+        Raises:
+          InputError: if JaxPlan cannot compile the problem with the planner's configuration.
+        """
+        planner, started = self._built.planner, time.perf_counter()
+        with planner.call_sizes():  # the calls become shorter only for this training
+            _force_compilation(self._built, self._key, self.budget)
+            if planner.in_calls:
+                self._sizes = planner.iterations_per_call, planner.test_every
+        self.compile_seconds = time.perf_counter() - started
+
+    def limit(self, seconds: float) -> None:
+        """Sets the time of the budget; to be called before the first iteration."""
+        self.budget = replace(self.budget, seconds=seconds)
+
+    def advance(self, seconds: float = math.inf) -> None:
+        """Trains until so many seconds are over or the training has ended; one call at least.
+
+        Raises:
+          KeyboardInterrupt: if interrupted before the first iteration, and likewise `Cancelled`.
+        """
+        started, before = time.perf_counter(), self.train_seconds
+        if self._callbacks is None:
+            self._callbacks = iter(self._built.callbacks(self._key, self.budget))
+        try:
+            with self._built.planner.call_sizes(*(self._sizes or ())):
+                while not self.has_ended:
+                    callback = next(self._callbacks, None)
+                    self.train_seconds = before + time.perf_counter() - started
+                    self.has_ended = callback is None
+                    if callback is not None:
+                        self._add(callback)
+                    if time.perf_counter() - started >= seconds:
+                        break
+        except (KeyboardInterrupt, Cancelled):
+            # the iterates so far are worth keeping
+            if not self._found.callback:
+                raise
+            self._status, self.has_ended = "interrupted", True
+        self.train_seconds = before + time.perf_counter() - started
+
+    def result(self) -> TrainingResult:
+        """What was found so far; at least one iteration must be done.
+
+        Raises:
+          InputError: if no restart has reached a finite test return.
+        """
+        return _result(self._found, self._status, self.compile_seconds, self.train_seconds)
+
+    def _add(self, callback: Mapping[str, Any]) -> None:
+        found, budget = self._found, self.budget
+        found.add(callback)
+        iteration = callback["iteration"]
+        done = max((iteration + 1) / budget.iterations, self.train_seconds / budget.seconds)
+        self._on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
+        if callback["status"].is_terminal():
+            self._status = callback["status"].name.lower()
 
 
 def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> None:

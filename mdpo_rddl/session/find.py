@@ -1,6 +1,7 @@
 """Find a policy: by one training, or by the race of the preset `auto`."""
 
 import dataclasses
+import functools
 import logging
 import time
 from typing import TYPE_CHECKING
@@ -94,10 +95,13 @@ def find_by_race(
     """
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
-    from mdpo_rddl.auto.start import accepted_start
+    from mdpo_rddl.auto.start import accepted_start, start_candidates
 
-    options = options or RaceOptions(terms.traced_cache, reporter.stage, reporter.training)
+    options = options or RaceOptions(
+        terms.traced_cache, reporter.stage, reporter.training, reporter.judged
+    )
     if terms.start_from is not None:
         start = accepted_start(terms.start_from, terms.problem)
-        options = dataclasses.replace(options, start_from=start)
+        initial = functools.partial(start_candidates, policy=start)
+        options = dataclasses.replace(options, initial=initial)
     return plan_automatically(terms.problem, terms.config, terms.seed, options)

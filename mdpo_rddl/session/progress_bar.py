@@ -1,7 +1,7 @@
 """How a session gets on, as a bar in a terminal or a notebook."""
 
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -9,6 +9,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from mdpo_rddl.planner.training import Progress as TrainingProgress
 
 TRAINING = "training"
+
+if TYPE_CHECKING:
+    from mdpo_rddl.auto.candidate import Judged
 
 
 class ProgressBar:
@@ -35,6 +38,7 @@ class ProgressBar:
         )
         self._task: Any = None
         self._stage = ""
+        self._incumbent: str | None = None
 
     def __enter__(self) -> "ProgressBar":
         self._bar.start()
@@ -57,10 +61,13 @@ class ProgressBar:
         """Starts a new bar under the finished ones."""
         self._finish()
         self._stage = name
-        self._task = self._bar.add_task(name, total=None, note="")
+        self._task = self._bar.add_task(name, total=None, note=self._incumbent or "")
 
     def training(self, progress: TrainingProgress) -> None:
         """Moves the bar of the training stage, which follows compilation by itself."""
+        if self._incumbent is not None:  # one of several arms; the stage is the race's
+            self._bar.update(self._task, total=1.0, completed=progress.fraction)
+            return
         # the first report is of the first call's last iteration, whichever that is
         if self._stage != TRAINING:
             self.stage(TRAINING)
@@ -71,6 +78,13 @@ class ProgressBar:
             note=f"iteration {progress.iteration + 1:,}  test {progress.test_return:,.0f}"
             f"  best {progress.best_return:,.0f}",
         )
+
+    def judged(self, judged: "Judged") -> None:
+        """Shows the incumbent of a race, and which arm leads."""
+        if judged.became_incumbent:
+            candidate = judged.candidate
+            self._incumbent = f"best {candidate.known_mean:,.0f} by {candidate.arm}"
+            self._bar.update(self._task, note=self._incumbent)
 
     def episode(self, done: int, of: int) -> None:
         """Moves the bar of the evaluation stage."""

@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.problem.load import Problem
+
+if TYPE_CHECKING:
+    from mdpo_rddl.auto.candidate import Judged
 
 
 class Reporter(Protocol):
@@ -18,6 +21,9 @@ class Reporter(Protocol):
 
     def training(self, progress: Progress) -> None:
         """An iteration is done."""
+
+    def judged(self, judged: "Judged") -> None:
+        """A race's judge has played a candidate."""
 
     def episode(self, done: int, of: int) -> None:
         """An evaluation episode is done."""

@@ -22,17 +22,19 @@ class PlanProgress:
     """How far planning is.
 
     Attributes:
-      stage: what goes on: "loading", "probing", "searching", "compiling", "training" or
-        "polishing".
+      stage: what goes on: "loading", "probing", "searching", "compiling", "racing",
+        "training" or "polishing".
       seconds: since it began.
       fraction: of the time, from 0 to 1; of the iterations, if they end a training first.
       best_return: mean return of the best policy so far on the exact model; None before the first.
+      leader: the arm of a race that found it; None outside of a race.
     """
 
     stage: str
     seconds: float
     fraction: float
     best_return: float | None = None
+    leader: str | None = None
 
     def _repr_html_(self) -> str:
         best = "none" if self.best_return is None else f"{self.best_return:,.2f}"
@@ -40,7 +42,7 @@ class PlanProgress:
             "stage": self.stage,
             "seconds": f"{self.seconds:.1f}",
             "done": f"{self.fraction:.0%}",
-            "best return": best,
+            "best return": best if self.leader is None else f"{best} by {self.leader}",
         }
         return html_table("Planning", rows)
 
@@ -79,6 +81,7 @@ class Watch:
         self._told_at = -float("inf")
         self._stage, self._fraction = "loading", 0.0
         self._best: float | None = None
+        self._leader: str | None = None
         self._is_ended = self._was_raised = False
         self.error: BaseException | None = None
 
@@ -129,7 +132,8 @@ class Watch:
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
         if judged.became_incumbent:
-            self._best = judged.candidate.mean
+            self._best, self._leader = judged.candidate.mean, judged.candidate.arm
+        self._reporter.judged(judged)
 
     def episode(self, done: int, of: int) -> None:
         """An evaluation episode is done."""
@@ -145,7 +149,7 @@ class Watch:
         fraction = min(1.0, max(self._fraction, elapsed / self.seconds))
         try:
             answer: Any = self._on_progress(
-                PlanProgress(self._stage, elapsed, fraction, self._best)
+                PlanProgress(self._stage, elapsed, fraction, self._best, self._leader)
             )
         except BaseException as error:
             # kept for the caller: planning would take it for a mistake in the problem

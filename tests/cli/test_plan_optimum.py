@@ -36,6 +36,9 @@ class Silent:
     def training(self, progress: object) -> None:
         raise AssertionError("nothing is trained")
 
+    def judged(self, judged: object) -> None:
+        """Nobody listens."""
+
     def episode(self, done: int, of: int) -> None:
         """Nobody listens."""
 

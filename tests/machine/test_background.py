@@ -5,66 +5,49 @@ import time
 
 import pytest
 
-from mdpo_rddl.errors import Cancelled
-from mdpo_rddl.machine import background
-from mdpo_rddl.machine.background import run_until
+from mdpo_rddl.machine.background import Background
 
 
 def test_work_that_ends_in_time():
     done = []
-    assert run_until(lambda work: done.append(work.is_abandoned), time.monotonic() + 60.0)
-    assert done == [False]
+    work = Background(lambda: done.append("done"))
+    assert work.wait(time.monotonic() + 60.0)
+    assert work.has_ended
+    assert done == ["done"]
 
 
-def test_what_it_raises_is_raised():
-    def broken(work):
+def test_what_it_raises_is_raised_each_time_that_it_is_waited_for():
+    def broken():
         raise KeyError("cause")
 
-    with pytest.raises(KeyError, match="cause"):
-        run_until(broken, time.monotonic() + 60.0)
+    work = Background(broken)
+    for _ in range(2):
+        with pytest.raises(KeyError, match="cause"):
+            work.wait(time.monotonic() + 60.0)
 
 
-def test_work_that_takes_too_long_is_abandoned_and_ends_when_it_asks():
-    deaf, told = threading.Event(), threading.Event()
-
-    def slow(work):
-        deaf.wait(60.0)
-        try:
-            work.raise_if_cancelled()
-        except Cancelled:
-            if work.is_abandoned:
-                told.set()
-            raise
-
-    started = time.monotonic()
-    assert not run_until(slow, started + 0.3)
+def test_work_that_takes_too_long_goes_on_while_nobody_waits():
+    released = threading.Event()
+    work, started = Background(lambda: bool(released.wait(60.0))), time.monotonic()
+    assert not work.wait(started + 0.2)
     assert time.monotonic() - started < 30.0
-    deaf.set()
-    assert told.wait(60.0)
+    assert not work.wait(started)
+    assert not work.has_ended
+    released.set()
+    assert work.wait(time.monotonic() + 60.0)
 
 
-def test_an_interrupt_lets_the_work_finish_what_it_has(monkeypatch):
-    begun, finished = threading.Event(), threading.Event()
+def test_an_interrupt_leaves_the_work_alone(monkeypatch):
+    released = threading.Event()
+    work = Background(lambda: bool(released.wait(60.0)))
 
-    def task(work):
-        begun.set()
-        try:
-            while True:
-                work.raise_if_cancelled()
-                time.sleep(0.01)
-        except Cancelled:
-            finished.set()
+    def interrupted(seconds):
+        raise KeyboardInterrupt
 
-    wait, calls = background._wait, []
-
-    def interrupted(thread, until):
-        calls.append(until)
-        if len(calls) == 1:
-            begun.wait(60.0)
-            raise KeyboardInterrupt
-        wait(thread, until)
-
-    monkeypatch.setattr(background, "_wait", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run_until(task, time.monotonic() + 60.0)
-    assert finished.is_set()
+    with monkeypatch.context() as patched:
+        patched.setattr(work._done, "wait", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            work.wait(time.monotonic() + 60.0)
+    assert not work.has_ended
+    released.set()
+    assert work.wait(time.monotonic() + 60.0)

@@ -22,9 +22,10 @@ from helpers.trainings import (
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import Progress, TrainingResult, select_restart, train
+from mdpo_rddl.planner.training import Progress, Training, TrainingResult, select_restart, train
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.planner.upstream import planner as jaxplan
 
@@ -259,3 +260,33 @@ def test_an_interrupt_before_the_first_iteration_is_passed_on(run):
     with pytest.raises(KeyboardInterrupt):
         trained(planner, 5)
     assert planner.runs == run + 1
+
+
+def test_a_training_in_parts_is_the_training_in_one_go():
+    returns = [[1.0, 4.0], [5.0, 2.0], [0.0, 3.0]]
+    whole, _ = trained(Scripted(returns), 3)
+    built = Built(Scripted(returns), Budget(3, FOREVER), {})
+    parts = Training(built, KEY)
+    parts.compile()
+    seen = []
+    while not parts.has_ended:
+        parts.advance(seconds=0.0)  # one call at least
+        seen.append(parts.result().iterations)
+    assert seen == [1, 2, 3, 3]
+    result = parts.result()
+    assert (
+        (result.best_iteration, result.restart) == (whole.best_iteration, whole.restart) == (1, 0)
+    )
+    assert result.history == whole.history
+    assert result.status == whole.status
+    parts.advance(seconds=0.0)
+    assert parts.result().iterations == 3
+
+
+def test_what_a_training_has_so_far_is_its_result():
+    training = Training(Built(Scripted([[1.0], [9.0]]), Budget(2, FOREVER), {}), KEY)
+    training.compile()
+    training.advance(seconds=0.0)
+    assert float(training.result().best_params["w"]) == 0.0
+    training.advance(seconds=0.0)
+    assert float(training.result().best_params["w"]) == 100.0

@@ -1,7 +1,9 @@
 """What every arm is: something that looks for a policy for a slice of time, and can go on."""
 
+import contextlib
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +12,7 @@ import numpy as np
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.training import Record
 
@@ -49,11 +52,13 @@ class Arm(ABC):
 
     Attributes:
       name: for people, one of its own.
+      is_exhausted: whether another slice would be of no use.
     """
 
     def __init__(self, name: str, clock: Clock) -> None:
         """Does nothing yet."""
         self.name, self._clock = name, clock
+        self.is_exhausted = False
         self._log = ArmLog(name)
         self._is_prepared = False
         self._new: list[Candidate] = []
@@ -84,6 +89,11 @@ class Arm(ABC):
             self._work(until)
         finally:
             self._log.seconds += self._clock() - started
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether something is still compiled for it, which a slice would only wait for."""
+        return False
 
     def take_candidates(self) -> list[Candidate]:
         """The candidates since the last time, for the judge."""
@@ -131,3 +141,68 @@ class ArenaArm(Arm):
             self._offer(self._arena.candidate(self.name, label, params))
         else:
             self._offer(parent.child(self.name, label, params))
+
+
+class CompilingArm(ArenaArm):
+    """An arm whose program is compiled in a thread while others work: nothing interrupts that.
+
+    Attributes:
+      descends: whether it goes on from the best policy so far, whoever found that.
+    """
+
+    descends = False
+
+    def __init__(self, name: str, arena: Arena) -> None:
+        """Does nothing yet; the arguments are those of `ArenaArm`."""
+        super().__init__(name, arena)
+        self._compiling: Background | None = None
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether the compilation goes on."""
+        return self._compiling is not None and not self._compiling.has_ended
+
+    def begin(self, until: float) -> None:
+        """Begins the compilation, and waits for it; what it raises is for the first slice.
+
+        Args:
+          until: how long to wait, by the clock.
+        """
+        started = self._clock()
+        self._begin()
+        try:
+            with contextlib.suppress(Exception):
+                self._is_compiled(until)
+        finally:
+            self._log.seconds += self._clock() - started
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Calls `_start`."""
+
+    def _start(self, compile_program: Callable[[], None]) -> None:
+        """Begins a compilation.
+
+        Args:
+          compile_program: does it; must not ask the clock, which may raise for the caller only.
+        """
+
+        def timed() -> None:
+            started = time.monotonic()
+            compile_program()
+            self._log.compile_seconds += time.monotonic() - started
+
+        self._compiling = Background(timed)
+
+    def _is_compiled(self, until: float) -> bool:
+        """Waits for the compilation.
+
+        Args:
+          until: how long, by the clock.
+
+        Raises:
+          Exception: whatever it has raised.
+        """
+        assert self._compiling is not None
+        # a thread is waited for by the machine's clock
+        return self._compiling.wait(time.monotonic() + until - self._clock())

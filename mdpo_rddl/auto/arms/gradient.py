@@ -2,7 +2,7 @@
 
 import dataclasses
 import logging
-import time
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,26 +12,29 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import ArenaArm, ArmLog
+from mdpo_rddl.auto.arms.base import ArmLog, CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.errors import Cancelled, InputError
-from mdpo_rddl.machine.background import Work, run_until
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
-from mdpo_rddl.planner.training import Progress, Record, TrainingResult, train
+from mdpo_rddl.planner.training import Record, Training, TrainingResult
 from mdpo_rddl.planner.update.restarts import PerRestart
 
 logger = logging.getLogger(__name__)
 
+GRADIENT = "gradient"
 # of the optimiser's learning rate
 _FIRST_STEPS = (0.3, 1.0, 1.0, 3.0)
 _FIRST_NOISE = (0.3, 0.3, 1.0, 1.0)
 _LATER_STEPS = (1.0, 0.3)
 # of the step size after a phase that found nothing better
 _SHRINK = 0.3
+_LEAST_SECONDS = 0.1
+# the arm's slices end a training
+_FOREVER = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,7 @@ class PhaseLog:
     Attributes:
       steps: step sizes, one for each restart.
       noise: factors of the noise's scale, one for each restart.
-      result: the training.
+      result: of the training so far.
       candidates: labels of what it found.
     """
 
@@ -51,32 +54,33 @@ class PhaseLog:
     candidates: Sequence[str]
 
 
-class GradientArm(ArenaArm):
-    """Trains with MDPO; each slice is a phase.
+class GradientArm(CompilingArm):
+    """Trains with MDPO in phases.
 
     The first goes from the best policy so far and from the best constant, with several step
     sizes each; the later ones from the best policy so far, with the step size that found it and
-    a smaller one.
+    a smaller one. A phase goes on as long as each slice of time finds something better.
 
     Attributes:
       phases: what was done.
-      has_failed: whether there is no use in another slice: the problem has no gradient, or its
-        program takes too long to compile.
     """
 
-    def __init__(self, arena: Arena, given_up_at: float) -> None:
+    descends = True
+
+    def __init__(self, arena: Arena) -> None:
         """Compiles nothing yet.
 
         Args:
           arena: what all arms have in common; its planner has several parallel updates and an
             optimiser with a `learning_rate`.
-          given_up_at: when a phase that is late is abandoned, by the clock: nothing interrupts
-            a compilation.
         """
-        super().__init__("gradient", arena)
-        self._given_up_at = given_up_at
+        super().__init__(GRADIENT, arena)
         self.phases: list[PhaseLog] = []
-        self.has_failed = False
+        self._training: Training | None = None
+        self._parent = arena.incumbent
+        self._steps: Sequence[float] = ()
+        self._noise: Sequence[float] = ()
+        self._best_before = -math.inf
 
     @property
     def log(self) -> ArmLog:
@@ -86,57 +90,67 @@ class GradientArm(ArenaArm):
         for phase in self.phases:
             records += [r._replace(iteration=r.iteration + done) for r in phase.result.history]
             done += phase.result.iterations
-        log.records = tuple(records)
+        log.records, log.iterations = tuple(records), done
         if self.phases:
             log.sigma = np.concatenate([phase.result.sigma for phase in self.phases])
         log.details = {"phases": [self._summary(phase) for phase in self.phases]}
         return log
 
     def _work(self, until: float) -> None:
-        """One phase; it is abandoned where it is too late, and offers nothing then.
+        """Goes on with the phase, or begins the next; at first it may only wait.
 
         Raises:
-          KeyboardInterrupt: if interrupted; what was found till then is offered.
+          Cancelled: if interrupted; what was found till then is offered.
         """
-        # the thread is waited for by the machine's clock
-        patience = time.monotonic() + self._given_up_at - self._clock()
-        if not run_until(lambda work: self._phase(until, work), patience):
-            logger.warning("the gradient is given up: its program takes too long to compile")
-            self.has_failed = True
-
-    def _phase(self, until: float, work: Work) -> None:
-        arena, number = self._arena, len(self.phases)
-        planner, best = arena.planner, arena.incumbent
-        starts = [best.params] if number else [best.params, arena.constant]
-        guesses = _spread(starts, planner.parallel_updates)
-        steps, noise = self._steps_and_noise(planner)
-        planner.vary_restarts(learning_rate=steps, noise=_scaled_noise(planner, noise))
-
-        def go_on(progress: Progress) -> None:
-            work.raise_if_cancelled()
-            arena.on_progress(progress)
-
         try:
-            result = train(
-                Built(planner, arguments={"guess": _stack(guesses), "test_rolling_window": 1}),
-                jax.random.fold_in(jax.random.PRNGKey(arena.seed), number),
-                Budget(arena.most_iterations, until - self._clock()),
-                counts_compilation=True,
-                on_progress=go_on,
-            )
+            assert self._training is not None
+            if self._training.train_seconds and not self._goes_on():
+                self._begin()
+            self._best_before = self._arena.judge.best_mean
+            if self._is_compiled(until):
+                self._train(until)
         except InputError as error:
             # other arms find a policy without the gradient
             logger.warning("the gradient is of no use: %s", error)
-            self.has_failed = True
-            return
-        if work.is_abandoned:
-            return
-        labels = f"phase {number + 1}", f"phase {number + 1}, last iterate"
-        self.phases.append(PhaseLog(steps, noise, result, labels))
-        self._log.iterations += result.iterations
-        self._log.compile_seconds += result.compile_seconds
+            self.is_exhausted = True
+
+    def _goes_on(self) -> bool:
+        """Whether the phase has more to find."""
+        found = self._log.best_return
+        is_better = found is not None and found > self._best_before
+        return is_better and self._training is not None and not self._training.has_ended
+
+    def _begin(self) -> None:
+        """Begins a phase: nothing interrupts a compilation, so that goes on in a thread."""
+        arena, number = self._arena, len(self.phases)
+        planner, self._parent = arena.planner, arena.incumbent
+        best = self._parent
+        starts = [best.params] if number else [best.params, arena.constant]
+        guesses = _spread(starts, planner.parallel_updates)
+        self._steps, self._noise = self._steps_and_noise(planner)
+        planner.vary_restarts(learning_rate=self._steps, noise=_scaled_noise(planner, self._noise))
+        training = Training(
+            Built(planner, arguments={"guess": _stack(guesses), "test_rolling_window": 1}),
+            jax.random.fold_in(jax.random.PRNGKey(arena.seed), number),
+            Budget(arena.most_iterations, max(_LEAST_SECONDS, arena.deadline - self._clock())),
+            arena.tell,
+        )
+        self._training = training
+        self._start(training.compile)
+
+    def _train(self, until: float) -> None:
+        training = self._training
+        assert training is not None
+        is_new = not training.train_seconds
+        if is_new:
+            training.limit(_FOREVER)
+        training.advance(until - self._clock())
+        result = training.result()
+        number = len(self.phases) + is_new
+        labels = f"phase {number}", f"phase {number}, last iterate"
+        self.phases[number - 1 :] = [PhaseLog(self._steps, self._noise, result, labels)]
         for label, params in zip(labels, (result.best_params, result.last_params), strict=True):
-            self._offer(self._trained(best, label, params, result))
+            self._offer(self._trained(self._parent, label, params, result))
         if result.status == "interrupted":
             raise Cancelled
 

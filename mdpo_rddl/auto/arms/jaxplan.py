@@ -1,4 +1,4 @@
-"""JaxPlan's default planners, trained in a second process while the recipe is at work.
+"""JaxPlan's default planners, trained in a second process while the race goes on.
 
 They are what a user would have without us; where neither feedback nor its gradient helps, a
 straight-line plan or a plain net may still.
@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 
 METHODS = ("slp", "drp")
 _ROLLOUTS = 128
-# of the recipe's time, for each of the two: the process must start and compile as well
+# of the race's time, for each of the two: the process must start and compile as well
 _SHARE = 0.35
 
 
@@ -47,7 +47,7 @@ class ChildRequest:
     Attributes:
       problem: a `ProblemSource`, as a dictionary.
       seed: of training.
-      seconds: that the recipe has.
+      seconds: that the race has.
       folder: where the policies go.
     """
 
@@ -89,7 +89,7 @@ class Alternatives:
         Args:
           problem: the parsed problem.
           seed: of training.
-          seconds: that the recipe has.
+          seconds: that the race has.
           wanted: whether to start it at all.
         """
         self._problem = problem

@@ -5,13 +5,13 @@ from typing import Any
 
 from mdpo_rddl.auto.fitting import without_plan
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import SEARCH
+from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS, SEARCH
 
 # a search must have some time, if only to compile
 _NO_TIME = 0.02
 
 
-def _searching(**shares: float) -> Callable[[PlannerConfig], PlannerConfig]:
+def _searching(**shares: Any) -> Callable[[PlannerConfig], PlannerConfig]:
     return lambda config: config.with_values(SEARCH, **shares)
 
 
@@ -26,9 +26,9 @@ def _shaped(**arguments: Any) -> Callable[[PlannerConfig], PlannerConfig]:
 VARIANTS: dict[str, Callable[[PlannerConfig], PlannerConfig]] = {
     "auto": lambda config: config,
     "auto-without-searches": _searching(shared_until=_NO_TIME, own_until=_NO_TIME),
-    "auto-without-own-weights": _searching(shared_until=0.45, own_until=0.45),
-    "auto-without-gradient": _searching(gradient_until=0.45),
-    "auto-without-last-search": _searching(gradient_until=1.0),
+    "auto-without-own-weights": _searching(shared_until=0.32, own_until=0.32),
+    **{f"auto-without-{name}": _searching(without=[name]) for name in OPTIONAL_ARMS},
+    "auto-without-last-search": _searching(rounds_until=1.0),
     "auto-without-noise": lambda config: config.with_section("Noise", {"method": "NoNoise"}),
     "auto-with-analysis-rollouts": lambda c: c.with_values("Noise", analysis_samples=1),
     "auto-without-plan": without_plan,

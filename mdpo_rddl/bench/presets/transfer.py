@@ -1,7 +1,7 @@
 """A policy of one instance on another one: played untrained, and as the start of a race."""
 
+import functools
 import logging
-import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto import RaceOptions, RaceOutcome, plan_automatically
-from mdpo_rddl.auto.start import START, accepted_start
+from mdpo_rddl.auto.start import START, accepted_start, start_candidates
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.presets.auto import auto_preset
@@ -98,7 +98,7 @@ def _row(source: Problem, target: Problem, seconds: float, seed: int) -> list[An
 def _race(problem: Problem, seconds: float, seed: int, start: Policy | None = None) -> RaceOutcome:
     config = auto_preset(problem.domain_name).with_values("Optimize", train_seconds=seconds)
     config = config.with_values("Search", alternatives=False, optimum_until=0.0)
-    options = RaceOptions(clock=time.monotonic, start_from=start)
+    options = RaceOptions(initial=functools.partial(start_candidates, policy=start))
     return plan_automatically(problem, config, seed, options)
 
 

@@ -1,11 +1,13 @@
-"""The section `[Search]` of a configuration: how the recipe of `mdpo_rddl.auto` spends its time."""
+"""The section `[Search]` of a configuration: how the race of `mdpo_rddl.auto` spends its time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 SEARCH = "Search"
 """The section's name."""
+OPTIONAL_ARMS = ("gradient", "pgpe", "slp", "drp")
+"""Arms that can be left out of the race."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,8 @@ class Search:
       shared_until: where the search for the shared weights ends.
       own_until: where the search for an open-loop plan ends, or, if none promises to become as
         good as the shared weights, that for each object's own weights.
-      gradient_until: where the gradient's part ends; the rest is for another search.
+      rounds_until: where the rounds end; the rest is for the arm of the best policy.
+      without: names of arms that are left out: "gradient", "pgpe", "slp", "drp".
       alternatives: whether JaxPlan's default planners are tried in a second process.
 
     Raises:
@@ -29,13 +32,14 @@ class Search:
     """
 
     optimum_until: float = 0.4
-    shared_until: float = 0.25
-    own_until: float = 0.45
-    gradient_until: float = 0.85
+    shared_until: float = 0.2
+    own_until: float = 0.32
+    rounds_until: float = 0.92
     alternatives: bool = True
+    without: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        names = ("shared_until", "own_until", "gradient_until")
+        names = ("shared_until", "own_until", "rounds_until")
         shares = [0.0, *(getattr(self, name) for name in names), 1.0]
         if self.shared_until == 0.0 or shares != sorted(shares):
             raise ValueError(f"0 < {' <= '.join(names)} <= 1 must hold")
@@ -43,6 +47,8 @@ class Search:
             raise ValueError(f"0 <= optimum_until < 1 must hold, got {self.optimum_until!r}")
         if not isinstance(self.alternatives, bool):
             raise ValueError(f"alternatives: must be True or False, got {self.alternatives!r}")
+        if unknown := [name for name in self.without if name not in OPTIONAL_ARMS]:
+            raise ValueError(f"without: {unknown[0]!r} is none of {', '.join(OPTIONAL_ARMS)}")
 
 
 def read_search(sections: Mapping[str, Mapping[str, Any]]) -> Search | None:
@@ -53,7 +59,7 @@ def read_search(sections: Mapping[str, Mapping[str, Any]]) -> Search | None:
 
     Raises:
       TypeError: if there is a key that is unknown.
-      ValueError: if a value is refused, or the plan is one that the recipe cannot search.
+      ValueError: if a value is refused, or the plan is one that the race cannot search.
     """
     if SEARCH not in sections:
         return None

@@ -1,4 +1,4 @@
-"""The preset `auto`: one recipe for all problems, see docs/auto.md."""
+"""The preset `auto`: one race for all problems, see docs/auto.md."""
 
 from typing import Any
 
@@ -49,9 +49,9 @@ def auto_preset(domain_name: str) -> PlannerConfig:
         },
         "Search": {
             "optimum_until": 0.4,
-            "shared_until": 0.25,
-            "own_until": 0.45,
-            "gradient_until": 0.85,
+            "shared_until": 0.2,
+            "own_until": 0.32,
+            "rounds_until": 0.92,
             "alternatives": True,
         },
         "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 20},

@@ -1,4 +1,4 @@
-"""The recipe of the preset `auto` on problems that compile fast, by a clock that does not wait."""
+"""The race of the preset `auto` on problems that compile fast, by a clock that does not wait."""
 
 import json
 import threading
@@ -11,11 +11,11 @@ from helpers.lakes import preset, write_lake
 from helpers.problems import write_corridor
 
 from mdpo_rddl import evaluate, make_environment
-from mdpo_rddl.auto import RaceOptions, plan_automatically, probing, race, recipe, sizes
+from mdpo_rddl.auto import RaceOptions, plan_automatically, probing, race, schedule, sizes
 from mdpo_rddl.auto.arms import gradient, jaxplan
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 NOOP, CONSTANT = "no-op", "constant"
@@ -33,18 +33,18 @@ def corridor(tmp_path_factory):
 
 @pytest.fixture
 def no_gradient(monkeypatch):
-    def refuse_to_train(*arguments, **keywords):
+    def refuse_to_compile(training):
         raise InputError("this model has no gradient")
 
-    monkeypatch.setattr(gradient, "train", refuse_to_train)
+    monkeypatch.setattr(gradient.Training, "compile", refuse_to_compile)
 
 
 CLOCK = Ticking()
 
 
-def raced(problem, ticks: float, **search):
+def raced(problem, ticks: float, options: RaceOptions | None = None, **search):
     """A race of so many ticks of the clock, which an iteration of a search takes three of."""
-    options = RaceOptions(clock=CLOCK, most_iterations=60)
+    options = options or RaceOptions(clock=CLOCK, most_iterations=60)
     return plan_automatically(problem, preset(ticks, **search), 0, options)
 
 
@@ -61,7 +61,8 @@ def in_one_arena(compiled, monkeypatch):
         judge = Judge(128, seed, CLOCK, began)
         judge._players = compiled.judge._players
         deadline = began + config.section("Optimize")["train_seconds"]
-        arena = replace(compiled, judge=judge, deadline=deadline)
+        told = options.on_progress
+        arena = replace(compiled, judge=judge, deadline=deadline, began=began, on_progress=told)
         arena.__dict__.update(population=compiled.population, plans=compiled.plans)
         return arena
 
@@ -77,12 +78,16 @@ def arm(outcome, name: str) -> dict:
     return outcome.diagnostics()["arms"][name]
 
 
+def phases_of(outcome) -> list[dict]:
+    return arm(outcome, "gradient")["phases"]
+
+
 @pytest.fixture(scope="module")
 def outcome(lake):
     return raced(lake, 2000.0)
 
 
-def test_every_part_of_the_recipe_improves_on_what_it_begins_with(outcome):
+def test_every_part_of_the_race_improves_on_what_it_begins_with(outcome):
     found = means(outcome)
     # 300 below at all 8 steps; a constant halves it
     assert found[NOOP] == pytest.approx(-2400.0, rel=0.05)
@@ -97,12 +102,12 @@ def test_every_part_of_the_recipe_improves_on_what_it_begins_with(outcome):
 
 def test_the_gradient_alone_improves_on_the_best_constant(lake, in_one_arena):
     # searches end at once
-    outcome = raced(lake, 2500.0, shared_until=0.001, own_until=0.001, gradient_until=0.95)
+    outcome = raced(lake, 2500.0, shared_until=0.001, own_until=0.001, rounds_until=0.95)
     phases = [name for name in means(outcome) if name.startswith("phase 1")]
     start = max(means(outcome)[name] for name in (CONSTANT, "shared weights", "random rule"))
     assert max(means(outcome)[name] for name in phases) > start
-    assert arm(outcome, "gradient")["phases"][0]["improved"]
-    assert arm(outcome, "gradient")["iterations"] == 180
+    assert phases_of(outcome)[0]["improved"]
+    assert arm(outcome, "gradient")["iterations"] == 60 * len(phases_of(outcome))
     assert outcome.chosen.uses_noise
     assert "gradient" in (outcome.chosen.arm, *outcome.chosen.parents)
     assert outcome.policy.config.section("Noise")["method"] == "AdaptiveNoise"
@@ -118,7 +123,8 @@ def test_the_outcome_says_what_each_arm_was_given_and_found(outcome):
     json.dumps(diagnostics, allow_nan=False)
     assert diagnostics["chosen"] == outcome.chosen.label
     assert diagnostics["arm"] == outcome.chosen.arm
-    assert diagnostics["noop_return"] == outcome.probe.noop_return
+    # by the judge, in as many rollouts as all others
+    assert diagnostics["noop_return"] == means(outcome)[NOOP] != outcome.probe.noop_return
     assert diagnostics["random_return"] < means(outcome)[CONSTANT]
     names = ["constants and rules", "shared weights", "plan"]
     assert list(diagnostics["arms"])[:3] == names
@@ -145,7 +151,7 @@ def test_the_policy_is_the_chosen_candidate(outcome, lake):
 
 def test_without_a_gradient_the_search_has_to_do(lake, in_one_arena, no_gradient, caplog):
     outcome = raced(lake, 600.0)
-    assert arm(outcome, "gradient")["phases"] == []
+    assert phases_of(outcome) == []
     assert "this model has no gradient" in caplog.text
     assert outcome.chosen.mean > means(outcome)[CONSTANT]
     # it has seen no noise, and says so
@@ -187,21 +193,17 @@ def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch)
     assert "own weights" in means(outcome)
 
 
-def test_a_gradient_that_takes_too_long_is_given_up(lake, in_one_arena, monkeypatch, caplog):
+def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_arena, monkeypatch):
     released = threading.Event()
-
-    def slow(*arguments, on_progress, **keywords):
-        released.wait(120.0)
-        on_progress(None)
-
-    monkeypatch.setattr(gradient, "train", slow)
-    monkeypatch.setattr(recipe, "_OVERRUN", -1e9)
+    monkeypatch.setattr(gradient.Training, "compile", lambda training: released.wait(120.0))
+    monkeypatch.setattr(schedule, "_PATIENCE", 0.0)
     try:
         outcome = raced(lake, 600.0)
     finally:
         released.set()
-    assert "the gradient is given up" in caplog.text
-    assert arm(outcome, "gradient")["slices"] == 1
+    assert phases_of(outcome) == []
+    assert arm(outcome, "gradient")["slices"] == 0
+    assert arm(outcome, "polishing the weights")["slices"] > 1
     assert means(outcome)["polished"] > means(outcome)[NOOP]
 
 
@@ -257,23 +259,21 @@ def test_an_interrupt_keeps_the_best_policy_so_far(lake, in_one_arena, monkeypat
     def interrupted(*arguments, **keywords):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(recipe.SharedWeightsArm, "_work", interrupted)
+    monkeypatch.setattr(schedule.SharedWeightsArm, "_work", interrupted)
     outcome = raced(lake, 300.0)
     assert outcome.interrupted
     assert outcome.chosen.arm == "constants and rules"
-    monkeypatch.setattr(recipe.Recipe, "run", interrupted)
+    monkeypatch.setattr(schedule.Schedule, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         raced(lake, 300.0)
 
 
-def test_an_interrupted_phase_is_judged(lake, in_one_arena, monkeypatch):
-    def interrupted(built, key, budget, **keywords):
-        result = gradient_train(built, key, replace(budget, iterations=20), **keywords)
-        return replace(result, status="interrupted")
+def test_an_interrupted_phase_is_judged(lake, in_one_arena):
+    def cancelled(progress):
+        raise Cancelled
 
-    gradient_train = gradient.train
-    monkeypatch.setattr(gradient, "train", interrupted)
-    outcome = raced(lake, 2500.0)
+    options = RaceOptions(clock=CLOCK, most_iterations=60, on_progress=cancelled)
+    outcome = raced(lake, 2500.0, options)
     assert outcome.interrupted
     assert outcome.judged[-1].candidate.label == "phase 1, last iterate"
 
@@ -289,7 +289,7 @@ def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
 
 def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch):
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
-    monkeypatch.setattr(recipe, "_FEWEST_POLICIES", 10**9)
+    monkeypatch.setattr(schedule, "_FEWEST_POLICIES", 10**9)
     outcome = raced(lake, 300.0)
     assert outcome.chosen.label == CONSTANT
     assert outcome.arms == []

@@ -1,0 +1,91 @@
+"""The arms that train JaxPlan's own classes of policies in our calls, each on its own line."""
+
+import logging
+
+import jax
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import CompilingArm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.start import initial_parameters
+from mdpo_rddl.planner.training import Training
+
+logger = logging.getLogger(__name__)
+
+METHODS = ("slp", "drp")
+_FOREVER = 1e9
+
+
+class TrainingArm(CompilingArm):
+    """Follows the relaxed model's gradient on a straight-line plan or a deep reactive policy.
+
+    Compilation goes on in a thread while other arms work, for nothing interrupts it. Each slice
+    goes on with the training of the last.
+    """
+
+    def __init__(self, arena: Arena, method: str) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          arena: what all arms have in common.
+          method: "slp" or "drp", the arm's name as well.
+        """
+        super().__init__(method, arena)
+        self._training: Training | None = None
+        self._offered = -1
+
+    def _begin(self) -> None:
+        seconds = max(1.0, self._arena.deadline - self._clock())
+        self._start(lambda: self._compile(seconds))
+
+    def _work(self, until: float) -> None:
+        """Waits for the compilation, and trains for what is left of the slice.
+
+        Raises:
+          Cancelled: if interrupted; what was found till then is offered.
+        """
+        try:
+            if self._is_compiled(until):
+                assert self._training is not None
+                self._training.advance(until - self._clock())
+                self._offer_best(self._training)
+        except InputError as error:
+            # other arms find a policy without this one
+            logger.info("%s is of no use: %s", self.name, error)
+            self._log.details = {"cause": str(error)}
+            self.is_exhausted = True
+
+    def _compile(self, seconds: float) -> None:
+        arena = self._arena
+        built = arena.plain.built(self.name)
+        key = jax.random.fold_in(jax.random.PRNGKey(arena.seed), 5)
+        budget = Budget(arena.most_iterations, seconds)
+        training = Training(built, key, budget, arena.tell)
+        training.compile()
+        # the arm's slices end it
+        training.limit(_FOREVER)
+        params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(built.planner, key))
+        arena.judge.prepare(built.planner, params)
+        self._training = training
+
+    def _offer_best(self, training: Training) -> None:
+        result, arena = training.result(), self._arena
+        self._log.iterations = result.iterations
+        self._log.records = result.history
+        self.is_exhausted = training.has_ended
+        if result.best_iteration != self._offered:
+            self._offered = result.best_iteration
+            self._offer(
+                Candidate(
+                    arm=self.name,
+                    label=f"{self.name}, iteration {result.best_iteration:,}",
+                    config=arena.plain.config(self.name),
+                    planner=arena.plain.built(self.name).planner,
+                    params=result.best_params,
+                    policy_hyperparams=result.policy_hyperparams,
+                )
+            )
+        if result.status == "interrupted":
+            raise Cancelled

@@ -1,0 +1,49 @@
+"""JaxPlan's own classes of policies as planners of ours, each made once for all arms."""
+
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.problem.load import Problem
+
+_CALL = {"iterations_per_call": 100, "test_every": 20}
+
+
+class PlainPlanners:
+    """Planners of straight-line plans ("slp") and of deep reactive policies ("drp")."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Makes none yet.
+
+        Args:
+          problem: the parsed problem.
+        """
+        self._problem = problem
+        self._built: dict[str, Built[MDPOPlanner]] = {}
+
+    def built(self, method: str) -> Built[MDPOPlanner]:
+        """The planner of a method; nothing of it is compiled before it is used.
+
+        Args:
+          method: "slp" or "drp".
+
+        Raises:
+          InputError: if JaxPlan refuses the problem.
+        """
+        if method not in self._built:
+            self._built[method] = build_planner(self._problem, self.config(method))
+        return self._built[method]
+
+    def config(self, method: str) -> PlannerConfig:
+        """The configuration for the domain, in calls of many iterations.
+
+        Noise on the actions would double what must be compiled, and parameter noise (PGPE)
+        excludes calls; it is an arm of its own.
+        """
+        # a problem of rddlrepository is labelled by its name there and its instance
+        name = self._problem.label.rpartition("-")[0]
+        config = config_for_domain(name, self._problem.domain_name, method)
+        config = config.with_section("Noise", {"method": "NoNoise"})
+        config = config.with_values("Planner", pgpe=None)
+        return config.with_section("MDPO", {**_CALL, **config.section("MDPO")})

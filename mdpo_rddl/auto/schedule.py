@@ -1,0 +1,259 @@
+"""The race of the preset `auto`: who works when.
+
+Where all states can be enumerated, the optimum is known before any of this begins.
+
+1. Constant actions on the exact model say in which units states and actions are of order 1.
+2. The arms begin in the order of what they cost: the few weights that all objects share, then an
+   open-loop plan, or each object's own weights if the plan does not promise to become as good; a
+   net whose parameters are explored; and those that need a gradient, as far as their programs
+   can be compiled in the time: MDPO on the feedback policy from the best policy so far, a
+   straight-line plan, a net.
+3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
+   one in five to the one that has waited longest (`rounds.py`).
+4. Another search around the best policy evens out what the relaxed model has wrong.
+5. Meanwhile, in a second process, JaxPlan's default planners have their try.
+6. The candidate of the largest return in fresh exact rollouts is the result.
+
+Where no constant action and no random rule returns more than the no-op, a search for a plan that
+explores comes first.
+"""
+
+import dataclasses
+import logging
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.arms.exploration import ExplorationArm
+from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
+from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
+from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
+from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
+from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
+from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE, SimpleArm
+from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.rounds import Contender, next_contender
+from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.planner.config.search_section import Search as Shares
+
+logger = logging.getLogger(__name__)
+
+_POLISHED, _POLISHING_SIGMA = "polished", 0.01
+# of the time for the shared weights: random rules
+_RULES_SHARE = 0.25
+# a search of a large problem evaluates at least so many policies
+_FEWEST_POLICIES = 60
+# a gradient's program takes longer to compile than the population's, and an iteration longer
+# than the rollouts of one population
+_GRADIENT_COMPILATIONS, _GRADIENT_EVALUATIONS = 6.0, 100.0
+_PLAIN_COMPILATIONS, _ROLLOUT_COMPILATIONS = 3.0, 2.0
+# of the time left: what an arm that must compile may need, and how long it is waited for
+_AFFORDED, _PATIENCE = 0.5, 0.3
+# of the time left, for the exploration: before the other arms, and for these if it finds nothing
+_EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
+# of all the time: a slice
+_SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
+
+
+class Schedule:
+    """Which arm works when.
+
+    Attributes:
+      arms: those that were given any time, in the order in which they began.
+      random_return: mean return of random actions; None if it was not measured.
+    """
+
+    def __init__(
+        self,
+        arena: Arena,
+        shares: Shares,
+        on_stage: Callable[[str], None],
+        initial: Sequence[Candidate] = (),
+    ) -> None:
+        """Does nothing yet.
+
+        Args:
+          arena: where the arms meet.
+          shares: of the time, and which arms are left out.
+          on_stage: called with the name of each part as it begins.
+          initial: policies to begin with, whoever found them.
+        """
+        self._arena, self._shares, self._on_stage = arena, shares, on_stage
+        self._initial = initial
+        self._judge = arena.judge
+        self.arms: list[Arm] = []
+        self.random_return: float | None = None
+        self._has_plan = False
+        self._contenders: list[Contender] = []
+
+    def run(self) -> None:
+        """Gives arms their slices until the time is over."""
+        arena, judge = self._arena, self._judge
+        if self._is_too_slow():
+            logger.warning("there is too little time to search: a rollout takes so long")
+            constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
+            judge.record(dataclasses.replace(constant, mean=arena.probe.start_return))
+            return
+        simple = SimpleArm(arena)
+        self.give(simple, arena.clock())
+        for candidate in self._initial:
+            judge.record(candidate)
+        self._on_stage("searching")
+        if arena.has_plan:
+            self.random_return = arena.plans.random_return(arena.noop)
+        self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
+        shared = SharedWeightsArm(arena, RANDOM_RULE)
+        if arena.has_plan and judge.best_mean <= arena.plans.return_to_beat:
+            self._explore(shared)
+        else:
+            self._improve(shared)
+
+    def give(self, arm: Arm, until: float) -> bool:
+        """Gives an arm a slice of time and judges what it finds.
+
+        Returns:
+          Whether one of its candidates became the incumbent.
+
+        Raises:
+          KeyboardInterrupt: if interrupted, once what was found till then was judged.
+        """
+        if arm not in self.arms:
+            self.arms.append(arm)
+        try:
+            arm.work(until)
+        except (KeyboardInterrupt, Cancelled):
+            self._judge_candidates(arm)
+            raise
+        return self._judge_candidates(arm)
+
+    def _judge_candidates(self, arm: Arm) -> bool:
+        is_better = False
+        for candidate in arm.take_candidates():
+            is_better |= self._judge.record(candidate)
+            arm.judged(self._judge.judged[-1].candidate)
+        return is_better
+
+    def _is_too_slow(self) -> bool:
+        seconds = self._arena.probe.policy_seconds
+        left = self._arena.deadline - self._arena.clock()
+        return seconds is not None and seconds * _FEWEST_POLICIES > left
+
+    def _explore(self, shared: SharedWeightsArm) -> None:
+        """For problems in which neither a constant nor a random rule beats the no-op."""
+        arena, judge, plans = self._arena, self._judge, self._arena.plans
+        exploration = ExplorationArm(arena)
+        self._has_plan = self.give(exploration, arena.until(_EXPLORATION_SHARE))
+        if judge.best_mean <= plans.return_to_beat or not plans.deterministic:
+            self._has_plan &= not self.give(shared, arena.until(self._shares.shared_until))
+        found = judge.best_mean > plans.return_to_beat
+        rounds_until = arena.until(self._shares.rounds_until if found else _OTHERS_SHARE)
+        self._open_exploration(rounds_until)
+        self._open_trainings(rounds_until)
+        self._compete(rounds_until)
+        if judge.best_mean > plans.return_to_beat:
+            self._finish()
+        else:
+            self._on_stage("polishing")
+            self.give(exploration, arena.deadline)
+
+    def _improve(self, shared: SharedWeightsArm) -> None:
+        """For problems in which a constant or a random rule beats the no-op."""
+        arena, shares = self._arena, self._shares
+        parts = shares.shared_until, shares.own_until, shares.rounds_until
+        shared_until, own_until, rounds_until = (arena.until(share) for share in parts)
+        self.give(shared, shared_until)
+        self._has_plan = arena.has_plan and self.give(PlanArm("plan", arena, Evolving()), own_until)
+        if not self._has_plan:
+            around = Around(begins_with=SHARED_WEIGHTS)
+            self.give(OwnWeightsArm("own weights", arena, around), own_until)
+        self._open_exploration(rounds_until)
+        if self._is_in(GRADIENT):
+            self._open_gradient(rounds_until)
+        self._open_trainings(rounds_until)
+        self._compete(rounds_until)
+        self._finish()
+
+    def _is_in(self, name: str) -> bool:
+        return name not in self._shares.without
+
+    def _affords(self, compilations: float, until: float) -> bool:
+        """Whether there is time for an arm that compiles so many times as long as the search."""
+        population = self._arena.population
+        needed = compilations * population.compile_seconds
+        needed += _GRADIENT_EVALUATIONS * population.seconds
+        left = until - self._arena.clock()
+        return self._arena.probe.policy_seconds is None and needed <= _AFFORDED * left
+
+    def _open_exploration(self, until: float) -> None:
+        if self._is_in(PGPE) and self._affords(_ROLLOUT_COMPILATIONS, until):
+            self._open(ParameterExplorationArm(self._arena), until)
+
+    def _open_gradient(self, until: float) -> None:
+        if self._affords(_GRADIENT_COMPILATIONS, until):
+            self._open(GradientArm(self._arena), until)
+        else:
+            left = until - self._arena.clock()
+            logger.warning("there is too little time for the gradient: %.0f s are left", left)
+
+    def _open_trainings(self, until: float) -> None:
+        for method in METHODS:
+            if self._is_in(method) and self._affords(_PLAIN_COMPILATIONS, until):
+                self._open(TrainingArm(self._arena, method), until)
+
+    def _open(self, arm: CompilingArm, until: float) -> None:
+        """The first slice of an arm that must compile; it competes from then on."""
+        arena = self._arena
+        self._on_stage("compiling")
+        self.arms.append(arm)
+        now = arena.clock()
+        arm.begin(now + _PATIENCE * (until - now))
+        reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.log.best_return)
+        self._contenders.append(Contender(arm, reached))
+        if not arm.is_pending:
+            self._give_slice(self._contenders[-1], until)
+
+    def _give_slice(self, contender: Contender, until: float) -> None:
+        arena = self._arena
+        length = max(_SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
+        before, started = contender.reached(), arena.clock()
+        self.give(contender.arm, min(started + length, until))
+        contender.note(before, arena.clock() - started)
+        for other in self._contenders:
+            other.waited = 0 if other is contender else other.waited + 1
+
+    def _compete(self, until: float) -> None:
+        """Rounds of slices, each for the arm that promises most."""
+        arena, judge = self._arena, self._judge
+        polisher = self._polisher
+        self._contenders.append(Contender(polisher, lambda: arena.incumbent.mean))
+        self._on_stage("racing")
+        number = 0
+        while (left := until - arena.clock()) > _SHORTEST_SECONDS:
+            chosen = next_contender(self._contenders, number, judge.best_mean, left)
+            if chosen is None:
+                break
+            self._give_slice(chosen, until)
+            number += 1
+
+    def _finish(self) -> None:
+        """The rest of the time is for whoever leads."""
+        arena, best = self._arena, self._judge.incumbent
+        self._on_stage("polishing")
+        assert best is not None
+        if best.planner is arena.planner:
+            self.give(self._polisher, arena.deadline)
+            return
+        leader = next((arm for arm in self.arms if arm.name == best.arm), None)
+        while leader is not None and not leader.is_exhausted and arena.clock() < arena.deadline:
+            self.give(leader, arena.deadline)
+
+    @cached_property
+    def _polisher(self) -> Arm:
+        """Around the best policy: its plan, if that is what made it the best, or its weights."""
+        if self._has_plan:
+            evolving = Evolving(False, True, _POLISHED)
+            return PlanArm("polishing the plan", self._arena, evolving)
+        around = Around(None, _POLISHING_SIGMA, _POLISHED)
+        return OwnWeightsArm("polishing the weights", self._arena, around)
