@@ -299,6 +299,7 @@ def test_files_from_anybody_are_read_through_the_one_door():
         "mdpo_rddl.planner.config.presets.by_domain",
         "mdpo_rddl.planner.programs.stored",
         "mdpo_rddl.problem.load",
+        "mdpo_rddl.session.report.page.render",
     }
     reading = {"read_text", "read_bytes", "load_file", "safe_open", "loadtxt", "fromfile"}
     assert {module_name(path) for path in FILES if calls(path) & reading} <= own

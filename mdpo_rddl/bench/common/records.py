@@ -80,11 +80,13 @@ class Records:
           InputError: if the file cannot be read or holds no rows of one length.
         """
         try:
-            with path.open(encoding="utf-8", newline="") as file:
-                columns = next(csv.reader(file), [])
-            conditions = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+            text = read_bounded(path, MOST_BYTES).decode()
+            columns = next(csv.reader(io.StringIO(text, newline="")), [])
+            conditions = read_json(path.with_suffix(".json"))
         except OSError as error:
             raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise InputError(f"{path}: damaged: {' '.join(str(error).split())}") from error
         return cls(path, columns, columns[:1], conditions)
 
     def _keep(self, conditions: dict[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 import contextlib
 import csv
-import json
+import io
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json, size_text
 from mdpo_rddl.problem.trajectories import Trajectories, fluents_text, parse_fluents
 from mdpo_rddl.session.report.run_folder import SUMMARY, TRAJECTORIES
 
 _FLUENTS, _SECONDS = "fluents", "decision_seconds"
+_MOST_BYTES, _MOST_UNPACKED_BYTES = 2**26, 2**29
 _NEEDED = ("label", "domain", "instance", "horizon", "policy", "returns", "mean_return", "seed")
 
 
@@ -65,7 +67,9 @@ def read_run(folder: Path) -> RunRecord:
         config=_json(config) if config.is_file() else None,
         plays=plays,
         decision_seconds=_replanned(folder) if seconds is None else seconds,
-        pictures={n: (folder / n).read_bytes() for n in names if (folder / n).is_file()},
+        pictures={
+            n: read_bounded(folder / n, MOST_BYTES, folder) for n in names if (folder / n).is_file()
+        },
     )
 
 
@@ -98,7 +102,12 @@ def read_play(path: Path) -> tuple[dict[str, Trajectories], np.ndarray | None]:
     if not path.is_file():
         return {}, None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        content = io.BytesIO(read_bounded(path, _MOST_BYTES, path.parent))
+        with zipfile.ZipFile(content) as packed:
+            unpacked = sum(member.file_size for member in packed.infolist())
+        if unpacked > _MOST_UNPACKED_BYTES:
+            raise InputError(f"{path}: would unpack to {size_text(unpacked)}, which is too much")
+        with np.load(content, allow_pickle=False) as file:
             fluents = parse_fluents(str(file[_FLUENTS]))
             names = [n.removesuffix("/steps") for n in file.files if n.endswith("/steps")]
             # each is uncompressed once
@@ -115,13 +124,15 @@ def _replanned(folder: Path) -> np.ndarray | None:
     path = folder / "decisions.csv"
     if not path.is_file():
         return None
-    with contextlib.suppress(KeyError, ValueError), path.open(newline="", encoding="utf-8") as file:
-        return np.array([float(row["seconds"]) for row in csv.DictReader(file)])
+    with contextlib.suppress(KeyError, ValueError):
+        text = read_bounded(path, MOST_BYTES, folder).decode()
+        rows = csv.DictReader(io.StringIO(text, newline=""))
+        return np.array([float(row["seconds"]) for row in rows])
     return None
 
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return read_json(path, path.parent)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: damaged: {' '.join(str(error).split())}") from error
