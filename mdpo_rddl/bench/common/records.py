@@ -61,21 +61,6 @@ class Records:
         self.rows = [dict(zip(self.columns, row, strict=True)) for row in rows]
         self._keep(dict(conditions or {}))
 
-    @classmethod
-    def of_file(cls, path: Path) -> "Records":
-        """The rows that are there, whatever their columns and conditions; the first is the key.
-
-        Raises:
-          InputError: if the file cannot be read or holds no rows of one length.
-        """
-        try:
-            with path.open(encoding="utf-8", newline="") as file:
-                columns = next(csv.reader(file), [])
-            conditions = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
-        return cls(path, columns, columns[:1], conditions)
-
     def _keep(self, conditions: dict[str, Any]) -> None:
         path = self.path.with_suffix(".json")
         if not self.rows or not path.exists():
