@@ -6,7 +6,7 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
-from mdpo_rddl.bench.tasks.trial import Conditions
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions
 from mdpo_rddl.errors import InputError
 
 PUBLISHED_PICTURE = "published.png"
@@ -42,7 +42,7 @@ def _published_report(options: argparse.Namespace) -> str:
     path = options.out / "rows.csv"
     if not path.is_file():
         raise InputError(f"{path}: no such results; mdpo-bench published makes them")
-    records = Records.of_file(path)
+    records = Records(path, COLUMNS, KEYS)
     draw_published(options.out / PUBLISHED_PICTURE, records)
     return published_table(records)
 

@@ -64,7 +64,7 @@ class LiveTable:
         trials = sum(len(result.trials) for result in results.values())
         table = Table(
             title=f"{complete} of {len(results)} entries, {trials:,} trials",
-            caption="mean return so far, of how many trials; the leader is green",
+            caption="mean return so far, of how many trials; the leader is bold",
             show_footer=True,
         )
         planners = list(dict.fromkeys(entry.planner for entry in self._entries))
@@ -123,7 +123,7 @@ def _cells(row: Mapping[str, EntryResult], planners: Sequence[str]) -> list[str]
         else:
             done = "" if result.is_complete else f" [dim]{len(result.trials)}[/dim]"
             text = format_return(mean)
-            cells.append((f"[green]{text}[/green]" if name in leaders else text) + done)
+            cells.append((f"[bold green]{text}[/bold green]" if name in leaders else text) + done)
     return cells
 
 

@@ -203,4 +203,4 @@ def test_the_live_table_shows_what_is_done_and_what_leads(problem, tmp_path):
     assert "UAV_ippc2023 1" in text  # what comes next
     assert "UAV_ippc2023 2" not in text
     assert table.columns[1].footer == "1"
-    assert table.columns[1]._cells == ["[green]-1[/green]", ""]
+    assert table.columns[1]._cells == ["[bold green]-1[/bold green]", ""]

@@ -1,5 +1,6 @@
 """The pages of the site: what commands write is what they would write, and nothing is left out."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -55,3 +56,35 @@ def test_every_local_link_leads_to_a_file():
         text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
         for link in re.findall(r"\]\(([^)\s#]+)[^)]*\)", text):
             assert "://" in link or (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+@pytest.fixture
+def writer(tmp_path, monkeypatch):
+    """The module that writes the page of results, for a copy of its folder."""
+    spec = importlib.util.spec_from_file_location("writer", ROOT / "tools" / "write_results.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    results = tmp_path / "results"
+    results.mkdir()
+    for path in (ROOT / "results").iterdir():
+        (results / path.name).symlink_to(path)
+    monkeypatch.setattr(module, "RESULTS", results)
+    return module
+
+
+def test_rows_that_name_their_commit_need_no_other_source(writer):
+    published = writer.RESULTS / "published"
+    published.unlink(missing_ok=True)
+    published.mkdir()
+    (published / "rows.csv").write_text("problem,commit\nA,abc1234\n")
+    (published / "table.md").write_text("| problem | ours |\n|---|---|\n| A | 1 |\n")
+    page = writer.page()
+    assert "## Tasks with published returns" in page
+    assert "| A | 1 | `mdpo-bench published` | abc1234 |" in page
+    assert "<!--" not in page
+
+
+def test_a_folder_of_which_nobody_names_the_commit_is_an_error(writer):
+    (writer.RESULTS / "mystery").mkdir()
+    with pytest.raises(KeyError, match="neither its rows nor"):
+        writer.page()

@@ -72,23 +72,6 @@ class Records:
         self.rows = [dict(zip(self.columns, row, strict=True)) for row in rows]
         self._keep(dict(conditions or {}))
 
-    @classmethod
-    def of_file(cls, path: Path) -> "Records":
-        """The rows that are there, whatever their columns and conditions; the first is the key.
-
-        Raises:
-          InputError: if the file cannot be read or holds no rows of one length.
-        """
-        try:
-            text = read_bounded(path, MOST_BYTES).decode()
-            columns = next(csv.reader(io.StringIO(text, newline="")), [])
-            conditions = read_json(path.with_suffix(".json"))
-        except OSError as error:
-            raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
-        except ValueError as error:
-            raise InputError(f"{path}: damaged: {' '.join(str(error).split())}") from error
-        return cls(path, columns, columns[:1], conditions)
-
     def _keep(self, conditions: dict[str, Any]) -> None:
         path = self.path.with_suffix(".json")
         if not self.rows or not path.exists():
