@@ -144,6 +144,12 @@ def plan_parser() -> OneLineParser:
         help="run folder; an earlier run there is replaced (default: a new one under runs/)",
     )
     run.add_argument(
+        "--movie",
+        metavar="FILE.gif|mp4",
+        type=Path,
+        help="the evaluation's first episode, drawn by the domain's visualizer or as charts",
+    )
+    run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
     )
     run.add_argument(
@@ -289,8 +295,7 @@ def check_plan_options(options: argparse.Namespace) -> None:
     """
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
-    if options.replan and options.start_from is not None:
-        raise InputError("--start-from does not go with --replan, which plans anew")
+    _check_files(options)
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:
@@ -299,13 +304,21 @@ def check_plan_options(options: argparse.Namespace) -> None:
                 )
         if options.replan:
             raise InputError("--replan does not go with --load, which plans nothing")
-        if options.start_from is not None:
-            raise InputError("--start-from does not go with --load, which plans nothing")
     elif options.config is None:
         preset_name(options)
         noise_numbers(options, options.noise or "adaptive")
     elif options.noise is not None:
         noise_numbers(options, options.noise)
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    for name in ("start_from", "movie"):
+        if options.replan and getattr(options, name) is not None:
+            raise InputError(f"{option_name(name)} does not go with --replan, which plans anew")
+    if options.load is not None and options.start_from is not None:
+        raise InputError("--start-from does not go with --load, which plans nothing")
+    if options.movie is not None and options.movie.suffix not in (".gif", ".mp4"):
+        raise InputError(f"{options.movie}: a movie ends with .gif or .mp4")
 
 
 def option_name(attribute: str) -> str:

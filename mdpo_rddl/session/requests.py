@@ -84,6 +84,7 @@ class PlanRequest:
         as it was prepared.
       command: the line that makes the run again, if a command was given.
       start_from: a policy that a race begins with, if any.
+      movie: a file for the evaluation's first episode as a movie, if wanted.
     """
 
     problem: Problem
@@ -96,6 +97,7 @@ class PlanRequest:
     decision_seconds: float = 0.0
     command: str | None = None
     start_from: AnyPolicy | None = None
+    movie: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class LoadRequest:
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
-      decision_seconds, command: as of a `PlanRequest`.
+      decision_seconds, command, movie: as of a `PlanRequest`.
     """
 
     domain: str
@@ -120,3 +122,4 @@ class LoadRequest:
     out: Path | None = None
     decision_seconds: float = 0.0
     command: str | None = None
+    movie: Path | None = None
