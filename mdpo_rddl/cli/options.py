@@ -158,6 +158,12 @@ def plan_parser() -> OneLineParser:
         help="run folder; an earlier run there is replaced (default: a new one under runs/)",
     )
     run.add_argument(
+        "--movie",
+        metavar="FILE.gif|mp4",
+        type=Path,
+        help="the evaluation's first episode, drawn by the domain's visualizer or as charts",
+    )
+    run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
     )
     run.add_argument(
@@ -310,7 +316,7 @@ def check_plan_options(options: argparse.Namespace) -> None:
         raise InputError("which problem? Such as: mdpo-plan hvac10; mdpo-plan --list shows all")
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
-    _check_start(options)
+    _check_files(options)
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:
@@ -326,13 +332,14 @@ def check_plan_options(options: argparse.Namespace) -> None:
         noise_numbers(options, options.noise)
 
 
-def _check_start(options: argparse.Namespace) -> None:
-    if options.start_from is None:
-        return
-    if options.replan:
-        raise InputError("--start-from does not go with --replan, which plans anew")
-    if options.load is not None:
+def _check_files(options: argparse.Namespace) -> None:
+    for name in ("start_from", "movie"):
+        if options.replan and getattr(options, name) is not None:
+            raise InputError(f"{option_name(name)} does not go with --replan, which plans anew")
+    if options.load is not None and options.start_from is not None:
         raise InputError("--start-from does not go with --load, which plans nothing")
+    if options.movie is not None and options.movie.suffix not in (".gif", ".mp4"):
+        raise InputError(f"{options.movie}: a movie ends with .gif or .mp4")
 
 
 def option_name(attribute: str) -> str:

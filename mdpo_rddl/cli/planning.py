@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import io
 import json
+import os
 import sys
 import warnings
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.load import evaluate_saved
+from mdpo_rddl.session.movie import check_movie
 from mdpo_rddl.session.plan import plan
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.replan import replan
@@ -53,6 +55,10 @@ def run(
       InputError: as the session does.
     """
     leave_out_of_collections()
+    if options.movie is not None:
+        # the visualizers draw with pyplot, which shall open no window in this process
+        os.environ["MPLBACKEND"] = "Agg"
+        check_movie(options.movie)
     traced_cache = None
     if options.no_cache:
         keep_no_programs()
@@ -90,6 +96,7 @@ def _load_request(options: argparse.Namespace, command: str | None) -> LoadReque
         out=options.out,
         decision_seconds=options.decision_seconds,
         command=command,
+        movie=options.movie,
     )
 
 
@@ -114,6 +121,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         out,
         traced_cache,
         decision_seconds=options.decision_seconds,
+        movie=options.movie,
         start_from=None if options.start_from is None else load_policy(options.start_from),
     )
 

@@ -19,6 +19,7 @@ from mdpo_rddl.problem.load import Problem, load_problem
 from mdpo_rddl.problem.of_environment import problem_of
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
+from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.watch import PlanProgress, Watch
 
@@ -102,7 +103,11 @@ def plan(
     """
     chosen = PlanOptions(**options)
     _check(seconds, seed)
-    with _precision_kept(), ProgressBar(chosen.progress) as bar:
+    # rich draws in a notebook only with a package that not all have
+    in_notebook = chosen.progress is not False and is_notebook()
+    if in_notebook:
+        on_progress = displayed(on_progress)
+    with _precision_kept(), ProgressBar(False if in_notebook else chosen.progress) as bar:
         watch = Watch(math.inf if seconds is None else seconds, bar, on_progress, chosen.cancel)
         problem = _problem(domain, instance, chosen.horizon)
         config = _config(chosen, domain, problem)

@@ -12,6 +12,7 @@ from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.movie import write_movie
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
@@ -78,4 +79,7 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
                 observed.write(folder.staging)
             add_page(folder)
             folder.commit()
+        if request.movie is not None:
+            reporter.stage("drawing")
+            write_movie(request.movie, policy, problem, seed)
     return summary

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.policy.kinds import AnyPolicy
@@ -13,6 +13,7 @@ from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
+from mdpo_rddl.session.movie import write_movie
 from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.race import race_figures, write_race
@@ -31,8 +32,13 @@ from mdpo_rddl.session.thinking import choice_seconds, think, without_choice
 # for what the terms of a rule are worth
 _EXPLAINING_SECONDS = 1.0
 
-_Found = tuple[dict[str, Any], Callable[[Path, Mapping[str, Any]], None]]
-"""The summary, and what writes the policy and all that goes with it."""
+
+class _Found(NamedTuple):
+    """A policy, the summary, and what writes the policy and all that goes with it."""
+
+    policy: AnyPolicy
+    summary: dict[str, Any]
+    write: Callable[[Path, Mapping[str, Any]], None]
 
 
 def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
@@ -48,13 +54,16 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
     find = _race if is_race(request.config) else _train_once
     with RunFolder(request.out) as folder, kept_warnings() as warnings:
         observed = Observed(request)
-        summary, write = find(request, reporter, observed)
+        policy, summary, write = find(request, reporter, observed)
         summary |= {**observed.figures(), "warnings": warnings, "command": request.command}
         with folder.writing():
             write(folder.staging, summary)
             observed.write(folder.staging)
         add_page(folder)
         folder.commit()
+    if request.movie is not None:
+        reporter.stage("drawing")
+        write_movie(request.movie, policy, request.problem, request.seed)
     return summary
 
 
@@ -79,7 +88,7 @@ def _train_once(request: PlanRequest, reporter: Reporter, observed: Observed) ->
         write_training(folder, result, policy, summary)
         write_summary(folder, policy.config, summary)
 
-    return summary, write
+    return _Found(policy, summary, write)
 
 
 def _race(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Found:
@@ -100,7 +109,7 @@ def _race(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Foun
         write_race(folder, outcome, summary)
         write_summary(folder, outcome.config, summary)
 
-    return summary, write
+    return _Found(policy, summary, write)
 
 
 def _played(

@@ -1,4 +1,4 @@
-"""How a session gets on, as a bar in a terminal or a notebook."""
+"""How a session gets on, as a bar in a terminal."""
 
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -21,11 +21,11 @@ class ProgressBar:
         """Draws nothing yet.
 
         Args:
-          shown: whether to draw; if None in a terminal and in a notebook only.
+          shown: whether to draw; if None in a terminal only.
         """
         console = Console(stderr=True)
         if shown is None:
-            shown = console.is_terminal or console.is_jupyter
+            shown = console.is_terminal
         self._bar = Progress(
             SpinnerColumn(),
             TextColumn("{task.description:<10}"),

@@ -90,6 +90,7 @@ class PlanRequest:
         as it was prepared.
       command: the line that makes the run again, if a command was given.
       start_from: a policy that a race begins with, if any.
+      movie: a file for the evaluation's first episode as a movie, if wanted.
     """
 
     problem: Problem
@@ -102,6 +103,7 @@ class PlanRequest:
     decision_seconds: float = 0.0
     command: str | None = None
     start_from: AnyPolicy | None = None
+    movie: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class LoadRequest:
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
-      decision_seconds, command: as of a `PlanRequest`.
+      decision_seconds, command, movie: as of a `PlanRequest`.
     """
 
     domain: str
@@ -126,3 +128,4 @@ class LoadRequest:
     out: Path | None = None
     decision_seconds: float = 0.0
     command: str | None = None
+    movie: Path | None = None

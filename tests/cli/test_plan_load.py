@@ -52,7 +52,9 @@ def test_a_loaded_policy_plays_another_horizon_where_it_can(
 def test_the_evaluation_of_a_loaded_policy_can_be_kept(
     finished: Run, workplace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = run(f"{TANKS} --load {finished.folder} --episodes 2 --json --out kept/it", capsys)
+    options = "--episodes 2 --json --out kept/it --movie kept/episode.gif"
+    outcome = run(f"{TANKS} --load {finished.folder} {options}", capsys)
+    assert (workplace / "kept" / "episode.gif").read_bytes().startswith(b"GIF8")
     assert "written to kept/it" in outcome.out
     files = {"summary.json", "trajectories.npz", "report.html"}
     assert {path.name for path in (workplace / "kept" / "it").iterdir()} == files

@@ -31,6 +31,7 @@ MISTAKES = [
     ("plan", "tanks.rddl two.rddl --noise none --alpha 2", "--alpha needs --noise adaptive"),
     ("plan", "tanks.rddl two.rddl --load run --batch 2", "--batch does not go with --load"),
     ("plan", "tanks.rddl two.rddl --load run", "run: no such run folder"),
+    ("plan", "tanks.rddl two.rddl --movie a.avi", "a.avi: a movie ends with .gif or .mp4"),
     ("plan", "tanks.rddl two.rddl --start-from run", "run: no such run folder"),
     ("plan", "tanks.rddl two.rddl --start-from run --load run", "--start-from does not go with"),
     ("plan", "tanks.rddl two.rddl --start-from run --replan", "--start-from does not go with"),
