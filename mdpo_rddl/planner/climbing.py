@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,27 @@ Actions = dict[str, Array]
 _SHARED, _EARLY, _LATE = range(3)
 # Adam's
 _FIRST, _SECOND, _SMALL = 0.9, 0.99, 1e-12
+
+
+class Ascent(NamedTuple):
+    """How far candidates have climbed, to go on from.
+
+    Attributes:
+      candidates: [C, k, D].
+      first, second: Adam's moments of the gradient [C, k, D].
+      steps: how many there were.
+    """
+
+    candidates: Any
+    first: Any
+    second: Any
+    steps: Any
+
+    @classmethod
+    def from_candidates(cls, candidates: np.ndarray) -> "Ascent":
+        """Before the first step."""
+        zeros = np.zeros_like(candidates)
+        return cls(candidates, zeros, zeros, np.int32(0))
 
 
 @dataclass(frozen=True)
@@ -60,7 +81,7 @@ class Climbing:
 
     def compile(
         self, size: ClimbSize, units: np.ndarray, noise: ActionNoise
-    ) -> Callable[..., tuple[Array, Array]]:
+    ) -> Callable[..., tuple[Ascent, Array]]:
         """Compiles steps of Adam.
 
         Args:
@@ -70,12 +91,12 @@ class Climbing:
 
         Returns:
           A function of a random key, the policy's parameters and hyperparameters (a pair), a state
-          (per state fluent [*shape]) and its step (a pair), candidates [C, k, D], rates [C] and
-          how many steps of Adam. It gives the candidates that were reached and, per step of those
-          that were given, the noise's sigma in units [C, k].
+          (per state fluent [*shape]) and its step (a pair), an `Ascent`, rates [C] and how many
+          more steps of Adam. It gives the ascent after them and, per step of the candidates that
+          were given, the noise's sigma in units [C, k].
         """
         returns = self._compile_returns(size)
-        ascent = jax.vmap(jax.grad(returns), in_axes=(0, None))
+        ascend = jax.vmap(jax.grad(returns), in_axes=(0, None))
         scale = jnp.asarray(units, self._compiled.REAL)
 
         def sigma(gradient, start):
@@ -84,26 +105,27 @@ class Climbing:
             known = jnp.where(left[:, jnp.newaxis], gradient, jnp.nan)
             return noise.profile({"actions": known}, (), len(gradient))[0].sigma
 
-        def climb(key, policy, place, candidates, rates, steps):
+        def climb(key, policy, place, ascent, rates, steps):
             state, start = place
             given = key, policy, self._cast(state), start
             rates = rates[:, jnp.newaxis, jnp.newaxis]
 
             def advance(number, carry):
-                candidates, first, second, initial = carry
-                gradient = ascent(candidates, given) * scale
+                ascent, initial = carry
+                gradient = ascend(ascent.candidates, given) * scale
                 gradient = jnp.where(jnp.isfinite(gradient), gradient, 0.0)
-                initial = jnp.where(number == 0, gradient, initial)
-                first = _FIRST * first + (1.0 - _FIRST) * gradient
-                second = _SECOND * second + (1.0 - _SECOND) * gradient**2
-                mean = first / (1.0 - _FIRST ** (number + 1.0))
-                size = jnp.sqrt(second / (1.0 - _SECOND ** (number + 1.0)))
-                moved = candidates + rates * scale * mean / (size + _SMALL)
-                return self._with_legal_start(moved), first, second, initial
+                first = _FIRST * ascent.first + (1.0 - _FIRST) * gradient
+                second = _SECOND * ascent.second + (1.0 - _SECOND) * gradient**2
+                count = ascent.steps + 1
+                mean = first / (1.0 - _FIRST**count)
+                size = jnp.sqrt(second / (1.0 - _SECOND**count))
+                moved = ascent.candidates + rates * scale * mean / (size + _SMALL)
+                after = Ascent(self._with_legal_start(moved), first, second, count)
+                return after, jnp.where(number == 0, gradient, initial)
 
-            zeros = jnp.zeros_like(candidates)
-            carry = lax.fori_loop(0, steps, advance, (candidates, zeros, zeros, zeros))
-            return carry[0], jax.vmap(sigma, (0, None))(carry[3], start)
+            carry = ascent, jnp.zeros_like(ascent.candidates)
+            ascent, initial = lax.fori_loop(0, steps, advance, carry)
+            return ascent, jax.vmap(sigma, (0, None))(initial, start)
 
         return jax.jit(climb)
 

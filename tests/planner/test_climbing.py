@@ -6,7 +6,7 @@ import pytest
 from helpers.tiny_policy import idle_policy
 
 from mdpo_rddl.noise import AdaptiveNoise
-from mdpo_rddl.planner.climbing import Climbing, ClimbSize
+from mdpo_rddl.planner.climbing import Ascent, Climbing, ClimbSize
 
 START = {"x": np.zeros(2)}
 NOISE = AdaptiveNoise(sigma_min=0.25, sigma_max=1.0)
@@ -22,7 +22,10 @@ def climb():
         place = START, start
         key = jax.random.PRNGKey(0)
         candidates, rates = np.asarray(candidates, np.float32), np.asarray(rates, np.float32)
-        return jax.tree.map(np.asarray, program(key, arguments, place, candidates, rates, steps))
+        ascent = Ascent.from_candidates(candidates)
+        for count in np.atleast_1d(steps):
+            ascent, sigma = program(key, arguments, place, ascent, rates, int(count))
+        return np.asarray(ascent.candidates), np.asarray(sigma)
 
     return call
 
@@ -35,6 +38,12 @@ def test_each_candidate_climbs_at_its_own_rate(climb):
     np.testing.assert_array_equal(reached[1], zero[1])
     # Adam's first step has the rate's length, in units of the component
     np.testing.assert_allclose(climb(0, zero, [0.01, 0.0], 1)[0][0], np.full((3, 2), 0.02), 1e-5)
+
+
+def test_an_ascent_goes_on_where_it_was_left(climb):
+    zero = np.zeros((2, 3, 2))
+    whole, halves = (climb(0, zero, [0.01, 0.03], steps)[0] for steps in (8, (4, 4)))
+    np.testing.assert_allclose(halves, whole, atol=1e-6)
 
 
 def test_the_first_action_stays_in_its_box(climb):

@@ -142,6 +142,7 @@ class LookaheadPolicy(PolicyAgent):
         a_test = self._simulator.seconds(NARROW, play.step)
         search_until = min(started + _SEARCH_SHARE * seconds, test_until - a_test)
         if self._clock() + self._simulator.seconds(WIDE, play.step) > search_until:
+            self._simulator.expect_less()
             return None
         finalists = self._finalists(play, search_until)
         if not len(finalists):
@@ -185,9 +186,9 @@ class LookaheadPolicy(PolicyAgent):
 
         def climb(candidates: np.ndarray, rates: np.ndarray, share: float) -> Climbed | None:
             depth = candidates.shape[1]
-            found = self._simulator.climb(
-                play.state, play.step, (self._padded(candidates), rates), share * seconds
-            )
+            place = play.state, play.step
+            padded = self._padded(candidates)
+            found = self._simulator.climb(place, padded, rates, share * seconds)
             if found is None:
                 return None
             return Climbed(found.candidates[:, :depth], found.sigma[:, :depth])

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.noise import AdaptiveNoise
-from mdpo_rddl.planner.climbing import Climbing, ClimbSize
+from mdpo_rddl.planner.climbing import Ascent, Climbing, ClimbSize
 from mdpo_rddl.planner.continuations import Continuations, Size
 from mdpo_rddl.policy.lookahead.base import Climbed, Prepared
 from mdpo_rddl.policy.lookahead.components import Components
@@ -31,7 +31,7 @@ _SPREAD = 0.3
 _ROLLOUTS, _FEWEST, _MOST = 512, 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
-_MARGIN, _FORGETTING = 1.2, 0.98
+_MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 _LEGALITY_BATCH = 64
 # a return that is not finite must not look like a gain
 _NOT_FINITE = -1e30
@@ -97,7 +97,7 @@ class Simulator:
 
         def call(steps: int) -> float:
             started = self._clock()
-            self._take_steps(state, 0, (candidates, rates), steps)
+            self._take_steps((state, 0), Ascent.from_candidates(candidates), rates, steps)
             return self._clock() - started
 
         call(1)
@@ -107,47 +107,53 @@ class Simulator:
 
     def climb(
         self,
-        state: Mapping[str, Any],
-        step: int,
-        start: tuple[np.ndarray, np.ndarray],
+        place: tuple[Mapping[str, Any], int],
+        candidates: np.ndarray,
+        rates: np.ndarray,
         seconds: float,
     ) -> Climbed | None:
-        """As many gradient steps as the time is likely to be enough for; None where for none.
+        """As many gradient steps as the time is enough for, in calls; None where for none.
 
         Args:
-          state: as the environment shows it.
-          step: its number.
-          start: at most `CLIMBERS` candidates [P, k, D] and their rates [P].
+          place: the state, as the environment shows it, and its step.
+          candidates: at most `CLIMBERS` [P, k, D].
+          rates: theirs [P], in units of the components.
           seconds: for all steps.
         """
-        overhead, each = self._climb_seconds
-        steps = min(_MOST_CLIMBS, int((seconds / _MARGIN - overhead) / each))
-        if self._climb is None or steps < 1:
-            return None
-        candidates, rates = start
-        count = len(candidates)
+        until, count = self._clock() + seconds, len(candidates)
         padded = np.concatenate([candidates, np.repeat(candidates[:1], CLIMBERS - count, axis=0)])
-        all_rates = np.concatenate([rates, np.zeros(CLIMBERS - count)])
-        started = self._clock()
-        reached, sigma = self._take_steps(state, step, (padded, all_rates), steps)
-        seen = (self._clock() - started - overhead) / steps
-        self._climb_seconds = overhead, max(_FORGETTING * each, seen)
-        return Climbed(reached[:count], sigma[:count])
+        ascent = Ascent.from_candidates(padded.astype(np.float32))
+        all_rates = np.concatenate([rates, np.zeros(CLIMBERS - count)]).astype(np.float32)
+        first_sigma = None
+        while (steps := self._climbs_until(until)) > 0 and ascent.steps < _MOST_CLIMBS:
+            started = self._clock()
+            ascent, sigma = self._take_steps(place, ascent, all_rates, steps)
+            first_sigma = sigma if first_sigma is None else first_sigma
+            overhead, each = self._climb_seconds
+            seen = (self._clock() - started - overhead) / steps
+            self._climb_seconds = overhead, max(_FORGETTING * each, seen)
+        if first_sigma is None:
+            return None
+        reached = np.where(np.isfinite(ascent.candidates), ascent.candidates, padded)
+        return Climbed(reached[:count], first_sigma[:count])
+
+    def _climbs_until(self, until: float) -> int:
+        """How many gradient steps to make in a call that is to end then, or earlier."""
+        if self._climb is None:
+            return 0
+        overhead, each = self._climb_seconds
+        left = min(until - self._clock(), _LONGEST_SECONDS + overhead)
+        return int((left / _MARGIN - overhead) / each)
 
     def _take_steps(
-        self,
-        state: Mapping[str, Any],
-        step: int,
-        start: tuple[np.ndarray, np.ndarray],
-        steps: int,
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, place: tuple[Mapping[str, Any], int], ascent: Ascent, rates: np.ndarray, steps: int
+    ) -> tuple[Ascent, np.ndarray]:
         assert self._climb is not None  # `prepare_climbing` was called
-        candidates, rates = (each.astype(np.float32) for each in start)
-        place = self._numbers(state), step
-        key = jax.random.PRNGKey(step)
-        found = self._climb(key, self._policy_arguments, place, candidates, rates, steps)
-        reached, sigma = map(np.asarray, found)
-        return np.where(np.isfinite(reached), reached, candidates), sigma
+        where = self._numbers(place[0]), place[1]
+        key = jax.random.PRNGKey(place[1])
+        found = self._climb(key, self._policy_arguments, where, ascent, rates, steps)
+        reached, sigma = jax.tree.map(np.asarray, found)
+        return reached, sigma
 
     def scenarios(self, kind: str) -> int:
         """Scenarios of one call."""
@@ -161,6 +167,16 @@ class Simulator:
         """How long a call at a step is likely to take."""
         steps = max(1, self.horizon - step)
         return _MARGIN * (self._overhead[kind] + steps * self._per_step[kind])
+
+    def expect_less(self) -> None:
+        """Lowers what calls are likely to take, since none was made for want of time.
+
+        Else one that was slow by chance would be the last.
+        """
+        for expected in (self._overhead, self._per_step):
+            expected.update({kind: _AFTER_NONE * each for kind, each in expected.items()})
+        overhead, each = self._climb_seconds
+        self._climb_seconds = _AFTER_NONE * overhead, _AFTER_NONE * each
 
     def legal(self, state: Mapping[str, Any], actions: np.ndarray) -> np.ndarray:
         """Which of the actions [M, D] are legal [M]."""
