@@ -22,6 +22,8 @@ State = Mapping[str, Any]
 _TRIALS, _TEST_CALLS, _EPISODES = 10, 4, 2
 # gains at fewer states say nothing
 _FEWEST_TRIALS = 3
+# where compilation took longer than expected, each method may have so much of the time all the same
+_BEYOND = 0.1
 NO_TIME = "no time"
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
@@ -96,8 +98,8 @@ def choose(
     Args:
       policy: the prepared policy.
       seconds: of a decision.
-      within: seconds for the choice, shared by the methods; a compilation or a decision that has
-        begun goes on to its end.
+      within: seconds for the choice, shared by the methods. A compilation or a decision that has
+        begun goes on to its end; a method for which it has left no time may go a tenth beyond.
       clock: tells the seconds.
     """
     started = clock()
@@ -116,7 +118,9 @@ def choose(
                 simulator.prepare_climbing(visited[0][1])
         for number, method in enumerate(applying):
             now = clock()
-            until = now + (started + within - now) / (len(applying) - number)
+            share = (started + within - now) / (len(applying) - number)
+            few = 2 * _FEWEST_TRIALS * seconds
+            until = now + max(share, min(few, _BEYOND * within))
             thinking = LookaheadPolicy(simulator, method, seconds, policy.seed, clock)
             trial = _Tried(thinking, simulator, clock).at(visited, until)
             trials.append(trial)
