@@ -10,7 +10,7 @@ from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.ipc.names import PLANNER_NAMES, check_name
+from mdpo_rddl.ipc.names import USUAL_NAMES, check_name
 from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
 from mdpo_rddl.ipc.rules import Rules
 
@@ -70,7 +70,7 @@ def _parser() -> OneLineParser:
     runs.add_argument(
         "--planners",
         metavar="NAME,...",
-        default=",".join(PLANNER_NAMES),
+        default=",".join(USUAL_NAMES),
         help="or module:Class of your own (default: %(default)s)",
     )
     runs.add_argument("--trials", type=positive_int, default=Rules.trials)

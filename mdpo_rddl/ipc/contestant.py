@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.ipc.planner import Planner, Restorable
+from mdpo_rddl.ipc.planner import Planner, Restorable, Timed
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.results import Preparation, Trial
 from mdpo_rddl.ipc.rules import Entry, Rules
@@ -68,6 +68,8 @@ class Contestant:
         problem = load_problem(self.entry.problem.domain, self.entry.problem.instance)
         self._env = make_environment(problem)
         self._planner = planner = make_planner(self.entry.planner)
+        if isinstance(planner, Timed):
+            planner.play_within(self.rules.trial_seconds)
         if phase == RESTORE:
             assert isinstance(planner, Restorable)
             planner.restore(problem, self.prepared_folder)

@@ -2,7 +2,10 @@
 
 from mdpo_rddl.errors import InputError
 
-PLANNER_NAMES = ("mdpo", "jaxplan-slp", "jaxplan-drp", "noop", "random")
+PLANNER_NAMES = ("mdpo", "mdpo-thinking", "jaxplan-slp", "jaxplan-drp", "noop", "random")
+USUAL_NAMES = ("mdpo", "jaxplan-slp", "jaxplan-drp", "noop", "random")
+"""Those that need but a small part of a trial's time."""
+
 JAXPLAN = ("jaxplan-slp", "jaxplan-drp")
 FLOOR = ("noop", "random")
 """The players that mark what 0 is worth."""

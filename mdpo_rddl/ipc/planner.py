@@ -52,3 +52,12 @@ class Restorable(Planner, Protocol):
 
     def restore(self, problem: Problem, folder: Path) -> None:
         """Takes the place of `prepare`, from what `save` has written."""
+
+
+@runtime_checkable
+class Timed(Planner, Protocol):
+    """A planner that uses what time there is for a trial."""
+
+    def play_within(self, seconds: float) -> None:
+        """Is told before `prepare` or `restore` how long a trial may take, the environment's part
+        included."""

@@ -11,9 +11,11 @@ from mdpo_rddl.ipc.names import check_name
 from mdpo_rddl.ipc.noop_player import NoopPlayer
 from mdpo_rddl.ipc.planner import Planner
 from mdpo_rddl.ipc.random_player import RandomPlayer
+from mdpo_rddl.ipc.thinking import ThinkingMDPO
 
 PLANNERS: dict[str, Callable[[], Planner]] = {
     "mdpo": MDPO,
+    "mdpo-thinking": ThinkingMDPO,
     "jaxplan-slp": partial(JaxPlanPlanner, "slp"),
     "jaxplan-drp": partial(JaxPlanPlanner, "drp"),
     "noop": NoopPlayer,

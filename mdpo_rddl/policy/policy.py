@@ -18,6 +18,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
+from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
 from mdpo_rddl.policy.playable import playable, step_keys
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
 from mdpo_rddl.problem import evaluation
@@ -100,6 +101,22 @@ class Policy(PolicyAgent):
     def with_params(self, params: Any) -> "Policy":
         """The policy with other parameters of the same planner."""
         return dataclasses.replace(self, params=params)
+
+    def with_decision_seconds(self, seconds: float) -> PolicyAgent:
+        """The policy with time to think at each decision, where trials show that it pays.
+
+        These take up to `20 + 40 * seconds` seconds. What is returned is this policy itself where
+        thinking does not pay, or another agent, which is played in the same ways.
+
+        Args:
+          seconds: of a decision, the first included.
+
+        Raises:
+          InputError: if that is no time.
+        """
+        if not 0.0 < seconds < math.inf:
+            raise InputError(f"decision_seconds must be a number above 0, got {seconds!r}")
+        return choose(self, seconds, longest_choice(seconds)).policy or self
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step.

@@ -15,13 +15,20 @@ from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET
 from mdpo_rddl.policy.kinds import AnyPolicy
+from mdpo_rddl.policy.lookahead.choice import choose
+from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem, load_problem
 from mdpo_rddl.problem.of_environment import problem_of
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.progress_bar import ProgressBar
+from mdpo_rddl.session.thinking import choice_seconds
 from mdpo_rddl.session.watch import PlanProgress, Watch
+
+PlannedPolicy = AnyPolicy | LookaheadPolicy
+"""What `plan` returns: the last one where the policy thinks at its decisions."""
 
 _MOST_SEEDS = 2**31
 # what is left of a time that loading has used up
@@ -41,9 +48,11 @@ class PlanOptions:
       cancel: ends planning once it is set; what was found so far is returned.
       start_from: a policy that the race of "auto" begins with: of the same problem or of another
         instance of its domain.
+      decision_seconds: that the policy may think at each decision, where trials show that it pays;
+        these are part of `seconds`. 0 returns the policy as it was found.
 
     Raises:
-      InputError: if both a preset and a configuration are given.
+      InputError: if both a preset and a configuration are given, or the time is below 0.
     """
 
     preset: str | None = None
@@ -52,10 +61,14 @@ class PlanOptions:
     progress: bool | None = None
     cancel: threading.Event | None = None
     start_from: AnyPolicy | None = None
+    decision_seconds: float = 0.0
 
     def __post_init__(self) -> None:
         if self.preset is not None and self.config is not None:
             raise InputError("preset and config do not go together")
+        if not 0.0 <= self.decision_seconds < math.inf:
+            given = self.decision_seconds
+            raise InputError(f"decision_seconds must be a number of at least 0, got {given!r}")
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,7 @@ def plan(
     seed: int | None = None,
     on_progress: Callable[[PlanProgress], object] | None = None,
     **options: Any,
-) -> AnyPolicy:
+) -> PlannedPolicy:
     """Finds a policy, as `mdpo-plan` does.
 
     It prints nothing but a bar in a terminal or a notebook, and leaves JAX's configuration as it
@@ -114,12 +127,17 @@ def plan(
         if seconds is not None:
             left = max(seconds - watch.elapsed, _LEAST_SECONDS)
             config = config.with_values("Optimize", train_seconds=left)
-        watch.seconds = config.budget().seconds
+        watch.seconds = whole = config.budget().seconds
+        kept = choice_seconds(problem, whole, chosen.decision_seconds)
+        if kept > 0.0:
+            config = config.with_values("Optimize", train_seconds=whole - kept)
         key = config.key if seed is None else seed
         terms = _Terms(problem, config, key, start_from=chosen.start_from)
-        policy = _find(terms, watch, counts_compilation=seconds is not None)
+        policy: PlannedPolicy = _find(terms, watch, counts_compilation=seconds is not None)
         if watch.error is not None:
             raise watch.error
+        if kept > 0.0 and isinstance(policy, Policy):
+            policy = choose(policy, chosen.decision_seconds, kept).policy or policy
         # compiled now, the first decision need not wait for it
         policy.reset()
         policy.sample_action()

@@ -9,6 +9,7 @@ from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
+from mdpo_rddl.policy.lookahead.choice import longest_choice
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
@@ -23,7 +24,7 @@ from mdpo_rddl.session.report.summary import (
     return_figures,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
-from mdpo_rddl.session.thinking import longest_choice, think
+from mdpo_rddl.session.thinking import think
 
 
 def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from mdpo_rddl.session.report.summary import (
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
-from mdpo_rddl.session.thinking import choice_seconds, think, without_choice
+from mdpo_rddl.session.thinking import choice_times, think, without_choice
 
 # for what the terms of a rule are worth
 _EXPLAINING_SECONDS = 1.0
@@ -123,8 +123,7 @@ def _played(
     # a table plays its optimum already
     if request.decision_seconds == 0.0 or not isinstance(policy, Policy):
         return return_figures(plain)
-    times = request.decision_seconds, choice_seconds(request)
-    return think(policy, plain, times, request, reporter, observed)
+    return think(policy, plain, choice_times(request), request, reporter, observed)
 
 
 def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.policy.lookahead.choice import Choice, can_think, choose
+from mdpo_rddl.policy.lookahead.choice import Choice, can_think, choose, longest_choice
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
@@ -16,34 +17,33 @@ from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
 
 # of the time for planning: as a rule, for the programs, and never more than
 _SHARE, _LEAST_SECONDS, _LARGEST_SHARE = 0.25, 8.0, 0.5
-# the programs and the trials of the methods take at most so many seconds and decisions
-_COMPILE_SECONDS, _DECISIONS = 20.0, 40
 
 
-def choice_seconds(request: PlanRequest) -> float:
-    """How much of the request's time for planning is kept for preparing to think.
+def choice_seconds(problem: Problem, seconds: float, decision_seconds: float) -> float:
+    """How much of the time for planning is kept for preparing to think.
 
     0 where thinking was not asked for or the problem is one that no method is for.
-    """
-    if request.decision_seconds == 0.0 or not can_think(request.problem):
-        return 0.0
-    whole = request.config.budget().seconds
-    wanted = min(max(_SHARE * whole, _LEAST_SECONDS), _LARGEST_SHARE * whole)
-    return min(wanted, longest_choice(request.decision_seconds))
-
-
-def longest_choice(seconds: float) -> float:
-    """Seconds that the choice may take where nothing else limits it.
 
     Args:
-      seconds: of a decision.
+      problem: what is played.
+      seconds: for planning, in all.
+      decision_seconds: of a decision; 0 if thinking was not asked for.
     """
-    return _COMPILE_SECONDS + _DECISIONS * seconds
+    if decision_seconds == 0.0 or not can_think(problem):
+        return 0.0
+    wanted = min(max(_SHARE * seconds, _LEAST_SECONDS), _LARGEST_SHARE * seconds)
+    return min(wanted, longest_choice(decision_seconds))
+
+
+def choice_times(request: PlanRequest) -> tuple[float, float]:
+    """Seconds of a decision, and of the choice, for a request."""
+    seconds, decision = request.config.budget().seconds, request.decision_seconds
+    return decision, choice_seconds(request.problem, seconds, decision)
 
 
 def without_choice(request: PlanRequest) -> PlanRequest:
     """The request with what finding a policy has of its time."""
-    kept = choice_seconds(request)
+    kept = choice_times(request)[1]
     if kept == 0.0:
         return request
     left = request.config.budget().seconds - kept

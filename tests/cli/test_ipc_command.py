@@ -128,7 +128,7 @@ def test_bad_problems_are_named(text, complaint):
 @pytest.mark.parametrize(
     ("planners", "complaint"),
     [
-        ("mdpo,nop", "unknown planner 'nop', known are mdpo, jaxplan-slp"),
+        ("mdpo,nop", "unknown planner 'nop', known are mdpo, mdpo-thinking"),
         ("no_such_module:Planner", "planner 'no_such_module:Planner' cannot be loaded: Module"),
         (
             "helpers.toy_contest:Nobody",

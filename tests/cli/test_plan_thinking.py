@@ -7,6 +7,8 @@ import pytest
 from helpers.plan_command import TANKS, refuse, run, workplace  # noqa: F401
 from helpers.toys import FOLDER
 
+from mdpo_rddl.policy.lookahead import choice as choosing
+
 WORDS = {
     "LIKELIHOOD": "1.0",
     "MOST": "pos-inf",
@@ -69,7 +71,12 @@ def test_thinking_is_played_and_told_also_from_a_saved_policy(workplace, capsys)
     assert alone["mean_return"] == thinking["plain_mean_return"]
 
 
-def test_where_no_method_applies_the_policy_plays_alone(workplace, capsys):  # noqa: F811
+def test_where_no_method_applies_the_policy_plays_alone(
+    workplace,  # noqa: F811
+    capsys,
+    monkeypatch,
+):
+    monkeypatch.setattr(choosing, "_methods", lambda: [])
     options = "--iterations 2 --episodes 2 --out run --json"
     outcome = run(f"{TANKS} {options} --decision-seconds 0.1", capsys)
     thinking = outcome.summary["thinking"]

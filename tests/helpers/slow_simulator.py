@@ -30,6 +30,9 @@ class SlowSimulator:
     def seconds(self, kind, step):
         return self.durations[kind]
 
+    def expect_less(self):
+        pass
+
     def challengers(self, kind):
         return {WIDE: 7, NARROW: 3}[kind]
 

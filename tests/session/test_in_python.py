@@ -14,6 +14,8 @@ from pyRDDLGym import RDDLEnv
 
 import mdpo_rddl
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.lookahead.choice import Choice
+from mdpo_rddl.session import in_python
 from mdpo_rddl.session.configuration import config_of_preset
 from mdpo_rddl.session.watch import PlanProgress
 
@@ -147,3 +149,21 @@ def test_a_file_that_cannot_be_written_is_named(files, quick, tmp_path):
     policy = quick(*files)
     path = Path(tmp_path, "file", "policy")
     assert one_line(partial(policy.save, path)).startswith(f"{path}: cannot be written")
+
+
+def test_time_to_think_is_a_part_of_the_runs_time(files, quick, monkeypatch):
+    asked = []
+
+    def choose(policy, seconds, within):
+        asked.append((seconds, within))
+        return Choice(None, [], "", 0.0)
+
+    monkeypatch.setattr(in_python, "choose", choose)
+    assert isinstance(quick(*files), mdpo_rddl.Policy)
+    assert asked == []
+    # the plain policy is returned where thinking was not chosen
+    assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)
+    assert asked == [(0.5, pytest.approx(0.25 * 40.0, abs=2.0))]
+    for wrong in (-1.0, float("nan")):
+        said = one_line(partial(quick, *files, decision_seconds=wrong))
+        assert said.startswith("decision_seconds must be a number of at least 0")

@@ -7,7 +7,7 @@ from helpers.levers import lever_policy
 
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.session.requests import PlanRequest
-from mdpo_rddl.session.thinking import choice_seconds, without_choice
+from mdpo_rddl.session.thinking import choice_times, without_choice
 
 
 def request(seconds, decision_seconds):
@@ -24,6 +24,6 @@ def request(seconds, decision_seconds):
 )
 def test_preparing_to_think_is_within_the_runs_time(seconds, decision, kept):
     asked = request(seconds, decision)
-    assert choice_seconds(asked) == kept
+    assert choice_times(asked) == (decision, kept)
     assert without_choice(asked).config.budget().seconds == seconds - kept
     assert asked.config.budget().seconds == seconds

@@ -1,12 +1,45 @@
 """What improves a policy at a decision: the interface of the methods."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
+from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.problem.load import Problem
+
+
+class Prepared(Protocol):
+    """A policy that was prepared, with the planner that was compiled for it."""
+
+    @property
+    def problem(self) -> Problem:
+        """What is played."""
+
+    @property
+    def planner(self) -> MDPOPlanner:
+        """Its models."""
+
+    @property
+    def params(self) -> Any:
+        """Of the policy."""
+
+    @property
+    def policy_hyperparams(self) -> Mapping[str, Any]:
+        """JaxPlan's, which go with the parameters."""
+
+    @property
+    def seed(self) -> int:
+        """Of whatever is drawn."""
+
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action at a step."""
+
+    def save(self, path: str | Path) -> None:
+        """Writes it to a file."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +57,36 @@ class Gain:
     error: float
 
 
+@dataclass(frozen=True)
+class Climbed:
+    """Where gradient steps have led.
+
+    Attributes:
+      candidates: [P, k, D].
+      sigma: deviation of MDPO's adaptive noise at each step of the candidates that were given, in
+        units of the components, the largest being 1 [P, k].
+    """
+
+    candidates: np.ndarray
+    sigma: np.ndarray
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a decision begins with.
+
+    Attributes:
+      base: the prepared policy's action [D].
+      capacity: so many candidates are played in one call.
+      climb: gradient steps on candidates [P, k, D] with rates [P], in units of the components, for
+        a share of the time of the search; None where there is no time for a step.
+    """
+
+    base: np.ndarray
+    capacity: int
+    climb: Callable[[np.ndarray, np.ndarray, float], Climbed | None]
+
+
 class Method(Protocol):
     """Proposes candidates for the state at hand.
 
@@ -35,6 +98,7 @@ class Method(Protocol):
       name: for the summary.
       depth: number of steps k.
       rounds: how often it proposes at one decision.
+      climbs: whether it asks for gradient steps, which are compiled for it then.
     """
 
     @property
@@ -52,12 +116,12 @@ class Method(Protocol):
     def applies(self, components: Components) -> bool:
         """Whether the problem's actions are of a kind that it can change."""
 
-    def begin(self, base: np.ndarray) -> None:
-        """A decision begins.
+    @property
+    def climbs(self) -> bool:
+        """Whether it asks for gradient steps, which are compiled for it then."""
 
-        Args:
-          base: the prepared policy's action [D].
-        """
+    def begin(self, situation: Situation) -> None:
+        """A decision begins."""
 
     def propose(self, gains: Sequence[Gain], random: np.random.Generator) -> np.ndarray:
         """Candidates [P, k, D], the most promising first; none ends the search.

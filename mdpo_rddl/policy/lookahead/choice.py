@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.policy.lookahead.base import Method
+from mdpo_rddl.policy.lookahead.base import Method, Prepared
+from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+from mdpo_rddl.policy.lookahead.residuals import Residuals
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem, make_environment
 
 State = Mapping[str, Any]
@@ -21,7 +22,11 @@ State = Mapping[str, Any]
 _TRIALS, _TEST_CALLS, _EPISODES = 10, 4, 2
 # gains at fewer states say nothing
 _FEWEST_TRIALS = 3
+# where compilation took longer than expected, each method may have so much of the time all the same
+_BEYOND = 0.1
 NO_TIME = "no time"
+# the programs and the trials of all methods take at most so many seconds and decisions
+_COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # the fractional parts of its multiples are spread evenly
 _GOLDEN = 0.618033988749895
 
@@ -70,8 +75,17 @@ def can_think(problem: Problem) -> bool:
     return not problem.model.observ_fluents
 
 
+def longest_choice(seconds: float) -> float:
+    """Seconds that the choice may take where nothing else limits it.
+
+    Args:
+      seconds: of a decision.
+    """
+    return _COMPILE_SECONDS + _DECISIONS * seconds
+
+
 def choose(
-    policy: Policy,
+    policy: Prepared,
     seconds: float,
     within: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
@@ -84,8 +98,8 @@ def choose(
     Args:
       policy: the prepared policy.
       seconds: of a decision.
-      within: seconds for the choice, shared by the methods; a compilation or a decision that has
-        begun goes on to its end.
+      within: seconds for the choice, shared by the methods. A compilation or a decision that has
+        begun goes on to its end; a method for which it has left no time may go a tenth beyond.
       clock: tells the seconds.
     """
     started = clock()
@@ -93,15 +107,20 @@ def choose(
     trials: list[Trial] = []
     best: tuple[float, LookaheadPolicy] | None = None
     if not reason:
-        simulator = Simulator(policy, depth=1, clock=clock)
-        applying = [method for method in _methods() if method.applies(simulator.components)]
+        components = Components.of(policy.planner)
+        applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
         if applying:
             visited = _visited(policy)
+            simulator = Simulator(policy, max(method.depth for method in applying), clock)
             simulator.prepare(visited[0][1], seconds)
+            if any(method.climbs for method in applying):
+                simulator.prepare_climbing(visited[0][1])
         for number, method in enumerate(applying):
             now = clock()
-            until = now + (started + within - now) / (len(applying) - number)
+            share = (started + within - now) / (len(applying) - number)
+            few = 2 * _FEWEST_TRIALS * seconds
+            until = now + max(share, min(few, _BEYOND * within))
             thinking = LookaheadPolicy(simulator, method, seconds, policy.seed, clock)
             trial = _Tried(thinking, simulator, clock).at(visited, until)
             trials.append(trial)
@@ -112,10 +131,10 @@ def choose(
 
 
 def _methods() -> list[Method]:
-    return [FirstActions(), Coordinate()]
+    return [FirstActions(), Coordinate(), Residuals()]
 
 
-def _unsuitable(policy: Policy) -> str:
+def _unsuitable(policy: Prepared) -> str:
     """Why rollouts from the state at hand cannot be made; empty if they can."""
     if policy.planner.rddl.observ_fluents:
         return "the state is not observed"
@@ -126,7 +145,7 @@ def _unsuitable(policy: Policy) -> str:
     return ""
 
 
-def _visited(policy: Policy) -> list[tuple[int, State]]:
+def _visited(policy: Prepared) -> list[tuple[int, State]]:
     """Steps and states of a few episodes, as many as there are trials.
 
     The first is a start; the others are in an order in which the first few are far apart.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.noise.units import in_range_units
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.changes import choices
 
@@ -22,6 +23,8 @@ class Components:
       is_real: which components are real [D].
       noop: the no-op [D].
       lower, upper: the box of the real components, infinite where there is none [D].
+      units: what 1 means for each real component: the width of its box or, where there is none,
+        the plan's own unit; 0 for the others [D].
       most: so many components may differ from the no-op.
     """
 
@@ -31,6 +34,7 @@ class Components:
     noop: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    units: np.ndarray
     most: int
 
     @classmethod
@@ -53,7 +57,8 @@ class Components:
                 lower[part], upper[part] = np.ravel(low), np.ravel(high)
         flat = np.concatenate([np.ravel(value).astype(np.float32) for value in noop.values()])
         most = int(min(rddl.max_allowed_actions, size))
-        return cls(parts, tuple(values), is_real, flat, lower, upper, most)
+        units = np.where(is_real, _units(planner, parts), 0.0).astype(np.float32)
+        return cls(parts, tuple(values), is_real, flat, lower, upper, units, most)
 
     @property
     def size(self) -> int:
@@ -93,3 +98,13 @@ class Components:
             given = np.asarray(like[name])
             chosen[name] = flat[part].reshape(given.shape).astype(given.dtype)
         return chosen
+
+
+def _units(planner: MDPOPlanner, parts: Mapping[str, slice]) -> np.ndarray:
+    """The unit of each component [D]; 1 where the planner knows none."""
+    specs = in_range_units(planner.action_specs, {})
+    units = np.ones(max((part.stop for part in parts.values()), default=0))
+    for name, part in parts.items():
+        if name in specs:
+            units[part] = np.ravel(np.broadcast_to(specs[name].unit, specs[name].shape))
+    return units

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdpo_rddl.policy.lookahead.base import Gain
+from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
 
 _MOST_PROPOSALS = 600
@@ -25,6 +25,7 @@ class Coordinate:
     depth: int = 1
     rounds: int = 3
     _components: Components | None = field(default=None, init=False)
+    climbs: bool = False
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
 
     def applies(self, components: Components) -> bool:
@@ -32,9 +33,9 @@ class Coordinate:
         self._components = components
         return bool(components.discrete)
 
-    def begin(self, base: np.ndarray) -> None:
+    def begin(self, situation: Situation) -> None:
         """Starts at the policy's action."""
-        self._base = base
+        self._base = situation.base
 
     def propose(self, gains: Sequence[Gain], random: np.random.Generator) -> np.ndarray:
         """Neighbours of the best action so far, [P, 1, D]."""

@@ -2,20 +2,25 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.policy.lookahead.base import Gain, Method
+from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
 from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.load import Problem
 
 # of a decision's time: when the search ends, when the finalists' test ends
 _SEARCH_SHARE, _TEST_SHARE = 0.65, 0.9
 # the base is left for a gain of so many errors, and more than rounding can make
 _ERRORS, _ROUNDING = 1.0, 1e-5
 _MOST_TEST_CALLS = 30
+# time for so many calls of the simulator in each round
+_ROUND_CALLS = 1.5
 
 
 class Decision(NamedTuple):
@@ -38,11 +43,12 @@ class Decision(NamedTuple):
     error: float
 
 
-class LookaheadPolicy:
+class LookaheadPolicy(PolicyAgent):
     """Plays the base policy's action unless another one is better in paired rollouts.
 
     At each decision a method proposes candidates. They are halved on common scenarios, and the
-    best are tested on fresh ones. The base is left only for a gain beyond its standard error.
+    best are tested on fresh ones. The base is left only for a gain beyond its standard error. An
+    agent of pyRDDLGym's, as the base is.
 
     Attributes:
       method: proposes candidates.
@@ -71,20 +77,45 @@ class LookaheadPolicy:
         self._random = np.random.default_rng(seed)
 
     @property
-    def base(self) -> Policy:
+    def problem(self) -> Problem:
+        """What is played."""
+        return self.base.problem
+
+    def save(self, path: str | Path) -> None:
+        """Writes the prepared policy, which can be loaded and given time to think again."""
+        self.base.save(path)
+
+    @property
+    def base(self) -> Prepared:
         """The prepared policy."""
         return self._simulator.policy
 
-    def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The action at a step; step 0 begins a new episode."""
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action at a step; step 0 begins a new episode.
+
+        Args:
+          step: number of decisions before.
+          observation: per fluent an array, or per ground fluent a scalar.
+
+        Returns:
+          Per action fluent an array, or per ground action fluent a scalar, as the observation was.
+        """
+        model = self.problem.model
+        if is_grounded(model, observation):
+            return grounded(model, self(step, lifted(model, observation)))
         if step == 0:
             self.method.reset()
-        return self.decide(step, state)[0]
+        return self.decide(step, observation)[0]
 
     def decide(
-        self, step: int, state: Mapping[str, Any]
+        self, step: int, state: Mapping[str, Any], seconds: float | None = None
     ) -> tuple[Mapping[str, Any], np.ndarray, np.ndarray]:
         """Makes a decision and records it.
+
+        Args:
+          step: its number.
+          state: as a vectorized environment shows it.
+          seconds: for this decision, if not as for all.
 
         Returns:
           The action, the candidate that it comes from and candidate 0 [k, D].
@@ -95,22 +126,23 @@ class LookaheadPolicy:
         base = np.zeros((self._simulator.depth, components.size), np.float32)
         base[0] = components.flat(proposed)
         play = Halving(self._simulator, state, step, base, self._clock, self._new_seed)
-        chosen = self._best(play, started)
+        chosen = self._best(play, started, self._seconds if seconds is None else seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
         gain, error = (0.0, 0.0) if chosen is None else (chosen.mean, chosen.error)
-        seconds = self._clock() - started
-        self.decisions.append(Decision(step, seconds, play.calls, left, gain, error))
+        took = self._clock() - started
+        self.decisions.append(Decision(step, took, play.calls, left, gain, error))
         return action, candidate, base
 
-    def _best(self, play: Halving, started: float) -> Gain | None:
+    def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
         """The finalist to play; None for the base."""
-        test_until = started + _TEST_SHARE * self._seconds
+        test_until = started + _TEST_SHARE * seconds
         a_test = self._simulator.seconds(NARROW, play.step)
-        search_until = min(started + _SEARCH_SHARE * self._seconds, test_until - a_test)
+        search_until = min(started + _SEARCH_SHARE * seconds, test_until - a_test)
         if self._clock() + self._simulator.seconds(WIDE, play.step) > search_until:
+            self._simulator.expect_less()
             return None
         finalists = self._finalists(play, search_until)
         if not len(finalists):
@@ -124,7 +156,7 @@ class LookaheadPolicy:
 
     def _finalists(self, play: Halving, until: float) -> np.ndarray:
         """The best of all rounds, [n, k, D]."""
-        self.method.begin(play.base[0])
+        self.method.begin(self._situation(play, until - self._clock()))
         best: list[Gain] = []
         gains: Sequence[Gain] = ()
         rounds, began = self.method.rounds, self._clock()
@@ -133,19 +165,40 @@ class LookaheadPolicy:
             proposals = self.method.propose(gains, self._random)
             if not len(proposals):
                 break
+            proposals = self._padded(proposals)
             legal = self._simulator.legal(play.state, proposals[:, 0])
             if not np.any(legal):
                 break
-            # later rounds get what an earlier one has left
-            share = (number + 1) / rounds
-            gains = play.run(proposals[legal], began + share * (until - began))
+            # later rounds get what an earlier one has left, and each can make a call
+            end = began + (number + 1) / rounds * (until - began)
+            a_call = self._clock() + _ROUND_CALLS * self._simulator.seconds(WIDE, play.step)
+            gains = play.run(proposals[legal], min(max(end, a_call), until))
             best += [
                 gain for gain in gains[: self._simulator.challengers(NARROW)] if gain.mean > 0.0
             ]
-            if not gains or not best:
+            if not gains:
                 break
         best.sort(key=lambda gain: -gain.mean)
         return np.array([gain.candidate for gain in best[:most]])
+
+    def _situation(self, play: Halving, seconds: float) -> Situation:
+        """What the method begins with, if the search has so many seconds."""
+
+        def climb(candidates: np.ndarray, rates: np.ndarray, share: float) -> Climbed | None:
+            depth = candidates.shape[1]
+            place = play.state, play.step
+            padded = self._padded(candidates)
+            found = self._simulator.climb(place, padded, rates, share * seconds)
+            if found is None:
+                return None
+            return Climbed(found.candidates[:, :depth], found.sigma[:, :depth])
+
+        return Situation(play.base[0], self._simulator.challengers(WIDE), climb)
+
+    def _padded(self, candidates: np.ndarray) -> np.ndarray:
+        """Candidates with as many steps as the simulator's; nothing is added at the last ones."""
+        missing = self._simulator.depth - candidates.shape[1]
+        return np.pad(candidates, ((0, 0), (0, missing), (0, 0)))
 
     def _new_seed(self) -> int:
         return int(self._random.integers(2**31))

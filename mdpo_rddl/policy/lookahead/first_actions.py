@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdpo_rddl.policy.lookahead.base import Gain
+from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
 
 _MOST_ACTIONS = 400
@@ -24,6 +24,7 @@ class FirstActions:
     depth: int = 1
     rounds: int = 1
     _actions: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
+    climbs: bool = False
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
 
     def applies(self, components: Components) -> bool:
@@ -44,9 +45,9 @@ class FirstActions:
         self._actions = np.array(actions, np.float32)
         return True
 
-    def begin(self, base: np.ndarray) -> None:
+    def begin(self, situation: Situation) -> None:
         """Leaves the policy's own action out."""
-        self._base = base
+        self._base = situation.base
 
     def propose(self, gains: Sequence[Gain], random: np.random.Generator) -> np.ndarray:
         """All actions but the policy's, in random order, [P, 1, D]."""

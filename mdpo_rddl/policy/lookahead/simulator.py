@@ -7,17 +7,31 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.noise import AdaptiveNoise
+from mdpo_rddl.planner.climbing import Ascent, Climbing, ClimbSize
 from mdpo_rddl.planner.continuations import Continuations, Size
+from mdpo_rddl.policy.lookahead.base import Climbed, Prepared
 from mdpo_rddl.policy.lookahead.components import Components
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.chance import has_draws
 
 WIDE, NARROW = "wide", "narrow"
+CLIMBERS = 4
+"""Candidates that climb side by side."""
+
+# over how many scenarios and steps their return is differentiated, if anything is random
+_CLIMB_SCENARIOS, _CLIMB_WINDOW = 4, 100
+_NOISE = AdaptiveNoise(sigma_min=0.1, sigma_max=1.0)
+_MEASURED_STEPS, _MOST_CLIMBS = 20, 500
 # candidates of a call, the base among them; the rest of its size are scenarios
 _CANDIDATES = {WIDE: 32, NARROW: 4}
+# enough where nothing is random: two that are the same tell that
+_CERTAIN_SCENARIOS = 2
+# how far actions are from the policy's where that is found out, in units of the components
+_SPREAD = 0.3
 _ROLLOUTS, _FEWEST, _MOST = 512, 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
-_MARGIN, _FORGETTING = 1.2, 0.98
+_MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 _LEGALITY_BATCH = 64
 # a return that is not finite must not look like a gain
 _NOT_FINITE = -1e30
@@ -27,7 +41,7 @@ class Simulator:
     """Compiles everything that a decision needs, and knows how long it takes."""
 
     def __init__(
-        self, policy: Policy, depth: int, clock: Callable[[], float] = time.perf_counter
+        self, policy: Prepared, depth: int, clock: Callable[[], float] = time.perf_counter
     ) -> None:
         """Compiles nothing yet.
 
@@ -47,6 +61,9 @@ class Simulator:
         self._overhead: dict[str, float] = {}
         self._per_step: dict[str, float] = {}
         hyperparams = dict(policy.policy_hyperparams)
+        self._climb: Callable[..., Any] | None = None
+        self._climb_seconds = (0.0, 0.0)
+        self._is_random = has_draws(policy.problem.model)
         self._policy_arguments = jax.device_put((policy.params, hyperparams))
 
     def prepare(self, state: Mapping[str, Any], seconds: float) -> None:
@@ -61,11 +78,82 @@ class Simulator:
         self.legal(state, base[np.newaxis])
         rollouts = _ROLLOUTS
         self._compile(WIDE, rollouts, state, base)
+        self._is_random = self._is_random and self._differs(state)
         took = self.seconds(WIDE, 0)
-        if not longest / 3 < took < longest * 1.5:
+        if not self._is_random or not longest / 3 < took < longest * 1.5:
             rollouts = int(np.clip(rollouts * longest / took, _FEWEST, _MOST))
             self._compile(WIDE, rollouts, state, base)
         self._compile(NARROW, rollouts, state, base)
+
+    def prepare_climbing(self, state: Mapping[str, Any]) -> None:
+        """Compiles the gradient steps and measures them, after `prepare`."""
+        count = _CLIMB_SCENARIOS if self._is_random else 1
+        size = ClimbSize(CLIMBERS, count, min(self.horizon, _CLIMB_WINDOW))
+        climbing = Climbing(self.policy.planner)
+        self._climb = climbing.compile(size, self.components.units, _NOISE)
+        candidates = np.zeros((CLIMBERS, self.depth, self.components.size), np.float32)
+        candidates[:, 0] = self.components.flat(self.policy(0, state))
+        rates = np.zeros(CLIMBERS, np.float32)
+
+        def call(steps: int) -> float:
+            started = self._clock()
+            self._take_steps((state, 0), Ascent.from_candidates(candidates), rates, steps)
+            return self._clock() - started
+
+        call(1)
+        one = float(np.median([call(1) for _ in range(3)]))
+        many = call(_MEASURED_STEPS)
+        self._climb_seconds = one, max(many - one, 0.1 * one) / (_MEASURED_STEPS - 1)
+
+    def climb(
+        self,
+        place: tuple[Mapping[str, Any], int],
+        candidates: np.ndarray,
+        rates: np.ndarray,
+        seconds: float,
+    ) -> Climbed | None:
+        """As many gradient steps as the time is enough for, in calls; None where for none.
+
+        Args:
+          place: the state, as the environment shows it, and its step.
+          candidates: at most `CLIMBERS` [P, k, D].
+          rates: theirs [P], in units of the components.
+          seconds: for all steps.
+        """
+        until, count = self._clock() + seconds, len(candidates)
+        padded = np.concatenate([candidates, np.repeat(candidates[:1], CLIMBERS - count, axis=0)])
+        ascent = Ascent.from_candidates(padded.astype(np.float32))
+        all_rates = np.concatenate([rates, np.zeros(CLIMBERS - count)]).astype(np.float32)
+        first_sigma = None
+        while (steps := self._climbs_until(until)) > 0 and ascent.steps < _MOST_CLIMBS:
+            started = self._clock()
+            ascent, sigma = self._take_steps(place, ascent, all_rates, steps)
+            first_sigma = sigma if first_sigma is None else first_sigma
+            overhead, each = self._climb_seconds
+            seen = (self._clock() - started - overhead) / steps
+            self._climb_seconds = overhead, max(_FORGETTING * each, seen)
+        if first_sigma is None:
+            return None
+        reached = np.where(np.isfinite(ascent.candidates), ascent.candidates, padded)
+        return Climbed(reached[:count], first_sigma[:count])
+
+    def _climbs_until(self, until: float) -> int:
+        """How many gradient steps to make in a call that is to end then, or earlier."""
+        if self._climb is None:
+            return 0
+        overhead, each = self._climb_seconds
+        left = min(until - self._clock(), _LONGEST_SECONDS + overhead)
+        return int((left / _MARGIN - overhead) / each)
+
+    def _take_steps(
+        self, place: tuple[Mapping[str, Any], int], ascent: Ascent, rates: np.ndarray, steps: int
+    ) -> tuple[Ascent, np.ndarray]:
+        assert self._climb is not None  # `prepare_climbing` was called
+        where = self._numbers(place[0]), place[1]
+        key = jax.random.PRNGKey(place[1])
+        found = self._climb(key, self._policy_arguments, where, ascent, rates, steps)
+        reached, sigma = jax.tree.map(np.asarray, found)
+        return reached, sigma
 
     def scenarios(self, kind: str) -> int:
         """Scenarios of one call."""
@@ -79,6 +167,16 @@ class Simulator:
         """How long a call at a step is likely to take."""
         steps = max(1, self.horizon - step)
         return _MARGIN * (self._overhead[kind] + steps * self._per_step[kind])
+
+    def expect_less(self) -> None:
+        """Lowers what calls are likely to take, since none was made for want of time.
+
+        Else one that was slow by chance would be the last.
+        """
+        for expected in (self._overhead, self._per_step):
+            expected.update({kind: _AFTER_NONE * each for kind, each in expected.items()})
+        overhead, each = self._climb_seconds
+        self._climb_seconds = _AFTER_NONE * overhead, _AFTER_NONE * each
 
     def legal(self, state: Mapping[str, Any], actions: np.ndarray) -> np.ndarray:
         """Which of the actions [M, D] are legal [M]."""
@@ -112,9 +210,7 @@ class Simulator:
         missing = size.candidates - len(candidates)
         padded = np.concatenate([candidates, np.repeat(candidates[:1], missing, axis=0)])
         started = self._clock()
-        key = jax.random.PRNGKey(seed)
-        arguments = self._numbers(state), step, padded.astype(np.float32)
-        returns = np.asarray(self._programs[kind](key, *self._policy_arguments, *arguments))
+        returns = self._returns(kind, state, step, padded, seed)
         self._measure(kind, step, self._clock() - started)
         differences = (returns[1 : len(candidates)] - returns[:1]).astype(float)
         return np.where(np.isfinite(differences), differences, _NOT_FINITE)
@@ -128,8 +224,7 @@ class Simulator:
 
     def _compile(self, kind: str, rollouts: int, state: Mapping[str, Any], base: Any) -> None:
         self._per_step.pop(kind, None)
-        count = _CANDIDATES[kind]
-        size = self._sizes[kind] = Size(count, max(2, rollouts // count))
+        size = self._sizes[kind] = self._size(kind, rollouts)
         self._programs[kind] = self._continuations.compile(size)
         candidates = np.zeros((1, self.depth, self.components.size), np.float32)
         candidates[0, 0] = base
@@ -144,6 +239,30 @@ class Simulator:
         self._overhead[kind] = min(call(last, seed) for seed in range(1, 4))
         whole = float(np.median([call(0, seed) for seed in range(1, 4)]))
         self._per_step[kind] = max(0.0, whole - self._overhead[kind]) / steps
+
+    def _size(self, kind: str, rollouts: int) -> Size:
+        count = _CANDIDATES[kind]
+        if self._is_random:
+            return Size(count, max(2, rollouts // count))
+        return Size(max(count, rollouts // 4) if kind == WIDE else count, _CERTAIN_SCENARIOS)
+
+    def _differs(self, state: Mapping[str, Any]) -> bool:
+        """Whether returns differ between scenarios, after actions of many kinds."""
+        parts, random = self.components, np.random.default_rng(0)
+        shape = self._sizes[WIDE].candidates, self.depth, parts.size
+        candidates = _SPREAD * parts.units * random.normal(size=shape)
+        for place in parts.discrete:
+            candidates[:, 0, place] = random.choice(parts.values[place], size=len(candidates))
+        candidates[:, 0] = np.clip(candidates[:, 0], parts.lower, parts.upper)
+        returns = self._returns(WIDE, state, 0, candidates, 0)
+        return bool(np.any(np.ptp(np.where(np.isfinite(returns), returns, 0.0), axis=1) > 0.0))
+
+    def _returns(
+        self, kind: str, state: Mapping[str, Any], step: int, candidates: np.ndarray, seed: int
+    ) -> np.ndarray:
+        arguments = self._numbers(state), step, candidates.astype(np.float32)
+        key = jax.random.PRNGKey(seed)
+        return np.asarray(self._programs[kind](key, *self._policy_arguments, *arguments))
 
     def _numbers(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The state with objects as their numbers."""

@@ -1,15 +1,23 @@
 """Whether to think at all: what the trials of the methods say, and how long they may take."""
 
+from functools import partial
+
+import numpy as np
 import pytest
 from helpers.clocks import Stopped, Ticking
 from helpers.levers import NONE, lever_policy
+from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
 
+from mdpo_rddl.policy import policy as policies
+from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.choice import NO_TIME, Trial, choose
+from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
 
 SECONDS = 0.5
+START = {"pulled": np.zeros(3, bool)}
 
 
 @pytest.fixture
@@ -19,7 +27,7 @@ def slow(monkeypatch):
     def use(call, preparation=0.0):
         clock = Stopped()
 
-        def make(policy, depth, clock):
+        def make(policy, depth, _):
             return SlowSimulator(policy, clock, {WIDE: call, NARROW: call}, preparation)
 
         monkeypatch.setattr(choosing, "Simulator", make)
@@ -61,8 +69,34 @@ def test_methods_share_the_time(slow):
     # of the time that is left after the preparation each method has enough for a few decisions
     clock = slow(call=0.01, preparation=5.5)
     choice = choose(lever_policy(NONE), SECONDS, within=6.0, clock=clock)
-    assert choice.seconds <= 6.0 + SECONDS
+    assert choice.seconds <= 1.2 * 6.0 + SECONDS
     assert {trial.note for trial in choice.trials} == {NO_TIME}
+    # where decisions are short they are tried all the same
+    clock = slow(call=0.001, preparation=6.5)
+    choice = choose(lever_policy(NONE), 0.05, within=6.0, clock=clock)
+    assert choice.seconds <= 1.2 * 6.0
+    assert {trial.note for trial in choice.trials} == {""}
+
+
+def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeypatch):
+    policy = lever_policy(NONE)
+    clock = slow(call=0.01)
+    monkeypatch.setattr(policies, "choose", partial(choose, clock=clock))
+    thinker = policy.with_decision_seconds(SECONDS)
+    assert isinstance(thinker, LookaheadPolicy)
+    assert thinker.problem is policy.problem
+    thinker.reset()
+    assert thinker.sample_action(START)["pull"][2]
+    ground = {f"pulled___a{arm}": False for arm in (1, 2, 3)}
+    thinker.reset()
+    assert thinker.sample_action(ground)["pull___a3"]
+    # the third arm at each step, whatever the others
+    assert thinker.evaluate(episodes=1).mean >= 4 * (3.0 - 2.0)
+    thinker.save(tmp_path / "one.policy")
+    saved = load_policy(tmp_path / "one.policy")
+    assert saved.seed == policy.seed
+    for wrong in (0.0, -1.0, float("nan")):
+        assert "must be a number above 0" in one_line(partial(policy.with_decision_seconds, wrong))
 
 
 def test_a_gain_within_its_error_does_not_pay():

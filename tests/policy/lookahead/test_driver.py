@@ -71,6 +71,24 @@ def test_an_optimal_policy_is_not_left():
     assert not any(decision.left_base for decision in thinker.decisions)
 
 
+def test_one_slow_call_is_not_the_last():
+    clock = Ticking(0.01)
+    simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), depth=1, clock=clock)
+    simulator.prepare(START, SECONDS)
+    method = FirstActions()
+    method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 2 * SECONDS, seed=0, clock=clock)
+    clock.tick = 5.0
+    thinker.decide(0, START)
+    clock.tick = 0.01
+    for _ in range(15):
+        thinker.decide(0, START)
+    calls = [decision.calls for decision in thinker.decisions]
+    assert 0 in calls
+    assert min(calls[-3:]) > 0
+    assert all(decision.seconds <= 2 * SECONDS for decision in thinker.decisions[1:])
+
+
 @pytest.mark.parametrize("call", [0.004, 0.02, 0.04, 0.3])
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_a_decision_ends_in_time(method, call):

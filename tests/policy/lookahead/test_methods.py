@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.levers import NONE, lever_policy
 
-from mdpo_rddl.policy.lookahead.base import Gain
+from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
@@ -14,6 +14,10 @@ RANDOM = np.random.default_rng(0)
 
 def components(**words):
     return Components.of(lever_policy(**words).planner)
+
+
+def situation(base):
+    return Situation(base, 10, lambda *_: None)
 
 
 def proposed(method, gains=()):
@@ -35,7 +39,7 @@ def test_how_many_joint_actions_there_are(most, count):
     assert three.joint_actions == count
     method = FirstActions()
     assert method.applies(three)
-    method.begin(np.zeros(3))
+    method.begin(situation(np.zeros(3)))
     # all but the policy's own
     assert len(proposed(method)) == len(set(proposed(method))) == count - 1
     assert proposed(method, [Gain(np.zeros((1, 3)), 1.0, 0.1)]) == []
@@ -44,7 +48,7 @@ def test_how_many_joint_actions_there_are(most, count):
 def test_coordinate_changes_go_on_from_what_gained():
     method = Coordinate()
     assert method.applies(components())
-    method.begin(np.array(NONE, float))
+    method.begin(situation(np.array(NONE, float)))
     assert proposed(method) == [(0, 0, 1), (0, 1, 0), (1, 0, 0)]
     gains = [
         Gain(np.array([[0.0, 0.0, 1.0]]), 3.0, 0.0),

@@ -1,0 +1,85 @@
+"""Our planner with time to think at each decision of a trial."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.ipc.gradient import training_seconds
+from mdpo_rddl.ipc.mdpo import MDPO
+from mdpo_rddl.policy.kinds import AnyPolicy
+from mdpo_rddl.policy.lookahead.choice import can_think, choose, longest_choice
+from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.load import Problem
+
+# of a trial's time; the rest is the environment's, and a margin
+_SHARE = 0.7
+# no decision is planned to be longer; time that is saved may double it
+_LONGEST_SECONDS, _BANKED = 1.0, 2.0
+# shorter ones do not pay for their overhead
+_SHORTEST_SECONDS = 0.01
+_CHOICE_SHARE = 0.25
+
+
+class ThinkingMDPO(MDPO):
+    """As `MDPO`, and thinks at its decisions where trials have shown that it pays.
+
+    A decision has its share of what is left of the trial's time, so that time saved at one is there
+    for the next, and no trial runs out of it.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        """Knows no trial's time yet, without which it does not think."""
+        self._clock = clock
+        self._trial_seconds, self._trial_began = 0.0, 0.0
+        # when the last action was given, and the longest that the environment has taken since
+        self._acted, self._between = 0.0, 0.0
+        self._choice_seconds: float | None = None
+        self._thinker: LookaheadPolicy | None = None
+
+    def play_within(self, seconds: float) -> None:
+        """Is told the time of a trial."""
+        self._trial_seconds = seconds
+
+    def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
+        """Looks for a policy, and in a part of the time for whether to think."""
+        self._choice_seconds = _CHOICE_SHARE * training_seconds(seconds)
+        kept = self._choice_seconds if can_think(problem) else 0.0
+        super().prepare(problem, seconds - kept, seed)
+
+    def act(
+        self, step: int, state: Mapping[str, Any], rng: np.random.Generator
+    ) -> Mapping[str, Any]:
+        """The better one of the policy's action and those that a look ahead has found."""
+        if self._thinker is None:
+            return super().act(step, state, rng)
+        now = self._clock()
+        if step == 0:
+            self._trial_began = now
+            self._thinker.method.reset()
+        else:
+            self._between = max(self._between, now - self._acted)
+        left = _SHARE * self._trial_seconds - (now - self._trial_began)
+        share = left / (self._policy.problem.horizon - step) - self._between
+        seconds = min(max(0.0, share), _BANKED * self._decision_seconds)
+        action = self._thinker.decide(step, state, seconds)[0]
+        legal = self._moves.rule(action, state).actions
+        self._acted = self._clock()
+        return legal
+
+    @property
+    def _decision_seconds(self) -> float:
+        """What a decision is prepared for."""
+        return min(_SHARE * self._trial_seconds / self._policy.problem.horizon, _LONGEST_SECONDS)
+
+    def _take_up(self, policy: AnyPolicy) -> None:
+        super()._take_up(policy)
+        seconds = self._decision_seconds
+        # a table plays its optimum already
+        if not isinstance(policy, Policy) or seconds < _SHORTEST_SECONDS:
+            return
+        longest = longest_choice(seconds)
+        within = longest if self._choice_seconds is None else min(longest, self._choice_seconds)
+        self._thinker = choose(policy, seconds, within, self._clock).policy

@@ -1,0 +1,158 @@
+"""Sampled and climbed additions to the policy's real actions, a few steps ahead."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mdpo_rddl.policy.lookahead.base import Gain, Situation
+from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.simulator import CLIMBERS
+
+_DEPTH = 40
+# proposals of the rounds: fewer and nearer as the search goes on, but at least one call's
+_POPULATIONS = (96, 64, 48, 32, 32, 32)
+_ELITES = 8
+# a sample's deviation, in units of the components: between a share of sigma and sigma
+_SIGMA, _SMALLEST_SHARE = 0.3, 0.03
+# power-law exponent of the noise over the steps, as in iCEM
+_COLOUR = 2.0
+# gradient steps: their share of the search's time, and their rates in units of the components
+_CLIMBING_SHARE, _RATES = 0.5, (0.003, 0.01, 0.03, 0.1)
+# so many samples change a discrete component of the first action
+_DISCRETE_SHARE = 0.3
+
+
+@dataclass
+class Residuals:
+    """Cross-entropy search over additions to the policy's actions, the policy afterwards.
+
+    Coloured noise, elites that are kept and a mean that is shifted to the next step are those of
+    iCEM (Pinneri et al., "Sample-efficient cross-entropy method for real-time planning", 2020).
+    With gradient steps their ends are proposed as well.
+
+    Attributes:
+      adaptive: whether the noise of a step follows the return's sensitivity to its action, as in
+        `AdaptiveNoise`; else it is the same at all steps. Only with gradient steps.
+      climbs: whether gradient steps are made.
+      depth: number of steps k.
+    """
+
+    name: str = "residuals"
+    adaptive: bool = True
+    climbs: bool = True
+    depth: int = _DEPTH
+    rounds: int = len(_POPULATIONS)
+    _components: Components | None = field(default=None, init=False)
+    _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
+    _plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
+    _climbed: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
+    _sigma: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
+    _elites: list[Gain] = field(default_factory=list, init=False)
+    _round: int = field(default=0, init=False)
+    _capacity: int = field(default=0, init=False)
+
+    def applies(self, components: Components) -> bool:
+        """Some component is real."""
+        self._components = components
+        self.reset()
+        return bool(np.any(components.is_real))
+
+    def reset(self) -> None:
+        """The plan of a new episode adds nothing."""
+        assert self._components is not None  # `applies` was asked first
+        self._plan = np.zeros((self.depth, self._components.size), np.float32)
+        self._climbed = self._plan[np.newaxis][:0]
+
+    def begin(self, situation: Situation) -> None:
+        """Climbs from the policy's actions and from the plan that is known."""
+        self._base, self._round, self._capacity = situation.base, 0, situation.capacity
+        self._sigma = np.full(self.depth, _SIGMA)
+        self._elites = []
+        if not self.climbs:
+            return
+        zero = np.zeros_like(self._plan)
+        last = self._climbed[0] if len(self._climbed) else zero
+        starts = self._candidates(np.stack([zero, self._plan, last, self._plan]))
+        assert len(starts) == CLIMBERS
+        climbed = situation.climb(starts, np.array(_RATES), _CLIMBING_SHARE)
+        if climbed is None:
+            self._climbed = self._climbed[:0]
+            return
+        reached = climbed.candidates.copy()
+        reached[:, 0] -= self._base
+        self._climbed = reached
+        if self.adaptive:
+            self._sigma = _SIGMA * climbed.sigma[0]
+
+    def propose(self, gains: Sequence[Gain], random: np.random.Generator) -> np.ndarray:
+        """Candidates [P, k, D]: the plans that are known, then samples around the best."""
+        number, self._round = self._round, self._round + 1
+        if number == 0:
+            zero = np.zeros_like(self._plan)
+            centres, known = np.stack([zero, self._plan]), [self._plan, *self._climbed]
+        else:
+            centres = self._best(gains)
+            known = [centres.mean(axis=0), centres[: max(1, len(centres) // 2)].mean(axis=0)]
+        count = max(_POPULATIONS[number], self._capacity - len(known))
+        around = centres[random.integers(len(centres), size=count)]
+        scale = 0.5**number * _SMALLEST_SHARE ** random.random((count, 1, 1))
+        samples = around + scale * self._noise(random, count)
+        proposals = self._candidates(np.concatenate([np.stack(known), samples]))
+        return self._with_discrete_changes(proposals, random, len(known))
+
+    def _best(self, gains: Sequence[Gain]) -> np.ndarray:
+        """Additions of the elites of all rounds, the largest gain first [E, k, D]."""
+        better = [gain for gain in gains[:_ELITES] if gain.mean > 0.0]
+        self._elites = sorted([*self._elites, *better], key=lambda gain: -gain.mean)[:_ELITES]
+        if not self._elites:
+            return np.zeros_like(self._plan)[np.newaxis]
+        additions = np.stack([gain.candidate[: self.depth] for gain in self._elites])
+        additions[:, 0] -= self._base
+        return additions
+
+    def _noise(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Coloured noise on some of the components [P, k, D], in their own values."""
+        parts = self._components
+        assert parts is not None
+        white = random.normal(size=(count, self.depth, parts.size))
+        frequencies = np.maximum(np.fft.rfftfreq(self.depth), 1.0 / self.depth)
+        weights = frequencies ** (-_COLOUR / 2.0)
+        coloured = np.fft.irfft(
+            np.fft.rfft(white, axis=1) * weights[:, np.newaxis], self.depth, axis=1
+        )
+        coloured /= np.maximum(coloured.std(axis=(0, 1), keepdims=True), 1e-9)
+        chosen = random.random((count, 1, parts.size)) < random.random((count, 1, 1))
+        chosen[: count // 2] = True
+        return coloured * chosen * self._sigma[:, np.newaxis] * parts.units
+
+    def _candidates(self, additions: np.ndarray) -> np.ndarray:
+        """Additions [P, k, D] as candidates: the first is an action in its box."""
+        parts = self._components
+        assert parts is not None
+        candidates = additions.astype(np.float32)
+        candidates[:, 0] = np.clip(candidates[:, 0] + self._base, parts.lower, parts.upper)
+        return candidates
+
+    def _with_discrete_changes(
+        self, candidates: np.ndarray, random: np.random.Generator, known: int
+    ) -> np.ndarray:
+        """Changes one discrete component of the first action of some samples."""
+        parts = self._components
+        assert parts is not None
+        if parts.discrete:
+            for candidate in candidates[known:]:
+                if random.random() < _DISCRETE_SHARE:
+                    place = int(random.choice(parts.discrete))
+                    candidate[0, place] = random.choice(parts.values[place])
+        return candidates
+
+    def shift(self, chosen: np.ndarray) -> None:
+        """The rest of the plan that was played."""
+        self._plan = _next(chosen[np.newaxis, : self.depth])[0]
+        self._climbed = _next(self._climbed)
+
+
+def _next(plans: np.ndarray) -> np.ndarray:
+    """Plans [P, k, D] one step later; nothing is added at the last one."""
+    return np.pad(plans[:, 1:], ((0, 0), (0, 1), (0, 0)))

@@ -1,0 +1,20 @@
+"""Whether chance plays a part in a problem."""
+
+from typing import Any
+
+
+def has_draws(model: Any) -> bool:
+    """Whether some fluent is drawn at random, even if from a law with one value.
+
+    Args:
+      model: pyRDDLGym's lifted model.
+    """
+    return any(_draws(expression) for _, expression in model.cpfs.values()) or _draws(model.reward)
+
+
+def _draws(expression: Any) -> bool:
+    if isinstance(expression, (tuple, list)):
+        return any(map(_draws, expression))
+    if not hasattr(expression, "etype"):
+        return False
+    return expression.etype[0] in ("randomvar", "randomvector") or _draws(expression.args)

@@ -1,0 +1,94 @@
+"""Additions to the policy's real actions: what is proposed, kept and shifted."""
+
+import numpy as np
+import pytest
+from helpers.clocks import Ticking
+from helpers.tiny_policy import idle_policy
+
+from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Situation
+from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.lookahead.residuals import Residuals
+from mdpo_rddl.policy.lookahead.simulator import Simulator
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.load import make_environment
+
+BASE = np.array([0.5, -0.5], np.float32)
+
+
+def begun(climb=lambda *_: None, **options):
+    method = Residuals(depth=4, **options)
+    assert method.applies(Components.of(idle_policy().planner))
+    method.begin(Situation(BASE, 10, climb))
+    return method
+
+
+def proposed(method, gains=(), seed=0):
+    return method.propose(gains, np.random.default_rng(seed))
+
+
+def test_units_are_the_widths_of_the_boxes():
+    parts = Components.of(idle_policy().planner)
+    np.testing.assert_array_equal(parts.units, [2.0, 2.0])
+    np.testing.assert_array_equal(parts.is_real, [True, True])
+
+
+def test_the_first_action_is_in_its_box_and_the_policy_is_kept_in_mind():
+    candidates = proposed(begun())
+    assert candidates.shape[1:] == (4, 2)
+    assert np.all(np.abs(candidates[:, 0]) <= 1.0)
+    # nothing is known yet: the first proposal is the policy itself
+    np.testing.assert_array_equal(candidates[0], [BASE, [0, 0], [0, 0], [0, 0]])
+    assert np.std(candidates[:, 1:]) > 0.01
+
+
+def test_gradient_steps_are_proposed_and_shape_the_noise():
+    end = np.full((4, 4, 2), 0.25, np.float32)
+    sigma = np.array([[1.0, 0.0, 1.0, 0.0]] * 4)
+    method = begun(lambda candidates, rates, share: Climbed(end, sigma))
+    candidates = proposed(method)
+    np.testing.assert_array_equal(candidates[1:5], end)
+    samples = candidates[5:]
+    np.testing.assert_array_equal(samples[:, [1, 3]], 0.0)
+    assert np.std(samples[:, 2]) > 0.01
+    isotropic = begun(lambda candidates, rates, share: Climbed(end, sigma), adaptive=False)
+    assert np.all(np.std(proposed(isotropic)[5:, 1:], axis=0) > 0.01)
+
+
+def test_later_rounds_search_nearer_the_best_of_all_rounds():
+    method = begun()
+    first = proposed(method)
+    good = np.full((4, 2), 0.125, np.float32)
+    gains = [Gain(good, 2.0, 0.1), Gain(first[7], -1.0, 0.1)]
+    second = proposed(method, gains)
+    np.testing.assert_allclose(second[0], good, atol=1e-6)
+    third = proposed(method, [Gain(first[8], 1.0, 0.1)])
+    np.testing.assert_allclose(third[1], good, atol=1e-6)
+    spread = [np.abs(round_ - good).mean() for round_ in (first, second)]
+    assert spread[1] < spread[0]
+
+
+def test_the_plan_that_was_played_is_shifted_until_the_episode_ends():
+    method = begun()
+    chosen = np.arange(8, dtype=np.float32).reshape(4, 2) / 10.0
+    method.shift(chosen)
+    method.begin(Situation(BASE, 10, lambda *_: None))
+    moved = np.vstack([chosen[1:], [[0.0, 0.0]]])
+    np.testing.assert_allclose(proposed(method)[0], moved + np.eye(4, 1) * BASE, atol=1e-6)
+    method.reset()
+    np.testing.assert_array_equal(proposed(begun())[0, 1:], 0.0)
+
+
+def test_a_policy_that_never_acts_is_improved():
+    policy, clock = idle_policy(), Ticking(0.01)
+    simulator = Simulator(policy, 4, clock)
+    method = Residuals(depth=4)
+    assert method.applies(simulator.components)
+    simulator.prepare({"x": np.zeros(2)}, 1.0)
+    simulator.prepare_climbing({"x": np.zeros(2)})
+    thinker = LookaheadPolicy(simulator, method, 1.0, seed=0, clock=clock)
+    played = evaluate(make_environment(policy.problem), thinker, 1, 0)
+    # the best is to pay for the start alone
+    assert played.mean == pytest.approx(-0.5, abs=0.05)
+    assert played.illegal_actions == 0
+    assert policy.evaluate(episodes=1).mean == -2.0
