@@ -17,6 +17,7 @@ from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.recipe import Recipe
 from mdpo_rddl.auto.sizes import plans_fit
+from mdpo_rddl.auto.start import Start
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.build import build_planner
@@ -61,6 +62,7 @@ class RaceOptions:
       on_judged: called with each candidate once the judge has played it.
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
+      start: the incumbent of an earlier race that was stopped, whose seconds count as used.
     """
 
     traced_cache: Path | None = None
@@ -69,6 +71,7 @@ class RaceOptions:
     on_judged: Callable[[Judged], None] = _ignore_judged
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
+    start: Start | None = None
 
 
 def plan_automatically(
@@ -88,7 +91,8 @@ def plan_automatically(
       KeyboardInterrupt: if interrupted before there was any policy.
     """
     options = RaceOptions() if options is None else options
-    clock, started = options.clock, options.clock()
+    clock, start = options.clock, options.start
+    started = clock() - (0.0 if start is None else start.seconds)
     seconds, shares = config.budget().seconds, _shares(config)
     wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
     with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
@@ -101,6 +105,8 @@ def plan_automatically(
             alternatives.stop()  # its memory is needed
         recipe, interrupted = Recipe(arena, shares, options.on_stage), False
         recipe.arms += [] if exact is None else [exact]
+        if start is not None:
+            arena.judge.record(start.candidate(arena))
         try:
             recipe.run()
             late = arena.deadline + _LATE_SHARE * seconds

@@ -137,6 +137,17 @@ def plan_parser() -> OneLineParser:
         help="run folder; an earlier run there is replaced (default: a new one under runs/)",
     )
     run.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on where a run into --out was stopped, from its last checkpoint",
+    )
+    run.add_argument(
+        "--checkpoint-seconds",
+        type=number(above=0),
+        default=60.0,
+        help="time from one checkpoint to the next (default: %(default)g)",
+    )
+    run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
     )
     run.add_argument(
@@ -282,6 +293,10 @@ def check_plan_options(options: argparse.Namespace) -> None:
     """
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
+    if options.resume and options.out is None:
+        raise InputError("--resume needs the --out of the run that was stopped")
+    if options.resume and (options.load is not None or options.replan):
+        raise InputError("--resume goes with planning once, not with --load or --replan")
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:

@@ -4,7 +4,6 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -12,14 +11,14 @@ import numpy as np
 
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.checkpoints import CheckpointedLoop, Checkpoints
 from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
-# at most so many iterations are recorded, and the last one
-_RECORDS = 600
 # a budget has at least so many calls, for a bound on the time can then be kept and a learning
 # curve needs points
 _CALLS_IN_A_BUDGET = 20
@@ -92,11 +91,6 @@ class TrainingResult:
         return select_restart(self.last_params_by_restart, self.restart)
 
 
-def select_restart(params_by_restart: Any, restart: int) -> Any:
-    """The parameters of one restart out of a tree with a leading axis [restarts, ...]."""
-    return jax.tree.map(lambda leaf: leaf[restart], params_by_restart)
-
-
 def train(
     built: Built[MDPOPlanner],
     key: Any,
@@ -104,6 +98,7 @@ def train(
     *,
     counts_compilation: bool = False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
+    checkpoints: Checkpoints | None = None,
 ) -> TrainingResult:
     """Trains until the iterations, the seconds or the planner's own stopping rule end it.
 
@@ -116,6 +111,8 @@ def train(
       budget: largest number of iterations, at least 1, and largest time; as configured if None.
       counts_compilation: whether compilation is part of that time.
       on_progress: called after each iteration.
+      checkpoints: where its state is left now and then, and with which one it begins; without
+        effect for planners whose state cannot be seen.
 
     Raises:
       InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
@@ -130,24 +127,58 @@ def train(
             left = max(budget.seconds - compile_seconds, _LEAST_SECONDS)
             budget = replace(budget, seconds=left)
         started = time.perf_counter()
-        found, status = _run(built, key, budget, on_progress)
+        found, status = _run(_loop(built, checkpoints), key, budget, on_progress)
         train_seconds = time.perf_counter() - started
+        if checkpoints is not None and checkpoints.resumed is not None:
+            train_seconds += checkpoints.resumed.seconds
     return _result(found, status, compile_seconds, train_seconds)
 
 
+class _Loop:
+    """The callbacks of a training without checkpoints."""
+
+    def __init__(self, built: Built[MDPOPlanner]) -> None:
+        self.found = Found(built.planner.in_calls)
+        self.callbacks = built.callbacks
+
+    def passed(self, callback: Mapping[str, Any]) -> None:
+        """Keeps nothing."""
+
+    def save(self) -> None:
+        """Keeps nothing."""
+
+
+def _loop(built: Built[MDPOPlanner], checkpoints: Checkpoints | None) -> _Loop | CheckpointedLoop:
+    """The loop of a training, with the sizes of a call that an earlier one had.
+
+    Raises:
+      InputError: if a checkpoint does not fit the planner.
+    """
+    if checkpoints is None or not CheckpointedLoop.is_possible(built.planner):
+        return _Loop(built)
+    try:
+        loop = CheckpointedLoop(built, checkpoints)
+        if checkpoints.resumed is not None:
+            built.planner.set_call_sizes(*map(int, checkpoints.resumed.numbers["call"]))
+    except (LookupError, TypeError, ValueError) as error:
+        raise InputError(f"the checkpoint does not fit the planner: {error}") from error
+    return loop
+
+
 def _run(
-    built: Built[MDPOPlanner],
+    loop: _Loop | CheckpointedLoop,
     key: Any,
     budget: Budget,
     on_progress: Callable[[Progress], None],
-) -> "tuple[_Found, str]":
+) -> tuple[Found, str]:
     """What the iterations have found, and why they ended."""
     started = time.perf_counter()
-    found = _Found(built.planner.in_calls)
+    found = loop.found
     status = "iter_budget_reached"
     try:
-        for callback in built.callbacks(key, budget):
+        for callback in loop.callbacks(key, budget):
             found.add(callback)
+            loop.passed(callback)
             iteration, elapsed = callback["iteration"], time.perf_counter() - started
             done = max((iteration + 1) / budget.iterations, elapsed / budget.seconds)
             on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
@@ -158,6 +189,7 @@ def _run(
         if not found.callback:
             raise
         status = "interrupted"
+        loop.save()
     return found, status
 
 
@@ -185,62 +217,8 @@ def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> N
         planner.bound_calls(max(_CALL_SECONDS / seconds, planner.test_every))
 
 
-_KEPT = ("iteration", "train_return", "test_return", "sigma")
-
-
-class _Found:
-    """What the iterations so far have found.
-
-    The best iterate of JaxPlan's own loop is not used: once a restart's return is not a number,
-    JaxPlan takes that restart for the best one and no longer sees the others. Calls of several
-    iterations keep account of it themselves.
-    """
-
-    def __init__(self, in_calls: bool) -> None:
-        self._in_calls = in_calls
-        self.callback: Mapping[str, Any] = {}
-        self.restart = 0
-        self.test_return = -np.inf
-        self.best_return, self.best_iteration = -np.inf, 0
-        self._best_params: Callable[[], Any] = lambda: None
-        self.best_restart = 0
-        self._kept: list[dict[str, Any]] = []
-        self._every = 1
-
-    def add(self, callback: Mapping[str, Any]) -> None:
-        returns = np.asarray(callback["test_return"])
-        returns = np.where(np.isfinite(returns), returns, -np.inf)
-        self.restart = int(np.argmax(returns))
-        self.test_return = float(returns[self.restart])
-        if self._in_calls:
-            self.best_return = float(callback["best_return"])
-            self.best_iteration = callback["last_iteration_improved"]
-            self.best_restart = callback["best_index"]
-            self._best_params = partial(callback.get, "best_params")
-        elif self.test_return > self.best_return:
-            self.best_return, self.best_iteration = self.test_return, callback["iteration"]
-            self.best_restart = self.restart
-            self._best_params = partial(select_restart, callback["params"], self.restart)
-        # how many iterations the seconds allow is not known before
-        if callback["iteration"] % self._every == 0:
-            self._kept.append({name: callback[name] for name in _KEPT})
-        if len(self._kept) > _RECORDS:
-            self._kept, self._every = self._kept[::2], 2 * self._every
-        self.callback = callback
-
-    @property
-    def best_params(self) -> Any:
-        return self._best_params()
-
-    @property
-    def kept(self) -> list[dict[str, Any]]:
-        last = {name: self.callback[name] for name in _KEPT}
-        is_kept = self._kept[-1]["iteration"] == last["iteration"]
-        return self._kept if is_kept else [*self._kept, last]
-
-
 def _result(
-    found: _Found, status: str, compile_seconds: float, train_seconds: float
+    found: Found, status: str, compile_seconds: float, train_seconds: float
 ) -> TrainingResult:
     callback, kept, restart = found.callback, found.kept, found.best_restart
     if not np.isfinite(found.best_return):

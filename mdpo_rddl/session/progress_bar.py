@@ -32,6 +32,7 @@ class ProgressBar:
             disable=not shown,
         )
         self._task: Any = None
+        self._stage = ""
 
     def __enter__(self) -> "ProgressBar":
         self._bar.start()
@@ -53,11 +54,12 @@ class ProgressBar:
     def stage(self, name: str) -> None:
         """Starts a new bar under the finished ones."""
         self._finish()
+        self._stage = name
         self._task = self._bar.add_task(name, total=None, note="")
 
     def training(self, progress: TrainingProgress) -> None:
         """Moves the bar of the training stage, which follows compilation by itself."""
-        if progress.iteration == 0:
+        if self._stage != "training":
             self.stage("training")
         self._bar.update(
             self._task,

@@ -8,6 +8,8 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.problem.load import Problem
 
+CHECKPOINT_SECONDS = 60.0
+
 
 class Reporter(Protocol):
     """Who wants to know how a session gets on."""
@@ -77,6 +79,8 @@ class PlanRequest:
       traced_cache: where traced programs are kept from one process to the next, if anywhere.
       decision_seconds: that the policy may think at each decision of the evaluation; 0 plays it
         as it was prepared.
+      resume: whether to go on with the checkpoints of a run into that folder, if there are any.
+      checkpoint_seconds: from one checkpoint to the next.
     """
 
     problem: Problem
@@ -87,6 +91,8 @@ class PlanRequest:
     out: Path
     traced_cache: Path | None = None
     decision_seconds: float = 0.0
+    resume: bool = False
+    checkpoint_seconds: float = CHECKPOINT_SECONDS
 
 
 @dataclass(frozen=True)
