@@ -148,6 +148,12 @@ def plan_parser() -> OneLineParser:
         help="time from one checkpoint to the next (default: %(default)g)",
     )
     run.add_argument(
+        "--memory-gb",
+        type=number(above=0),
+        help="end the run once it and what it has started hold more, in 1e9 bytes (default: no "
+        "bound)",
+    )
+    run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
     )
     run.add_argument(

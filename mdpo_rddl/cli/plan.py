@@ -1,15 +1,19 @@
 """`mdpo-plan`: plan an RDDL problem from its files."""
 
 import argparse
+import contextlib
 import logging
+import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from mdpo_rddl.cli.options import check_plan_options, plan_parser
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.memory import watched_memory
 from mdpo_rddl.problem.files import read_problem
 from mdpo_rddl.session.unfinished import UNFINISHED
 
@@ -27,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         format="mdpo-plan: %(levelname)s: %(message)s",
     )
     try:
-        with stopped_in_two_steps("mdpo-plan") as stop:
+        with stopped_in_two_steps("mdpo-plan") as stop, _bounded(options.memory_gb):
             _check_quickly(options)
             # takes long to import, which what is wrong so far need not wait for
             from mdpo_rddl.cli import planning
@@ -46,6 +50,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     told = ["stopped early", _how_to_go_on(given, where)]
     print("mdpo-plan:", ", ".join(filter(None, told)), file=sys.stderr)
     return stop.status
+
+
+@contextlib.contextmanager
+def _bounded(gigabytes: float | None) -> Iterator[None]:
+    """Ends the process in the block if it holds more memory than that."""
+
+    def end(resident: float) -> NoReturn:
+        text = f"{resident / 1e9:.1f} GB of memory, over --memory-gb {gigabytes:g}"
+        os.write(2, f"\nmdpo-plan: error: {text}; what was kept before stays\n".encode())
+        os._exit(2)
+
+    if gigabytes is None:
+        yield
+        return
+    with watched_memory(gigabytes * 1e9, end):
+        yield
 
 
 def _how_to_go_on(given: Sequence[str], out: Path | None) -> str:

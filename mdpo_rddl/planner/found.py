@@ -23,6 +23,11 @@ class Found:
     The best iterate of JaxPlan's own loop is not used: once a restart's return is not a number,
     JaxPlan takes that restart for the best one and no longer sees the others. Calls of several
     iterations keep account of it themselves.
+
+    Attributes:
+      not_finite: training and test returns that were not finite.
+      first_not_finite: the iteration of the first.
+      suspect: the parameters of one policy before that; None if it was the first iteration.
     """
 
     def __init__(self, in_calls: bool) -> None:
@@ -35,6 +40,9 @@ class Found:
         self.best_restart = 0
         self._kept: list[dict[str, Any]] = []
         self._every = 1
+        self.not_finite, self.first_not_finite = 0, 0
+        self.suspect: Any = None
+        self._statuses: set[str] = set()
 
     @classmethod
     def resumed(cls, in_calls: bool, tensors: Mapping[str, np.ndarray], structure: Any) -> "Found":
@@ -83,6 +91,7 @@ class Found:
 
     def add(self, callback: Mapping[str, Any]) -> None:
         """Takes in what an iteration has found."""
+        self._check(callback)
         returns = np.asarray(callback["test_return"])
         returns = np.where(np.isfinite(returns), returns, -np.inf)
         self.restart = int(np.argmax(returns))
@@ -102,6 +111,26 @@ class Found:
         if len(self._kept) > _RECORDS:
             self._kept, self._every = self._kept[::2], 2 * self._every
         self.callback = callback
+
+    def _check(self, callback: Mapping[str, Any]) -> None:
+        if not callback["status"].is_terminal():  # the last one says why it was the last
+            self._statuses.add(callback["status"].name)
+        finite = np.stack(
+            [np.isfinite(callback["train_return"]), np.isfinite(callback["test_return"])]
+        )
+        if finite.all():
+            return
+        if not self.not_finite:
+            self.first_not_finite = callback["iteration"]
+            lane = int(np.argmin(finite.all(axis=0)))
+            if self.callback:
+                self.suspect = select_restart(self.callback["params"], lane)
+        self.not_finite += int(np.sum(~finite))
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether no iteration had a gradient other than zero."""
+        return self._statuses == {"NO_PROGRESS"}
 
     @property
     def best_params(self) -> Any:

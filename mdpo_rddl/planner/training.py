@@ -13,6 +13,7 @@ from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import CheckpointedLoop, Checkpoints
 from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.diagnosis import what_to_try
 from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -71,6 +72,8 @@ class TrainingResult:
       sigma: the noise's scale per recorded iteration and step [recorded, H].
       compile_seconds: compilation, with the one iteration that forces it.
       train_seconds: training without compilation.
+      not_finite: training and test returns that were not finite numbers.
+      advice: what went wrong and what to try, in a sentence; None if nothing did.
     """
 
     best_params: Any
@@ -84,6 +87,8 @@ class TrainingResult:
     sigma: np.ndarray
     compile_seconds: float
     train_seconds: float
+    not_finite: int = 0
+    advice: str | None = None
 
     @property
     def last_params(self) -> Any:
@@ -131,7 +136,9 @@ def train(
         train_seconds = time.perf_counter() - started
         if checkpoints is not None and checkpoints.resumed is not None:
             train_seconds += checkpoints.resumed.seconds
-    return _result(found, status, compile_seconds, train_seconds)
+    return _result(
+        found, status, (compile_seconds, train_seconds), what_to_try(planner, found, key)
+    )
 
 
 class _Loop:
@@ -218,14 +225,19 @@ def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> N
 
 
 def _result(
-    found: Found, status: str, compile_seconds: float, train_seconds: float
+    found: Found, status: str, seconds: tuple[float, float], advice: str | None
 ) -> TrainingResult:
     callback, kept, restart = found.callback, found.kept, found.best_restart
     if not np.isfinite(found.best_return):
         raise InputError(
-            f"training diverged: no finite return in {callback['iteration'] + 1} iterations "
-            "(try a smaller step size, weight or sigma)"
+            f"training diverged: no finite return in {callback['iteration'] + 1} iterations; "
+            f"{advice}"
         )
+    best = _to_numpy(found.best_params)
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(best)):
+        raise InputError(f"training diverged: the best policy is not finite; {advice}")
+    if advice is not None:
+        logger.warning("%s", advice)
     logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)
     history = tuple(
         Record(
@@ -237,7 +249,7 @@ def _result(
         for entry in kept
     )
     return TrainingResult(
-        best_params=_to_numpy(found.best_params),
+        best_params=best,
         last_params_by_restart=_to_numpy(callback["params"]),
         policy_hyperparams=_to_numpy(dict(callback["policy_hyperparams"])),
         iterations=callback["iteration"] + 1,
@@ -246,8 +258,10 @@ def _result(
         status=status,
         history=history,
         sigma=np.stack([np.asarray(entry["sigma"][restart]) for entry in kept]),
-        compile_seconds=compile_seconds,
-        train_seconds=train_seconds,
+        compile_seconds=seconds[0],
+        train_seconds=seconds[1],
+        not_finite=found.not_finite,
+        advice=advice,
     )
 
 
