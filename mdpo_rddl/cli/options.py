@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.cache import cache_folder, clear_cache
 from mdpo_rddl.planner.config.preset_names import DEFAULT_PRESET, PLAIN_PRESET, PRESET_NAMES
 
 
@@ -24,6 +25,17 @@ class OneLineParser(argparse.ArgumentParser):
         """Prints the complaint and exits."""
         message = " ".join(message.split())
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+class _ClearCache(argparse.Action):
+    """Clears the cache and ends the command, whatever else is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        folder = cache_folder()
+        removed = clear_cache(folder)
+        size = f"{removed.bytes / 1e6:,.1f} MB"
+        print(f"{folder}: {removed.files:,} files removed, {size}")
+        parser.exit(0)
 
 
 def positive_int(text: str) -> int:
@@ -160,6 +172,12 @@ def plan_parser() -> OneLineParser:
         "--no-cache",
         action="store_true",
         help="compile everything anew, and keep nothing of it for the next run",
+    )
+    run.add_argument(
+        "--clear-cache",
+        action=_ClearCache,
+        nargs=0,
+        help="remove all programs that are kept for the next runs, and do no more",
     )
     run.add_argument("--quiet", action="store_true", help="nothing but that")
     return parser
