@@ -288,6 +288,8 @@ def test_a_killed_process_holds_no_lock_and_leaves_its_checkpoints(tmp_path: Pat
         f"{target}.unfinished: holds an unfinished run, which --resume goes on with; "
         "delete it to begin anew"
     )
+    # killed while it wrote
+    (tmp_path / "run.unfinished" / ".checkpoint-1.safetensors-ab12_xyz").write_bytes(b"half")
     with RunFolder(target, resume=True) as folder:
         assert folder.checkpoints == ["checkpoint-0.safetensors"]
         write_run(folder)

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import sync_folder, write_atomically
+from mdpo_rddl.machine.files import is_temporary, sync_folder, write_atomically
 from mdpo_rddl.machine.locks import FolderLock
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.session.unfinished import CHECKPOINTS, UNFINISHED
@@ -180,6 +180,9 @@ class RunFolder:
         if replaced.is_dir() and not os.path.lexists(self.target):
             os.replace(replaced, self.target)
             self._check_target()
+        for path in self.unfinished.iterdir():
+            if is_temporary(path.name):  # killed while it was written
+                path.unlink()
         names = {path.name for path in self.unfinished.iterdir()}
         foreign = sorted(names - CHECKPOINTS - {_LOCK, _STAGING, _REPLACED})
         if foreign:
