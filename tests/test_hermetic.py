@@ -10,7 +10,7 @@ from helpers.caches import own_caches
 from helpers.files import contents
 from helpers.plan_command import write_problem
 
-from mdpo_rddl.machine.jax_setup import cache_folder
+from mdpo_rddl.machine.cache import cache_folder
 
 PLAN = "-m mdpo_rddl.cli.plan tanks.rddl two.rddl --config config.cfg --iterations 1 --episodes 1"
 CONFIG = """\

@@ -12,6 +12,7 @@ from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.earlier import EarlierIncumbent
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
@@ -69,6 +70,7 @@ class RaceOptions:
         constant.
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
+      earlier: the incumbent of a race that was stopped, whose seconds count as used.
     """
 
     traced_cache: Path | None = None
@@ -78,6 +80,7 @@ class RaceOptions:
     initial: Callable[[Arena], Sequence[Candidate]] = _no_candidates
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
+    earlier: EarlierIncumbent | None = None
 
 
 def plan_automatically(
@@ -97,7 +100,8 @@ def plan_automatically(
       KeyboardInterrupt: if interrupted before there was any policy.
     """
     options = RaceOptions() if options is None else options
-    clock, started = options.clock, options.clock()
+    clock, earlier = options.clock, options.earlier
+    started = clock() - (0.0 if earlier is None else earlier.seconds)
     seconds, shares = config.budget().seconds, _shares(config)
     wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
     with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
@@ -108,7 +112,9 @@ def plan_automatically(
         arena = _arena(problem, config, seed, started, options)
         if arena.probe.policy_seconds is not None:
             alternatives.stop()  # its memory is needed
-        initial = options.initial(arena)
+        initial = [*options.initial(arena)]
+        if earlier is not None:
+            initial.append(earlier.candidate(arena))
         schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
         schedule.arms += [] if exact is None else [exact]
         try:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
 from mdpo_rddl.cli.markdown import print_markdown
+from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
 
@@ -15,24 +16,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
     Returns:
-      The exit status: 0, 2 for bad input, 130 after an interrupt.
+      The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
     options = bench_parser().parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     logging.getLogger("jax").setLevel(logging.WARNING)
     warnings.simplefilter("ignore")
     try:
-        # takes long to import, which a mistake in the options need not wait for
-        from mdpo_rddl.cli.bench_commands import COMMANDS
+        with stopped_in_two_steps("mdpo-bench"):
+            # takes long to import, which a mistake in the options need not wait for
+            from mdpo_rddl.cli.bench_commands import COMMANDS
 
-        table = COMMANDS[options.run](options)
-        write_atomically(options.out / "table.md", table)
+            table = COMMANDS[options.run](options)
+            write_atomically(options.out / "table.md", table)
     except InputError as error:
         print(f"mdpo-bench: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("mdpo-bench: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as stop:
+        how = how_it_ended(stop)
+        print(f"mdpo-bench: {how}; the same command goes on from here", file=sys.stderr)
+        return exit_status(stop)
     print_markdown(table)
     return 0
 

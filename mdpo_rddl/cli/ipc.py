@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
-from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
+from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.names import USUAL_NAMES, check_name
 from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     warnings.simplefilter("ignore")
     try:
-        with raised_on_sigterm():
+        with stopped_in_two_steps("mdpo-ipc"):
             _check_quickly(options)
             # takes long to import, which a mistake in the options need not wait for
             from mdpo_rddl.cli.ipc_commands import COMMANDS
@@ -34,12 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print("mdpo-ipc: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("mdpo-ipc: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
-    except Terminated:
-        print("mdpo-ipc: terminated; the same command goes on from here", file=sys.stderr)
-        return TERMINATED
+    except KeyboardInterrupt as stop:
+        how = how_it_ended(stop)
+        print(f"mdpo-ipc: {how}; the same command goes on from here", file=sys.stderr)
+        return exit_status(stop)
 
 
 def _check_quickly(options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 from mdpo_rddl import __version__
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.cache import cache_folder, clear_cache
 from mdpo_rddl.planner.config.preset_names import DEFAULT_PRESET, PLAIN_PRESET, PRESET_NAMES
 from mdpo_rddl.problem.files import problem_names
 
@@ -26,6 +27,17 @@ class OneLineParser(argparse.ArgumentParser):
         """Prints the complaint and exits."""
         message = " ".join(message.split())
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+class _ClearCache(argparse.Action):
+    """Clears the cache and ends the command, whatever else is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        folder = cache_folder()
+        removed = clear_cache(folder)
+        size = f"{removed.bytes / 1e6:,.1f} MB"
+        print(f"{folder}: {removed.files:,} files removed, {size}")
+        parser.exit(0)
 
 
 def positive_int(text: str) -> int:
@@ -164,12 +176,35 @@ def plan_parser() -> OneLineParser:
         help="the evaluation's first episode, drawn by the domain's visualizer or as charts",
     )
     run.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on where a run into --out was stopped, from its last checkpoint",
+    )
+    run.add_argument(
+        "--checkpoint-seconds",
+        type=number(above=0),
+        default=60.0,
+        help="time from one checkpoint to the next (default: %(default)g)",
+    )
+    run.add_argument(
+        "--memory-gb",
+        type=number(above=0),
+        help="end the run once it and what it has started hold more, in 1e9 bytes (default: no "
+        "bound)",
+    )
+    run.add_argument(
         "--json", action="store_true", help="the summary as one JSON line, last on standard output"
     )
     run.add_argument(
         "--no-cache",
         action="store_true",
         help="compile everything anew, and keep nothing of it for the next run",
+    )
+    run.add_argument(
+        "--clear-cache",
+        action=_ClearCache,
+        nargs=0,
+        help="remove all programs that are kept for the next runs, and do no more",
     )
     run.add_argument("--quiet", action="store_true", help="nothing but that")
     return parser
@@ -317,6 +352,7 @@ def check_plan_options(options: argparse.Namespace) -> None:
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
     _check_files(options)
+    _check_resume(options)
     if options.load is not None:
         for name in TRAINING_ONLY:
             if getattr(options, name) is not None:
@@ -340,6 +376,15 @@ def _check_files(options: argparse.Namespace) -> None:
         raise InputError("--start-from does not go with --load, which plans nothing")
     if options.movie is not None and options.movie.suffix not in (".gif", ".mp4"):
         raise InputError(f"{options.movie}: a movie ends with .gif or .mp4")
+
+
+def _check_resume(options: argparse.Namespace) -> None:
+    if not options.resume:
+        return
+    if options.out is None:
+        raise InputError("--resume needs the --out of the run that was stopped")
+    if options.load is not None or options.replan:
+        raise InputError("--resume goes with planning once, not with --load or --replan")
 
 
 def option_name(attribute: str) -> str:

@@ -3,17 +3,23 @@
 # PYTHON_ARGCOMPLETE_OK
 
 import argparse
+import contextlib
 import logging
+import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NoReturn
 
 import argcomplete
 
 from mdpo_rddl.cli.options import check_plan_options, plan_parser
-from mdpo_rddl.cli.termination import TERMINATED, Terminated, raised_on_sigterm
+from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.memory import watched_memory
 from mdpo_rddl.problem.files import list_problems, read_problem
+from mdpo_rddl.session.unfinished import UNFINISHED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,9 +28,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
       The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
+    given = sys.argv[1:] if arguments is None else list(arguments)
     parser = plan_parser()
     argcomplete.autocomplete(parser)
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(given)
     if options.list:
         print("\n".join(list_problems()))
         return 0
@@ -33,24 +40,56 @@ def main(arguments: Sequence[str] | None = None) -> int:
         format="mdpo-plan: %(levelname)s: %(message)s",
     )
     try:
-        with raised_on_sigterm():
+        with stopped_in_two_steps("mdpo-plan") as stop, _bounded(options.memory_gb):
             _check_quickly(options)
             # takes long to import, which what is wrong so far need not wait for
             from mdpo_rddl.cli import planning
 
-            given = sys.argv[1:] if arguments is None else arguments
-            summary, where = planning.run(options, shlex.join(["mdpo-plan", *given]))
+            command = shlex.join(["mdpo-plan", *given])
+            summary, where = planning.run(options, stop, command)
     except InputError as error:
         print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("mdpo-plan: interrupted, nothing was written", file=sys.stderr)
-        return 130
-    except Terminated:
-        print("mdpo-plan: terminated, nothing was written", file=sys.stderr)
-        return TERMINATED
+    except KeyboardInterrupt as error:
+        left = _how_to_go_on(given, options.out) or "nothing was written"
+        print(f"mdpo-plan: {how_it_ended(error)}, {left}", file=sys.stderr)
+        return exit_status(error)
     planning.show(options, summary, where)
-    return 0
+    if summary.get("status") != "interrupted":
+        return 0
+    told = ["stopped early", _how_to_go_on(given, where)]
+    print("mdpo-plan:", ", ".join(filter(None, told)), file=sys.stderr)
+    return stop.status
+
+
+@contextlib.contextmanager
+def _bounded(gigabytes: float | None) -> Iterator[None]:
+    """Ends the process in the block if it holds more memory than that."""
+
+    def end(resident: float) -> NoReturn:
+        text = f"{resident / 1e9:.1f} GB of memory, over --memory-gb {gigabytes:g}"
+        os.write(2, f"\nmdpo-plan: error: {text}; what was kept before stays\n".encode())
+        os._exit(2)
+
+    if gigabytes is None:
+        yield
+        return
+    with watched_memory(gigabytes * 1e9, end):
+        yield
+
+
+def _how_to_go_on(given: Sequence[str], out: Path | None) -> str:
+    """The command that does; empty if there is nothing to go on with."""
+    if out is None or not (out.parent / f"{out.name}{UNFINISHED}").is_dir():
+        return ""
+    command = ["mdpo-plan", *given]
+    if "--resume" not in command:
+        command += ["--resume"] if _names_out(given) else ["--out", str(out), "--resume"]
+    return f"go on with: {shlex.join(command)}"
+
+
+def _names_out(given: Sequence[str]) -> bool:
+    return any(word == "--out" or word.startswith("--out=") for word in given)
 
 
 def _check_quickly(options: argparse.Namespace) -> None:

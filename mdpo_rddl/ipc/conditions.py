@@ -9,7 +9,7 @@ from typing import Any
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Rules
-from mdpo_rddl.machine.files import read_json, write_atomically
+from mdpo_rddl.machine.files import is_temporary, read_json, write_atomically
 from mdpo_rddl.machine.versions import versions
 
 CONDITIONS = "run.json"
@@ -44,7 +44,7 @@ def keep_conditions(root: Path, rules: Rules, hardware: Mapping[str, Any]) -> No
                 )
         return
     try:
-        if root.is_dir() and any(root.iterdir()):
+        if root.is_dir() and not all(is_temporary(entry.name) for entry in root.iterdir()):
             raise InputError(f"{root}: is not empty and holds no run; use another --out")
     except OSError as error:
         raise InputError(f"{root}: cannot be read: {error.strerror}") from error

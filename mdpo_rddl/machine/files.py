@@ -4,12 +4,16 @@ import contextlib
 import errno
 import json
 import os
+import re
 import stat
 import tempfile
 from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.errors import InputError
+
+# as `tempfile` makes them
+_TEMPORARY = re.compile(r"\..+-[a-z0-9_]{8}")
 
 MOST_BYTES = 2**26
 """Of a file of results."""
@@ -88,6 +92,11 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         if isinstance(error, OSError):
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
         raise
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file's name is one that `write_atomically` uses until it is done or killed."""
+    return _TEMPORARY.fullmatch(name) is not None
 
 
 def append(path: Path, content: bytes) -> None:

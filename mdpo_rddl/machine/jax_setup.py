@@ -8,29 +8,21 @@ from pathlib import Path
 
 import jax
 
+from mdpo_rddl.machine.cache import TABLES, TRACED, bound_cache, cache_folder
 from mdpo_rddl.machine.cores import usable_cores
-
-_CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
-
-
-def cache_folder() -> Path:
-    """Where programs are kept: in the user's cache folder, or where JAX was told to."""
-    if _CACHE_VARIABLE in os.environ:
-        return Path(os.environ[_CACHE_VARIABLE])
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "mdpo-rddl" / "jax"
 
 
 def keep_compiled_programs() -> Path:
-    """Has JAX keep what it compiles for the next run.
+    """Has JAX keep what it compiles for the next run, within a bound.
 
     Returns:
       A folder for traced programs.
     """
+    bound_cache(cache_folder())
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     # the many small programs too, which together take as long as a large one
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    return cache_folder() / "traced"
+    return cache_folder() / TRACED
 
 
 def keep_no_programs() -> None:
@@ -46,7 +38,7 @@ def kept_tables() -> Path | None:
 
 def grammar_tables() -> Path:
     """Where the tables of RDDL's grammar are kept, which take longer to build than to read."""
-    return cache_folder() / "grammar-tables"
+    return cache_folder() / TABLES
 
 
 def leave_out_of_collections() -> None:

@@ -75,6 +75,14 @@ class CallingPlanner(ActingPlanner):
         finally:
             self._sizes = before
 
+    def set_call_sizes(self, iterations: int, test_every: int) -> None:
+        """Calls of other sizes from now on.
+
+        Raises:
+          ValueError: if `test_every` does not divide `iterations`.
+        """
+        self._sizes = CallSizes(iterations, test_every)
+
     def bound_calls(self, iterations: float) -> None:
         """Makes calls shorter, so that a bound on the time can be kept.
 

@@ -261,7 +261,7 @@ class MDPOPlanner(CallingPlanner):
         return side_by_side(plain_update, update, self.horizon) if is_paired else update
 
     def _broadcast_pytree(self, pytree: Any) -> Any:
-        if isinstance(pytree, PerRestart) and self.noise.paired:
+        if type(pytree) is PerRestart and self.noise.paired:
             pytree = PerRestart(
                 jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), pytree.params)
             )

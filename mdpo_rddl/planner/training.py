@@ -5,7 +5,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -13,14 +12,15 @@ import numpy as np
 
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.checkpoints import CheckpointedLoop, Checkpoints
 from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.diagnosis import what_to_try
+from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
-# at most so many iterations are recorded, and the last one
-_RECORDS = 600
 # a budget has at least so many calls, for a bound on the time can then be kept and a learning
 # curve needs points
 _CALLS_IN_A_BUDGET = 20
@@ -73,6 +73,8 @@ class TrainingResult:
       sigma: the noise's scale per recorded iteration and step [recorded, H].
       compile_seconds: compilation, with the one iteration that forces it.
       train_seconds: training without compilation.
+      not_finite: training and test returns that were not finite numbers.
+      advice: what went wrong and what to try, in a sentence; None if nothing did.
     """
 
     best_params: Any
@@ -86,16 +88,13 @@ class TrainingResult:
     sigma: np.ndarray
     compile_seconds: float
     train_seconds: float
+    not_finite: int = 0
+    advice: str | None = None
 
     @property
     def last_params(self) -> Any:
         """Parameters of the last iterate of the restart that found the best one."""
         return select_restart(self.last_params_by_restart, self.restart)
-
-
-def select_restart(params_by_restart: Any, restart: int) -> Any:
-    """The parameters of one restart out of a tree with a leading axis [restarts, ...]."""
-    return jax.tree.map(lambda leaf: leaf[restart], params_by_restart)
 
 
 def train(
@@ -105,6 +104,7 @@ def train(
     *,
     counts_compilation: bool = False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
+    checkpoints: Checkpoints | None = None,
 ) -> TrainingResult:
     """Trains until the iterations, the seconds or the planner's own stopping rule end it.
 
@@ -117,12 +117,14 @@ def train(
       budget: largest number of iterations, at least 1, and largest time; as configured if None.
       counts_compilation: whether compilation is part of that time.
       on_progress: called after each iteration.
+      checkpoints: where its state is left now and then, and with which one it begins; without
+        effect for planners whose state cannot be seen.
 
     Raises:
       InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
         the problem with the planner's configuration.
     """
-    training = Training(built, key, budget, on_progress)
+    training = Training(built, key, budget, on_progress, checkpoints)
     training.compile()
     if counts_compilation:
         left = training.budget.seconds - training.compile_seconds
@@ -147,11 +149,17 @@ class Training:
         key: Any,
         budget: Budget | None = None,
         on_progress: Callable[[Progress], None] = lambda progress: None,
+        checkpoints: Checkpoints | None = None,
     ) -> None:
-        """Compiles nothing yet; the arguments are those of `train`."""
+        """Compiles nothing yet; the arguments are those of `train`.
+
+        Raises:
+          InputError: if a checkpoint does not fit the planner.
+        """
         self._built, self._key = built, key
         self.budget, self._on_progress = budget or built.budget, on_progress
-        self._found = _Found(built.planner.in_calls)
+        self._loop = _loop(built, checkpoints)
+        self._resumed = None if checkpoints is None else checkpoints.resumed
         self._callbacks: Iterator[dict[str, Any]] | None = None
         self._sizes: tuple[int, int] | None = None
         self._status = "iter_budget_reached"
@@ -167,6 +175,8 @@ class Training:
         planner, started = self._built.planner, time.perf_counter()
         with planner.call_sizes():  # the calls become shorter only for this training
             _force_compilation(self._built, self._key, self.budget)
+            if self._resumed is not None and isinstance(self._loop, CheckpointedLoop):
+                planner.set_call_sizes(*map(int, self._resumed.numbers["call"]))
             if planner.in_calls:
                 self._sizes = planner.iterations_per_call, planner.test_every
         self.compile_seconds = time.perf_counter() - started
@@ -183,7 +193,7 @@ class Training:
         """
         started, before = time.perf_counter(), self.train_seconds
         if self._callbacks is None:
-            self._callbacks = iter(self._built.callbacks(self._key, self.budget))
+            self._callbacks = iter(self._loop.callbacks(self._key, self.budget))
         try:
             with self._built.planner.call_sizes(*(self._sizes or ())):
                 while not self.has_ended:
@@ -196,9 +206,10 @@ class Training:
                         break
         except (KeyboardInterrupt, Cancelled):
             # the iterates so far are worth keeping
-            if not self._found.callback:
+            if not self._loop.found.callback:
                 raise
             self._status, self.has_ended = "interrupted", True
+            self._loop.save()
         self.train_seconds = before + time.perf_counter() - started
 
     def result(self) -> TrainingResult:
@@ -207,16 +218,53 @@ class Training:
         Raises:
           InputError: if no restart has reached a finite test return.
         """
-        return _result(self._found, self._status, self.compile_seconds, self.train_seconds)
+        found = self._loop.found
+        is_over = self.has_ended or not np.isfinite(found.best_return)
+        # an arm of a race is asked again and again
+        advice = what_to_try(self._built.planner, found, self._key) if is_over else None
+        earlier = 0.0 if self._resumed is None else self._resumed.seconds
+        seconds = self.compile_seconds, self.train_seconds + earlier
+        return _result(found, self._status, seconds, advice)
 
     def _add(self, callback: Mapping[str, Any]) -> None:
-        found, budget = self._found, self.budget
+        found, budget = self._loop.found, self.budget
         found.add(callback)
+        self._loop.passed(callback)
         iteration = callback["iteration"]
         done = max((iteration + 1) / budget.iterations, self.train_seconds / budget.seconds)
         self._on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
         if callback["status"].is_terminal():
             self._status = callback["status"].name.lower()
+
+
+class _Loop:
+    """The callbacks of a training without checkpoints."""
+
+    def __init__(self, built: Built[MDPOPlanner]) -> None:
+        self.found = Found(built.planner.in_calls)
+        self.callbacks = built.callbacks
+
+    def passed(self, callback: Mapping[str, Any]) -> None:
+        """Keeps nothing."""
+
+    def save(self) -> None:
+        """Keeps nothing."""
+
+
+def _loop(built: Built[MDPOPlanner], checkpoints: Checkpoints | None) -> _Loop | CheckpointedLoop:
+    """The loop of a training, with the state of an earlier one if there is any.
+
+    Raises:
+      InputError: if a checkpoint does not fit the planner.
+    """
+    if checkpoints is None or not CheckpointedLoop.is_possible(built.planner):
+        return _Loop(built)
+    try:
+        if checkpoints.resumed is not None:
+            _ = [int(size) for size in checkpoints.resumed.numbers["call"]]
+        return CheckpointedLoop(built, checkpoints)
+    except (LookupError, TypeError, ValueError) as error:
+        raise InputError(f"the checkpoint does not fit the planner: {error}") from error
 
 
 def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> None:
@@ -243,69 +291,20 @@ def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> N
         planner.bound_calls(max(_CALL_SECONDS / seconds, planner.test_every))
 
 
-_KEPT = ("iteration", "train_return", "test_return", "sigma")
-
-
-class _Found:
-    """What the iterations so far have found.
-
-    The best iterate of JaxPlan's own loop is not used: once a restart's return is not a number,
-    JaxPlan takes that restart for the best one and no longer sees the others. Calls of several
-    iterations keep account of it themselves.
-    """
-
-    def __init__(self, in_calls: bool) -> None:
-        self._in_calls = in_calls
-        self.callback: Mapping[str, Any] = {}
-        self.restart = 0
-        self.test_return = -np.inf
-        self.best_return, self.best_iteration = -np.inf, 0
-        self._best_params: Callable[[], Any] = lambda: None
-        self.best_restart = 0
-        self._kept: list[dict[str, Any]] = []
-        self._every = 1
-
-    def add(self, callback: Mapping[str, Any]) -> None:
-        returns = np.asarray(callback["test_return"])
-        returns = np.where(np.isfinite(returns), returns, -np.inf)
-        self.restart = int(np.argmax(returns))
-        self.test_return = float(returns[self.restart])
-        if self._in_calls:
-            self.best_return = float(callback["best_return"])
-            self.best_iteration = callback["last_iteration_improved"]
-            self.best_restart = callback["best_index"]
-            self._best_params = partial(callback.get, "best_params")
-        elif self.test_return > self.best_return:
-            self.best_return, self.best_iteration = self.test_return, callback["iteration"]
-            self.best_restart = self.restart
-            self._best_params = partial(select_restart, callback["params"], self.restart)
-        # how many iterations the seconds allow is not known before
-        if callback["iteration"] % self._every == 0:
-            self._kept.append({name: callback[name] for name in _KEPT})
-        if len(self._kept) > _RECORDS:
-            self._kept, self._every = self._kept[::2], 2 * self._every
-        self.callback = callback
-
-    @property
-    def best_params(self) -> Any:
-        return self._best_params()
-
-    @property
-    def kept(self) -> list[dict[str, Any]]:
-        last = {name: self.callback[name] for name in _KEPT}
-        is_kept = self._kept[-1]["iteration"] == last["iteration"]
-        return self._kept if is_kept else [*self._kept, last]
-
-
 def _result(
-    found: _Found, status: str, compile_seconds: float, train_seconds: float
+    found: Found, status: str, seconds: tuple[float, float], advice: str | None
 ) -> TrainingResult:
     callback, kept, restart = found.callback, found.kept, found.best_restart
     if not np.isfinite(found.best_return):
         raise InputError(
-            f"training diverged: no finite return in {callback['iteration'] + 1} iterations "
-            "(try a smaller step size, weight or sigma)"
+            f"training diverged: no finite return in {callback['iteration'] + 1} iterations; "
+            f"{advice}"
         )
+    best = _to_numpy(found.best_params)
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(best)):
+        raise InputError(f"training diverged: the best policy is not finite; {advice}")
+    if advice is not None:
+        logger.warning("%s", advice)
     logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)
     history = tuple(
         Record(
@@ -317,7 +316,7 @@ def _result(
         for entry in kept
     )
     return TrainingResult(
-        best_params=_to_numpy(found.best_params),
+        best_params=best,
         last_params_by_restart=_to_numpy(callback["params"]),
         policy_hyperparams=_to_numpy(dict(callback["policy_hyperparams"])),
         iterations=callback["iteration"] + 1,
@@ -326,8 +325,10 @@ def _result(
         status=status,
         history=history,
         sigma=np.stack([np.asarray(entry["sigma"][restart]) for entry in kept]),
-        compile_seconds=compile_seconds,
-        train_seconds=train_seconds,
+        compile_seconds=seconds[0],
+        train_seconds=seconds[1],
+        not_finite=found.not_finite,
+        advice=advice,
     )
 
 

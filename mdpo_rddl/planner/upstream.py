@@ -24,6 +24,7 @@ JaxOfflineController = planner.JaxOfflineController
 JaxOnlineController = planner.JaxOnlineController
 JaxPlan = planner.JaxPlan
 JaxPlannerStatus = planner.JaxPlannerStatus
+JaxPlannerStoppingRule = planner.JaxPlannerStoppingRule
 JaxStraightLinePlan = planner.JaxStraightLinePlan
 GaussianPGPE = planner.GaussianPGPE
 
@@ -52,6 +53,7 @@ __all__ = [
     "JaxOnlineController",
     "JaxPlan",
     "JaxPlannerStatus",
+    "JaxPlannerStoppingRule",
     "JaxStraightLinePlan",
     "compiler",
     "import_tuning",

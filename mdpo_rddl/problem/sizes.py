@@ -10,8 +10,16 @@ from pyRDDLGym.core.parser.rddl import RDDL
 MOST_GROUND_FLUENTS = 2_000_000
 """Of all kinds together; pyRDDLGym gives each of them a name."""
 
+MOST_STEPS = 100_000
+"""Of an episode; a rollout holds something of each of them."""
+
+MOST_STEP_FLUENTS = 1_000_000_000
+"""Steps times ground fluents."""
+
 MOST_VALUES = 50_000_000
 """Of one expression: a value for each combination of the objects that it ranges over."""
+
+_MANY = 10**15
 
 
 def oversize(ast: RDDL) -> str | None:
@@ -30,6 +38,11 @@ def oversize(ast: RDDL) -> str | None:
         ground += math.prod(counts.get(name, 1) for name in params[variable.name])
     if ground > MOST_GROUND_FLUENTS:
         return f"{ground:,} ground fluents, at most {MOST_GROUND_FLUENTS:,} can be planned for"
+    horizon = ast.instance.horizon
+    most_steps = min(MOST_STEPS, MOST_STEP_FLUENTS // max(ground, 1))
+    if horizon > most_steps:
+        steps = f"{horizon:,}" if horizon < _MANY else f"over {_MANY:,}"
+        return f"the horizon is {steps}, at most {most_steps:,} steps can be planned for"
     for name, scope, expression in _expressions(ast, params):
         values = _most_values(expression, math.prod(counts.get(each, 1) for each in scope), counts)
         if values > MOST_VALUES:

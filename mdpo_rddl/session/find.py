@@ -10,6 +10,7 @@ import jax
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.checkpoints import Checkpoints
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import read_search
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
@@ -30,7 +31,10 @@ def is_race(config: PlannerConfig) -> bool:
 
 
 def find_by_training(
-    terms: FindTerms, reporter: Reporter, counts_compilation: bool = False
+    terms: FindTerms,
+    reporter: Reporter,
+    counts_compilation: bool = False,
+    checkpoints: Checkpoints | None = None,
 ) -> tuple[Policy, TrainingResult]:
     """One training as the configuration has it.
 
@@ -38,6 +42,7 @@ def find_by_training(
       terms: what to plan.
       reporter: is told how it gets on; what it raises as `Cancelled` ends it.
       counts_compilation: whether compilation is part of the configuration's time.
+      checkpoints: where the training's state is left now and then.
 
     Raises:
       InputError: if the problem or the configuration cannot be used.
@@ -61,7 +66,11 @@ def find_by_training(
 
             key = jax.random.PRNGKey(seed)
             result = train(
-                built, key, counts_compilation=counts_compilation, on_progress=on_progress
+                built,
+                key,
+                counts_compilation=counts_compilation,
+                on_progress=on_progress,
+                checkpoints=checkpoints,
             )
     except InputError as error:
         raise InputError(

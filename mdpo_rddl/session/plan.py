@@ -2,8 +2,9 @@
 
 import contextlib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.policy.kinds import AnyPolicy
@@ -11,10 +12,12 @@ from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.rule.explanation import is_compiled
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.session.checkpoints import training_checkpoints
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.movie import write_movie
 from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed
+from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.race import race_figures, write_race
 from mdpo_rddl.session.report.run_folder import RunFolder, write_summary
@@ -29,16 +32,32 @@ from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.thinking import choice_times, think, without_choice
 
+if TYPE_CHECKING:
+    from mdpo_rddl.auto.candidate import Judged
+    from mdpo_rddl.auto.outcome import RaceOutcome
+
 # for what the terms of a rule are worth
 _EXPLAINING_SECONDS = 1.0
+# of a run that was stopped
+_FEW_EPISODES = 5
 
 
 class _Found(NamedTuple):
-    """A policy, the summary, and what writes the policy and all that goes with it."""
+    """What a run has found.
+
+    Attributes:
+      policy: the result.
+      observed: how it plays.
+      summary: what is known so far.
+      write: writes the policy and all that goes with it, given the whole summary.
+      is_finished: whether nobody has stopped the run.
+    """
 
     policy: AnyPolicy
+    observed: Observed
     summary: dict[str, Any]
     write: Callable[[Path, Mapping[str, Any]], None]
+    is_finished: bool
 
 
 def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
@@ -52,29 +71,36 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         is left behind then.
     """
     find = _race if is_race(request.config) else _train_once
-    with RunFolder(request.out) as folder, kept_warnings() as warnings:
-        observed = Observed(request)
-        policy, summary, write = find(request, reporter, observed)
-        summary |= {**observed.figures(), "warnings": warnings, "command": request.command}
+    with RunFolder(request.out, request.resume) as folder, kept_warnings() as warnings:
+        found = find(request, reporter, folder.unfinished)
+        figures = {**found.observed.figures(), "warnings": warnings, "command": request.command}
+        summary = found.summary | figures
         with folder.writing():
-            write(folder.staging, summary)
-            observed.write(folder.staging)
+            found.write(folder.staging, summary)
+            found.observed.write(folder.staging)
         add_page(folder)
-        folder.commit()
-    if request.movie is not None:
+        folder.commit(found.is_finished)
+    if request.movie is not None and found.is_finished:
         reporter.stage("drawing")
-        write_movie(request.movie, policy, request.problem, request.seed)
+        write_movie(request.movie, found.policy, request.problem, request.seed)
     return summary
 
 
-def _train_once(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Found:
+def _train_once(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
     with contextlib.ExitStack() as stack:
         second = stack.enter_context(SecondEvaluator(request))
-        policy, result = find_by_training(without_choice(request), reporter)
+        checkpoints = training_checkpoints(unfinished, request, request.checkpoint_seconds)
+        policy, result = find_by_training(
+            without_choice(request), reporter, checkpoints=checkpoints
+        )
         planner, hyperparams = policy.planner, policy.policy_hyperparams
+        is_finished = result.status != "interrupted"
+        request = request if is_finished else _shortened(request)
+        observed = Observed(request)
         reporter.stage("evaluating")
         evaluator = Evaluator(request, reporter)
-        second.begin(result.last_params, hyperparams)
+        if is_finished:
+            second.begin(result.last_params, hyperparams)
         best = evaluator.run(policy, observed)
         last = second.result() or evaluator.run(policy.with_params(result.last_params))
     summary = {
@@ -88,12 +114,20 @@ def _train_once(request: PlanRequest, reporter: Reporter, observed: Observed) ->
         write_training(folder, result, policy, summary)
         write_summary(folder, policy.config, summary)
 
-    return _Found(policy, summary, write)
+    return _Found(policy, observed, summary, write, is_finished)
 
 
-def _race(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Found:
-    outcome = find_by_race(without_choice(request), reporter)
+def _shortened(request: PlanRequest) -> PlanRequest:
+    """What is evaluated of a run that somebody has stopped, and waits for."""
+    return replace(request, episodes=min(request.episodes, _FEW_EPISODES), decision_seconds=0.0)
+
+
+def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
+    outcome = _raced(request, reporter, unfinished)
     policy = outcome.policy
+    if outcome.interrupted:
+        request = _shortened(request)
+    observed = Observed(request)
     reporter.stage("evaluating")
     # compiled now, no decision's time has that in it
     policy(0, make_environment(request.problem).reset(seed=0)[0])
@@ -109,7 +143,27 @@ def _race(request: PlanRequest, reporter: Reporter, observed: Observed) -> _Foun
         write_race(folder, outcome, summary)
         write_summary(folder, outcome.config, summary)
 
-    return _Found(policy, summary, write)
+    return _Found(policy, observed, summary, write, not outcome.interrupted)
+
+
+def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceOutcome":
+    """The race, which leaves its incumbent behind and goes on from an earlier one's."""
+    from mdpo_rddl.auto import RaceOptions  # takes long to import
+
+    kept = RaceCheckpoints(unfinished, request, request.checkpoint_seconds)
+
+    def judged(one: "Judged") -> None:
+        reporter.judged(one)
+        kept.judged(one)
+
+    options = RaceOptions(
+        traced_cache=request.traced_cache,
+        on_stage=reporter.stage,
+        on_progress=reporter.training,
+        on_judged=judged,
+        earlier=kept.start,
+    )
+    return find_by_race(without_choice(request), reporter, options)
 
 
 def _played(

@@ -12,6 +12,8 @@ from mdpo_rddl.problem.load import Problem
 if TYPE_CHECKING:
     from mdpo_rddl.auto.candidate import Judged
 
+CHECKPOINT_SECONDS = 60.0
+
 
 class Reporter(Protocol):
     """Who wants to know how a session gets on."""
@@ -91,6 +93,8 @@ class PlanRequest:
       command: the line that makes the run again, if a command was given.
       start_from: a policy that a race begins with, if any.
       movie: a file for the evaluation's first episode as a movie, if wanted.
+      resume: whether to go on with the checkpoints of a run into that folder, if there are any.
+      checkpoint_seconds: from one checkpoint to the next.
     """
 
     problem: Problem
@@ -104,6 +108,8 @@ class PlanRequest:
     command: str | None = None
     start_from: AnyPolicy | None = None
     movie: Path | None = None
+    resume: bool = False
+    checkpoint_seconds: float = CHECKPOINT_SECONDS
 
 
 @dataclass(frozen=True)

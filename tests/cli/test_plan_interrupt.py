@@ -1,18 +1,23 @@
 """`mdpo-plan` interrupted: what was found is kept, or nothing is left."""
 
+import json
 import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 from helpers.files import contents
 from helpers.plan_command import OPTIONS, RUN_FILES, TANKS, Outcome, run
+from helpers.problems import assert_same_bits
+from safetensors.numpy import load_file
 
 from mdpo_rddl.cli import plan as command
 from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.session.progress_bar import ProgressBar
+from mdpo_rddl.session.report.run_folder import POLICY, RunFolder
 
 
 def test_an_interrupt_keeps_what_was_found(
@@ -23,9 +28,24 @@ def test_an_interrupt_keeps_what_was_found(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(ProgressBar, "training", interrupt)
-    summary = run(f"{OPTIONS} --out run --quiet --json", capsys).summary
+    outcome = run(f"{OPTIONS} --out run --quiet --json", capsys)
+    summary = json.loads(outcome.out)
+    assert outcome.status == 130
     assert (summary["status"], summary["iterations"]) == ("interrupted", 6)
     assert {path.name for path in (workplace / "run").iterdir()} == RUN_FILES
+    command = f"mdpo-plan {OPTIONS} --out run --quiet --json --resume"
+    assert outcome.err == f"mdpo-plan: stopped early, go on with: {command}\n"
+
+    monkeypatch.undo()
+    monkeypatch.chdir(workplace)
+    whole = run(f"{OPTIONS} --out whole --quiet --json", capsys).summary
+    resumed = run(command.removeprefix("mdpo-plan "), capsys).summary
+    assert not (workplace / "run.unfinished").exists()
+    for name in ("history.csv", "noise.npy"):
+        assert (workplace / "run" / name).read_bytes() == (workplace / "whole" / name).read_bytes()
+    assert_same_bits(*(load_file(workplace / name / POLICY) for name in ("run", "whole")))
+    for figure in ("mean_return", "iterations", "best_iteration", "status"):
+        assert resumed[figure] == whole[figure]
 
 
 def test_an_interrupt_before_that_leaves_nothing(
@@ -50,10 +70,26 @@ progress_bar.ProgressBar.training = lambda bar, progress: os.write(1, b"training
 sys.exit(plan.main(sys.argv[1:]))
 """
 
+THAT_DOES_NOT_LISTEN = """
+import os, sys, time
+from mdpo_rddl.cli import plan
+from mdpo_rddl.session import progress_bar
+def stage(bar, name):
+    told = False
+    while True:
+        try:
+            told = told or os.write(1, b"busy\\n")
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+progress_bar.ProgressBar.stage = stage
+sys.exit(plan.main(sys.argv[1:]))
+"""
 
-def test_sigterm_during_training_leaves_nothing(workplace: Path) -> None:
+
+def test_sigterm_during_training_keeps_what_was_found(workplace: Path) -> None:
     before = contents(workplace)
-    endless = f"{TANKS} --iterations 1000000000 --seconds 600 --out new/run --json"
+    endless = f"{TANKS} --iterations 1000000000 --seconds 600 --out new/run --quiet --json"
     with subprocess.Popen(
         [sys.executable, "-c", THAT_SAYS_WHEN_IT_TRAINS, *endless.split()],
         stdout=subprocess.PIPE,
@@ -62,13 +98,42 @@ def test_sigterm_during_training_leaves_nothing(workplace: Path) -> None:
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "training\n"
-        (staging,) = (workplace / "new").iterdir()
-        assert staging.name.startswith(".run-")
+        assert [path.name for path in (workplace / "new").iterdir()] == ["run.unfinished"]
         process.terminate()
         out, err = process.communicate(timeout=60)
-    assert set(out.splitlines()) <= {"training"}
-    assert (process.returncode, err) == (143, "mdpo-plan: terminated, nothing was written\n")
-    assert contents(workplace) == before
+    *lines, summary = out.splitlines()
+    assert set(lines) <= {"training"}
+    assert json.loads(summary)["status"] == "interrupted"
+    assert process.returncode == 143
+    assert err == f"mdpo-plan: stopped early, go on with: mdpo-plan {endless} --resume\n"
+    after = contents(workplace)
+    assert before.items() <= after.items()
+    assert "new/run/summary.json" in after
+    assert {Path(name).parts[0] for name in set(after) - set(before)} == {"new"}
+
+
+def test_a_second_signal_ends_the_process_at_once(workplace: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", THAT_DOES_NOT_LISTEN, *OPTIONS.split(), "--out", "run"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "busy\n"
+        process.terminate()
+        time.sleep(0.2)
+        process.terminate()  # as GNU timeout does: the same request
+        time.sleep(1.2)
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert err.endswith("mdpo-plan: stopped at once; what was kept before stays\n")
+    # the lock is not held any more, and what is left is cleared away by the next run
+    with RunFolder(workplace / "run"):
+        pass
+    assert not (workplace / "run.unfinished").exists()
 
 
 def test_another_sigterm_does_not_stop_the_clearing_away(

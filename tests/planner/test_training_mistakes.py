@@ -7,6 +7,7 @@ from helpers.problems import assert_same_bits
 from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper_config, trained
 
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.diagnosis import origin
 from mdpo_rddl.problem.load import load_problem
 
 
@@ -69,3 +70,43 @@ def test_what_only_shows_in_the_first_iteration_is_an_input_error(tmp_path):
     planner = cart_planner(tmp_path, optimizer_kwargs={"learning_rate": "fast"})
     said = one_line(lambda: trained(planner, 2))
     assert said.startswith("JaxPlan cannot compile the planner: TypeError: ")
+
+
+# --- where it came from --------------------------------------------------------------------
+
+
+def diverging(folder, cpf):
+    """A problem whose one state follows an expression of its own."""
+    text = CART.replace("x' = x + push;", f"x' = {cpf};")
+    assert cpf in text
+    (folder / "cart.rddl").write_text(text)
+    (folder / "one.rddl").write_text(CART_INSTANCE)
+    problem = load_problem(str(folder / "cart.rddl"), str(folder / "one.rddl"))
+    config = paper_config(method="JaxStraightLinePlan", method_kwargs={})
+    return build_planner(problem, config.with_section("Noise", {"method": "NoNoise"})).planner
+
+
+def test_the_expression_that_is_not_finite_is_named(tmp_path):
+    # 3 and then a number below 0, which has no root
+    planner = diverging(tmp_path, "sqrt[x] - 6 + push")
+    assert origin(planner, {"push": np.zeros((2,), np.float32)}) == "the cpf of x' at step 2"
+
+
+def test_a_derivative_that_is_not_finite_is_named(tmp_path):
+    planner = diverging(tmp_path, "sqrt[x - 3.0] + push")
+    params = {"push": np.zeros((2,), np.float32)}
+    assert origin(planner, params) == "the derivative of the cpf of x' at step 1"
+    assert "derivative of the cpf of x'" in one_line(lambda: trained(planner, 3))
+
+
+def test_where_all_is_finite_nothing_is_named(tmp_path):
+    planner = diverging(tmp_path, "x + push")
+    assert origin(planner, {"push": np.zeros((2,), np.float32)}) is None
+    result, _ = trained(planner, 3)
+    assert (result.not_finite, result.advice) == (0, None)
+
+
+def test_a_flat_problem_is_told(tmp_path):
+    result, _ = trained(diverging(tmp_path, "x + 0.0 * push"), 3)
+    assert result.advice is not None
+    assert result.advice.startswith("all gradients were zero")

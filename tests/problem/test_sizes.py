@@ -63,6 +63,13 @@ def test_the_reward_and_the_preconditions_are_looked_at_too(tmp_path: Path) -> N
     assert "i.rddl: a precondition ranges over" in refused(tmp_path, domain, tanks(10))
 
 
+@pytest.mark.parametrize("horizon", ["100001", "1000000000", "9" * 25, "9" * 4000])
+def test_horizons_that_no_rollout_can_have(tmp_path: Path, horizon: str) -> None:
+    instance = changed(INSTANCE, "horizon = 7;", f"horizon = {horizon};")
+    said = refused(tmp_path, DOMAIN, instance)
+    assert "at most 100,000 steps can be planned for" in said
+
+
 def test_deep_nesting_is_one_line(tmp_path: Path) -> None:
     deep = "(" * 3000 + "fill(?t)" + ")" * 3000
     for term in (deep, " + ".join(["fill(?t)"] * 3000)):

@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -22,7 +24,7 @@ def fail(target: Path, error: type[BaseException]) -> None:
     """A run that ends with an error."""
     with RunFolder(target) as folder:
         write_run(folder)
-        assert folder.staging.parent == target.parent
+        assert folder.staging.parent == target.with_name(f"{target.name}.unfinished")
         raise error
 
 
@@ -244,12 +246,111 @@ def test_a_folder_with_anything_else_beside_a_summary_is_refused(tmp_path: Path)
     assert contents(target) == before | {"chapter1.tex": b"years of work"}
 
 
-def test_of_two_runs_at_once_neither_replaces_the_other(tmp_path: Path) -> None:
+def test_a_folder_is_one_run_s_at_a_time(tmp_path: Path) -> None:
     target = tmp_path / "run"
-    with RunFolder(target) as one, RunFolder(target) as other:
+    with RunFolder(target) as folder:
+        assert refused(target) == f"already in use by process {os.getpid()}"
+        write_run(folder)
+        folder.commit()
+    with RunFolder(target) as folder:
+        write_run(folder, '{"run": 2}')
+        folder.commit()
+    assert contents(tmp_path / "run")[SUMMARY] == b'{"run": 2}'
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+HOLDS_THE_LOCK = """
+import os, sys
+from pathlib import Path
+from mdpo_rddl.session.report.run_folder import RunFolder
+with RunFolder(Path(sys.argv[1])) as folder:
+    (folder.unfinished / "checkpoint-0.safetensors").write_bytes(b"kept")
+    print(os.getpid(), flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_killed_process_holds_no_lock_and_leaves_its_checkpoints(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDS_THE_LOCK, str(target)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        owner = process.stdout.readline().strip()
+        assert refused(target) == f"already in use by process {owner}"
+        process.kill()
+        process.wait()
+    message = one_line(lambda: RunFolder(target))
+    assert message == (
+        f"{target}.unfinished: holds an unfinished run, which --resume goes on with; "
+        "delete it to begin anew"
+    )
+    # killed while it wrote
+    (tmp_path / "run.unfinished" / ".checkpoint-1.safetensors-ab12_xyz").write_bytes(b"half")
+    with RunFolder(target, resume=True) as folder:
+        assert folder.checkpoints == ["checkpoint-0.safetensors"]
+        write_run(folder)
+        folder.commit()
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+def test_a_run_that_is_not_finished_keeps_its_checkpoints(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with RunFolder(target) as folder:
+        write_run(folder)
+        (folder.unfinished / "checkpoint-1.safetensors").write_bytes(b"kept")
+        folder.commit(is_finished=False)
+    assert set(contents(tmp_path)) == {
+        "run",
+        "run/history.csv",
+        "run/summary.json",
+        "run.unfinished",
+        "run.unfinished/checkpoint-1.safetensors",
+    }
+    assert free_name(tmp_path, "run") == tmp_path / "run-2"
+    with RunFolder(target, resume=True) as folder:
+        write_run(folder, '{"run": 2}')
+        folder.commit()
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+    assert contents(target)[SUMMARY] == b'{"run": 2}'
+
+
+def test_what_is_not_ours_in_the_way_is_left_alone(tmp_path: Path) -> None:
+    target, other = tmp_path / "run", tmp_path / "run.unfinished"
+    other.mkdir()
+    (other / "chapter.tex").write_text("x")
+    message = one_line(lambda: RunFolder(target))
+    assert message == f"{other}: is in the way: it also holds chapter.tex"
+    assert set(contents(tmp_path)) == {"run.unfinished", "run.unfinished/chapter.tex"}
+
+
+def test_killed_between_two_renames_the_earlier_run_is_put_back(tmp_path: Path) -> None:
+    before = earlier_run(tmp_path / "run")
+    (tmp_path / "run.unfinished").mkdir()
+    (tmp_path / "run").rename(tmp_path / "run.unfinished" / "replaced")
+    with RunFolder(tmp_path / "run"):
+        pass
+    assert contents(tmp_path / "run") == before
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+def test_a_finished_run_has_nothing_to_resume(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    earlier_run(target)
+    message = one_line(lambda: RunFolder(target, resume=True))
+    assert message == f"{target}: the run there is finished, nothing is left to resume"
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+
+
+def test_what_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with RunFolder(target) as one:
         write_run(one, '{"run": 1}')
-        write_run(other, '{"run": 2}')
-        other.commit()
+        target.mkdir()
+        (target / SUMMARY).write_text('{"run": 2}')
         one.commit()
     assert contents(tmp_path / "run")[SUMMARY] == b'{"run": 2}'
     assert contents(tmp_path / "run-2")[SUMMARY] == b'{"run": 1}'

@@ -23,6 +23,11 @@ class PerRestart:
     params: Any
 
 
+@dataclass(frozen=True)
+class AllLanes(PerRestart):
+    """The same with the companions of paired noise among them, each leaf [lanes, ...]."""
+
+
 class Restarts:
     """The noise rule and the optimiser's hyperparameters of each parallel update.
 

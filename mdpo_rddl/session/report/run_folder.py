@@ -5,14 +5,16 @@ import json
 import logging
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import is_temporary, sync_folder, write_atomically
+from mdpo_rddl.machine.locks import FolderLock
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.session.unfinished import CHECKPOINTS, UNFINISHED
 
 SUMMARY = "summary.json"
 POLICY = "policy.safetensors"
@@ -33,42 +35,61 @@ RUN_FILES = {
 }
 """All that a run writes; a folder that holds anything else is never replaced."""
 
+_LOCK, _STAGING, _REPLACED = "lock", "staging", "replaced"
+
 logger = logging.getLogger(__name__)
 
 
 class RunFolder:
     """A run folder under construction, for use in a `with` block.
 
-    Files go to a hidden folder beside the target, which takes the target's name in one step
-    when `commit` is called; without it, nothing is left, not even the folders made on the way
-    there. An earlier run at the target is replaced by `commit` and not touched before; what
-    appeared there meanwhile is not touched at all.
+    Files go to a folder beside the target, `NAME.unfinished`, which one process at a time may
+    use. What was staged there takes the target's name in one step when `commit` is called. An
+    earlier run at the target is replaced by `commit` and not touched before; what appeared there
+    meanwhile is not touched at all.
+
+    With the block `NAME.unfinished` goes too, and the folders made on the way there, unless it
+    holds checkpoints that `commit` was not told to drop: then a later run can resume them.
 
     Attributes:
       target: where the run folder will be.
-      staging: where to write its files meanwhile.
+      unfinished: where checkpoints are kept until the run is finished.
+      staging: where to write the run's files meanwhile.
     """
 
-    def __init__(self, target: Path) -> None:
+    def __init__(self, target: Path, resume: bool = False) -> None:
         """Claims a place for the run.
 
+        Args:
+          target: where the run folder will be.
+          resume: whether checkpoints that are there are to be used; else they are in the way.
+
         Raises:
-          InputError: if it cannot be written, or holds something that is not a run.
+          InputError: if it cannot be written, holds something that is not a run, is in use by
+            another process, or does not go with `resume`.
         """
         self.target = target
+        self.unfinished = target.parent / f"{target.name}{UNFINISHED}"
+        self.staging = self.unfinished / _STAGING
         self._made: list[Path] = []
-        self._replaces = False
+        self._replaces = self._is_done = False
         with self.writing():
             self._check_target()
             self._made = [folder for folder in target.parents if not os.path.lexists(folder)]
             try:
                 target.parent.mkdir(parents=True, exist_ok=True)
-                staging = tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent)
-            except OSError:
-                self._remove_made()
+                self.unfinished.mkdir(exist_ok=True)
+                self._lock = FolderLock(self.unfinished / _LOCK, str(target))
+            except BaseException:
+                self._remove_folder()
                 raise
-            self.staging = Path(staging)
-            self.staging.chmod(0o755)
+            try:
+                self._check_checkpoints(resume)
+                self._clear_staging()
+                self.staging.mkdir(mode=0o755)
+            except BaseException:
+                self._leave()
+                raise
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -79,30 +100,43 @@ class RunFolder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        shutil.rmtree(self.staging, ignore_errors=True)
-        if not os.path.lexists(self.target):
-            self._remove_made()
+        self._clear_staging()
+        self._leave()
 
-    def commit(self) -> None:
-        """Puts the finished folder in its place.
+    @property
+    def checkpoints(self) -> list[str]:
+        """Names of the checkpoints that `unfinished` holds."""
+        return sorted({path.name for path in self.unfinished.iterdir()} & CHECKPOINTS)
+
+    def commit(self, is_finished: bool = True) -> None:
+        """Puts the staged folder in its place.
+
+        Args:
+          is_finished: whether the run is; else its checkpoints stay.
 
         Raises:
           InputError: if that has become impossible meanwhile.
         """
         with self.writing():
-            if not self._replaces:
+            _sync_files(self.staging)
+            if self._replaces:
+                self._replace()
+            else:
                 self._move_to_free_name()
-                return
-            replaced = Path(tempfile.mkdtemp(prefix=".replaced-", dir=self.target.parent))
-            try:
-                os.replace(self.target, replaced / self.target.name)
-                os.replace(self.staging, self.target)
-            except BaseException:  # an interrupt must not cost the earlier run either
-                with contextlib.suppress(OSError):
-                    os.replace(replaced / self.target.name, self.target)
-                raise
-            finally:
-                shutil.rmtree(replaced, ignore_errors=True)
+            sync_folder(self.target.parent)
+        self._is_done = is_finished
+
+    def _replace(self) -> None:
+        replaced = self.unfinished / _REPLACED
+        shutil.rmtree(replaced, ignore_errors=True)
+        os.replace(self.target, replaced)
+        try:
+            os.replace(self.staging, self.target)
+        except BaseException:  # an interrupt must not cost the earlier run either
+            with contextlib.suppress(OSError):
+                os.replace(replaced, self.target)
+            raise
+        shutil.rmtree(replaced, ignore_errors=True)
 
     def _move_to_free_name(self) -> None:
         wanted = self.target
@@ -144,16 +178,61 @@ class RunFolder:
             cause = error.strerror or str(error)
             raise InputError(f"{self.target}: cannot write the run there: {cause}") from error
 
-    def _remove_made(self) -> None:
+    def _check_checkpoints(self, resume: bool) -> None:
+        # killed between two renames: the earlier run's folder is not lost
+        replaced = self.unfinished / _REPLACED
+        if replaced.is_dir() and not os.path.lexists(self.target):
+            os.replace(replaced, self.target)
+            self._check_target()
+        for path in self.unfinished.iterdir():
+            if is_temporary(path.name):  # killed while it was written
+                path.unlink()
+        names = {path.name for path in self.unfinished.iterdir()}
+        foreign = sorted(names - CHECKPOINTS - {_LOCK, _STAGING, _REPLACED})
+        if foreign:
+            raise InputError(f"{self.unfinished}: is in the way: it also holds {foreign[0]}")
+        kept = self.checkpoints
+        if kept and not resume:
+            raise InputError(
+                f"{self.unfinished}: holds an unfinished run, which --resume goes on with; "
+                "delete it to begin anew"
+            )
+        if resume and not kept and self._replaces:
+            raise InputError(f"{self.target}: the run there is finished, nothing is left to resume")
+
+    def _clear_staging(self) -> None:
+        for name in (_STAGING, _REPLACED):
+            shutil.rmtree(self.unfinished / name, ignore_errors=True)
+
+    def _leave(self) -> None:
+        with contextlib.suppress(OSError):
+            if self._is_done:
+                for name in self.checkpoints:
+                    (self.unfinished / name).unlink()
+        self._lock.release()
+        self._remove_folder()
+
+    def _remove_folder(self) -> None:
+        """Removes what was made on the way to the target, as far as nothing is in it."""
+        with contextlib.suppress(OSError):  # it holds checkpoints, or another run took it up
+            self.unfinished.rmdir()
         with contextlib.suppress(OSError):  # another run may be in there by now
             for folder in self._made:
                 folder.rmdir()
 
 
+def _sync_files(folder: Path) -> None:
+    """Puts the contents of a folder's files on the disk."""
+    for path in folder.iterdir():
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
+    sync_folder(folder)
+
+
 def free_name(parent: Path, stem: str) -> Path:
-    """The first of `stem`, `stem-2`, `stem-3`, ... under `parent` that is not taken."""
+    """The first of `stem`, `stem-2`, `stem-3`, ... under `parent` that no run has taken."""
     candidate, number = parent / stem, 1
-    while os.path.lexists(candidate):
+    while any(os.path.lexists(f"{candidate}{suffix}") for suffix in ("", UNFINISHED)):
         number += 1
         candidate = parent / f"{stem}-{number}"
     return candidate
@@ -182,7 +261,7 @@ def write_summary(folder: Path, config: PlannerConfig, summary: Mapping[str, Any
 def write_json(path: Path, value: Any) -> None:
     """Writes readable JSON; NaN, which JSON does not have, is refused."""
     text = json.dumps(value, indent=2, allow_nan=False, default=_plain)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_atomically(path, text + "\n")
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,68 @@
+"""The incumbent of a race that was stopped, with which another one goes on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.planner.config.config import PlannerConfig
+
+_NO_NOISE = {"method": "NoNoise"}
+
+
+@dataclass(frozen=True)
+class EarlierIncumbent:
+    """A judged policy without its planner.
+
+    Attributes:
+      config: of its planner.
+      params: of one policy, nested dictionaries of arrays.
+      policy_hyperparams: JaxPlan's policy hyperparameters.
+      arm, label, parents, uses_noise, mean, error: as of a `Candidate`.
+      seconds: that the earlier race had used.
+    """
+
+    config: PlannerConfig
+    params: Any
+    policy_hyperparams: Mapping[str, Any]
+    arm: str
+    label: str
+    parents: tuple[str, ...]
+    uses_noise: bool
+    mean: float
+    error: float
+    seconds: float
+
+    def candidate(self, arena: Arena) -> Candidate:
+        """The policy as a candidate: of the arena's planner where it fits, to be judged anew.
+
+        Else it keeps what the earlier judge has said, whose rollouts had the same seed.
+        """
+        fits = _plain(self.config) == _plain(arena.config) and self._fits(arena)
+        return Candidate(
+            arm=self.arm,
+            label=self.label,
+            config=arena.config if fits else self.config,
+            planner=arena.planner if fits else None,
+            params=self.params,
+            policy_hyperparams=self.policy_hyperparams,
+            parents=self.parents,
+            uses_noise=self.uses_noise,
+            mean=None if fits else self.mean,
+            error=float("inf") if fits else self.error,
+        )
+
+    def _fits(self, arena: Arena) -> bool:
+        structure = arena.planner.params_structure(dict(self.policy_hyperparams))
+        wanted, found = (
+            jax.tree.map(lambda leaf: leaf.shape, tree) for tree in (structure, self.params)
+        )
+        return bool(wanted == found)
+
+
+def _plain(config: PlannerConfig) -> str:
+    """What a configuration says of the policy, whatever noise it was trained with."""
+    return config.with_section("Noise", _NO_NOISE).to_text()

@@ -1,0 +1,137 @@
+"""Checkpoints: the state of a training between two iterations, with which it goes on."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.found import Found
+from mdpo_rddl.planner.loop_state import LoopState, WatchedLoop, can_be_resumed
+from mdpo_rddl.planner.planner import MDPOPlanner
+
+_LOOP, _FOUND = "loop/", "found/"
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """All that a training needs to go on.
+
+    Attributes:
+      tensors: by their names.
+      numbers: the iterations done, the seconds used, the sizes of a call and the stopping rule's
+        numbers, as JSON can hold them.
+    """
+
+    tensors: Mapping[str, np.ndarray]
+    numbers: Mapping[str, Any]
+
+    @property
+    def iterations(self) -> int:
+        """Iterations done."""
+        return int(self.numbers["iterations"])
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of training used."""
+        return float(self.numbers["seconds"])
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """Where a training leaves its state, and with which one it begins.
+
+    Attributes:
+      seconds: from one to the next.
+      save: is given the state now and then, and when the training is interrupted.
+      resumed: what an earlier training has left.
+    """
+
+    seconds: float
+    save: Callable[[TrainingState], None]
+    resumed: TrainingState | None = None
+
+
+class CheckpointedLoop:
+    """The callbacks of a training that leaves checkpoints, or goes on from one."""
+
+    def __init__(self, built: Built[MDPOPlanner], checkpoints: Checkpoints) -> None:
+        """Takes up the state of an earlier training.
+
+        Raises:
+          KeyError, ValueError, TypeError: if it does not fit the planner.
+        """
+        self._built, self._checkpoints = built, checkpoints
+        state, planner = checkpoints.resumed, built.planner
+        self.found = Found(planner.in_calls)
+        self._before, self._seconds = 0, 0.0
+        loop = None
+        if state is not None:
+            self._before, self._seconds = state.iterations, state.seconds
+            loop = LoopState(_part(state.tensors, _LOOP), state.numbers["rule"])
+            hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+            structure = planner.params_structure(hyperparams)
+            found = _part(state.tensors, _FOUND)
+            self.found = Found.resumed(planner.in_calls, found, structure)
+        self._loop = WatchedLoop(planner, built.arguments.get("stopping_rule"), loop)
+        self._latest: Callable[[], TrainingState] | None = None
+        self._saved_at = self._began = time.monotonic()
+
+    @staticmethod
+    def is_possible(planner: MDPOPlanner) -> bool:
+        """Whether a planner's trainings can be resumed."""
+        return can_be_resumed(planner)
+
+    def callbacks(self, key: Any, budget: Budget) -> Iterator[dict[str, Any]]:
+        """The callbacks; each has the iteration and what is left of the budget put right."""
+        state = self._checkpoints.resumed
+        built = self._built.with_arguments(**self._loop.arguments())
+        if state is not None:
+            key = self._loop.key
+            left = max(budget.seconds - self._seconds, 0.0)
+            budget = replace(budget, iterations=budget.iterations - self._before, seconds=left)
+        self._saved_at = self._began = time.monotonic()
+        for callback in self._loop.turns(lambda: built.callbacks(key, budget)):
+            if not self._built.planner.in_calls:  # calls count on by themselves
+                callback["iteration"] += self._before
+            yield callback
+
+    def passed(self, callback: Mapping[str, Any]) -> None:
+        """An iteration is done, and `found` knows of it."""
+        if callback["status"].is_terminal():
+            self._latest = None
+            return
+        loop, found = self._loop.state(callback), self.found.snapshot()
+        now = time.monotonic()
+        numbers = {
+            "iterations": callback["iteration"] + 1,
+            "seconds": self._seconds + now - self._began,
+            "call": [self._built.planner.iterations_per_call, self._built.planner.test_every],
+        }
+
+        def make() -> TrainingState:
+            state = loop()
+            tensors = {_LOOP + name: value for name, value in state.tensors.items()}
+            tensors |= {_FOUND + name: value for name, value in found.tensors().items()}
+            return TrainingState(tensors, {**numbers, "rule": dict(state.rule)})
+
+        self._latest = make
+        if now - self._saved_at >= self._checkpoints.seconds:
+            self.save()
+
+    def save(self) -> None:
+        """Leaves a checkpoint of the last iteration, unless it was the last one of all."""
+        if self._latest is not None:
+            self._checkpoints.save(self._latest())
+        self._saved_at = time.monotonic()
+
+
+def _part(tensors: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {
+        name.removeprefix(prefix): value
+        for name, value in tensors.items()
+        if name.startswith(prefix)
+    }

@@ -1,0 +1,150 @@
+"""What the iterations of a training have found so far."""
+
+import copy
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+# at most so many iterations are recorded, and the last one
+_RECORDS = 600
+_KEPT = ("iteration", "train_return", "test_return", "sigma")
+
+
+_NUMBERS = ("restart", "test_return", "best_return", "best_iteration", "best_restart")
+
+
+class Found:
+    """What the iterations so far have found.
+
+    The best iterate of JaxPlan's own loop is not used: once a restart's return is not a number,
+    JaxPlan takes that restart for the best one and no longer sees the others. Calls of several
+    iterations keep account of it themselves.
+
+    Attributes:
+      not_finite: training and test returns that were not finite.
+      first_not_finite: the iteration of the first.
+      suspect: the parameters of one policy before that; None if it was the first iteration.
+    """
+
+    def __init__(self, in_calls: bool) -> None:
+        self._in_calls = in_calls
+        self.callback: Mapping[str, Any] = {}
+        self.restart = 0
+        self.test_return = -np.inf
+        self.best_return, self.best_iteration = -np.inf, 0
+        self._best_params: Callable[[], Any] = lambda: None
+        self.best_restart = 0
+        self._kept: list[dict[str, Any]] = []
+        self._every = 1
+        self.not_finite, self.first_not_finite = 0, 0
+        self.suspect: Any = None
+        self._statuses: set[str] = set()
+
+    @classmethod
+    def resumed(cls, in_calls: bool, tensors: Mapping[str, np.ndarray], structure: Any) -> "Found":
+        """What `tensors` has made tensors of.
+
+        Args:
+          in_calls: as of the training.
+          tensors: by their names.
+          structure: of the parameters of one policy.
+
+        Raises:
+          KeyError, ValueError: if something is missing or does not fit.
+        """
+        found = cls(in_calls)
+        numbers = {name: tensors[name].item() for name in _NUMBERS}
+        for name, value in numbers.items():
+            setattr(found, name, value if name.endswith("_return") else int(value))
+        count = len(jax.tree.leaves(structure))
+        leaves = [tensors[f"best_params/{i}"] for i in range(count)]
+        best = jax.tree.unflatten(jax.tree.structure(structure), leaves)
+        found._best_params = lambda: best
+        found._every = int(tensors["every"])
+        kept = {name: tensors[f"kept/{name}"] for name in _KEPT}
+        for i in range(len(kept["iteration"])):
+            entry = {name: values[i] for name, values in kept.items()}
+            # JAX's mean of a profile rounds otherwise than numpy's
+            entry["sigma"] = jnp.asarray(entry["sigma"])
+            found._kept.append({**entry, "iteration": int(entry["iteration"])})
+        return found
+
+    def snapshot(self) -> "Found":
+        """A copy that further iterations do not change."""
+        found = copy.copy(self)
+        found._kept = list(self._kept)
+        return found
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All of it but the last callback."""
+        found = {name: np.asarray(getattr(self, name)) for name in _NUMBERS}
+        found["every"] = np.asarray(self._every)
+        for i, leaf in enumerate(jax.tree.leaves(self.best_params)):
+            found[f"best_params/{i}"] = np.asarray(leaf)
+        for name in _KEPT:
+            found[f"kept/{name}"] = np.stack([np.asarray(entry[name]) for entry in self._kept])
+        return found
+
+    def add(self, callback: Mapping[str, Any]) -> None:
+        """Takes in what an iteration has found."""
+        self._check(callback)
+        returns = np.asarray(callback["test_return"])
+        returns = np.where(np.isfinite(returns), returns, -np.inf)
+        self.restart = int(np.argmax(returns))
+        self.test_return = float(returns[self.restart])
+        if self._in_calls:
+            self.best_return = float(callback["best_return"])
+            self.best_iteration = callback["last_iteration_improved"]
+            self.best_restart = callback["best_index"]
+            self._best_params = partial(callback.get, "best_params")
+        elif self.test_return > self.best_return:
+            self.best_return, self.best_iteration = self.test_return, callback["iteration"]
+            self.best_restart = self.restart
+            self._best_params = partial(select_restart, callback["params"], self.restart)
+        # how many iterations the seconds allow is not known before
+        if callback["iteration"] % self._every == 0:
+            self._kept.append({name: callback[name] for name in _KEPT})
+        if len(self._kept) > _RECORDS:
+            self._kept, self._every = self._kept[::2], 2 * self._every
+        self.callback = callback
+
+    def _check(self, callback: Mapping[str, Any]) -> None:
+        if not callback["status"].is_terminal():  # the last one says why it was the last
+            self._statuses.add(callback["status"].name)
+        finite = np.stack(
+            [np.isfinite(callback["train_return"]), np.isfinite(callback["test_return"])]
+        )
+        if finite.all():
+            return
+        if not self.not_finite:
+            self.first_not_finite = callback["iteration"]
+            lane = int(np.argmin(finite.all(axis=0)))
+            if self.callback:
+                self.suspect = select_restart(self.callback["params"], lane)
+        self.not_finite += int(np.sum(~finite))
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether no iteration had a gradient other than zero."""
+        return self._statuses == {"NO_PROGRESS"}
+
+    @property
+    def best_params(self) -> Any:
+        """Parameters of the best iterate."""
+        return self._best_params()
+
+    @property
+    def kept(self) -> list[dict[str, Any]]:
+        """The recorded iterations, and the last one."""
+        last = {name: self.callback[name] for name in _KEPT}
+        is_kept = self._kept[-1]["iteration"] == last["iteration"]
+        return self._kept if is_kept else [*self._kept, last]
+
+
+def select_restart(params_by_restart: Any, restart: int) -> Any:
+    """The parameters of one restart out of a tree with a leading axis [restarts, ...]."""
+    return jax.tree.map(lambda leaf: leaf[restart], params_by_restart)

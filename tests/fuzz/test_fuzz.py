@@ -1,0 +1,49 @@
+"""Files and words that nobody means: one line and exit status 2, or they are accepted."""
+
+import pytest
+from helpers.fuzzing import Fuzzer
+
+from mdpo_rddl.errors import InputError
+
+COUNTS = {
+    "configuration": 600,
+    "command line": 600,
+    "policy file": 400,
+    "policy contents": 200,
+    "run of mdpo-ipc": 100,
+    "RDDL": 100,
+}
+
+
+@pytest.mark.parametrize("kind", COUNTS)
+def test_changed_inputs_are_refused_in_one_line_or_accepted(tmp_path, kind):
+    fuzzer = Fuzzer(tmp_path / "fuzz", seed=22)
+    fuzzer.folder.mkdir()
+    for _ in range(COUNTS[kind]):
+        fuzzer.run(kind)
+    assert fuzzer.failures == []
+    refused, accepted = fuzzer.outcomes[kind]
+    assert refused + accepted == COUNTS[kind]
+    assert refused > 0
+    assert [path.name for path in tmp_path.iterdir()] == ["fuzz"]
+
+
+def test_there_are_two_thousand_of_them():
+    assert sum(COUNTS.values()) == 2000
+
+
+def test_a_traceback_and_an_empty_message_are_failures(tmp_path):
+    fuzzer = Fuzzer(tmp_path)
+
+    def stumble() -> None:
+        raise KeyError("x")
+
+    def say_nothing() -> None:
+        raise InputError(" ")
+
+    fuzzer.kinds |= {"stumble": stumble, "silence": say_nothing}
+    fuzzer.run("stumble")
+    fuzzer.run("silence")
+    assert len(fuzzer.failures) == 2
+    assert "KeyError" in fuzzer.failures[0]
+    assert fuzzer.failures[1] == "silence: an empty message"

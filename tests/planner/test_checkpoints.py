@@ -1,0 +1,94 @@
+"""A training that goes on from a checkpoint is the unbroken one, bit for bit."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.problems import assert_same_bits, tiny_files
+from helpers.trainings import FOREVER, KEY, paper_config
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
+from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.loop_state import can_be_resumed
+from mdpo_rddl.planner.training import TrainingResult, train
+from mdpo_rddl.problem.load import load_problem
+
+CONFIGS = {
+    "adaptive": paper_config(parallel_updates=2).with_values(
+        "Optimize", stopping_rule="NoImprovementStoppingRule", stopping_rule_kwargs={"patience": 9}
+    ),
+    "calls": paper_config(method="JaxStraightLinePlan", method_kwargs={}).with_section(
+        "MDPO", {"iterations_per_call": 4, "test_every": 2}
+    ),
+    "paired": paper_config(method="JaxStraightLinePlan", method_kwargs={})
+    .with_section("Noise", {"method": "AnnealedNoise"})
+    .without_section("MDPO"),
+}
+BUDGET = Budget(250, FOREVER)
+
+
+@pytest.fixture(scope="module", params=CONFIGS)
+def built(request, tmp_path_factory) -> Built[Any]:
+    problem = load_problem(*tiny_files(tmp_path_factory.mktemp("tiny"), spread=0.3))
+    return build_planner(problem, CONFIGS[request.param])
+
+
+def trained(built: Built[Any], checkpoints: Checkpoints | None = None) -> TrainingResult:
+    return train(built, KEY, BUDGET, checkpoints=checkpoints)
+
+
+def assert_same(left: TrainingResult, right: TrainingResult) -> None:
+    assert_same_bits(left.last_params_by_restart, right.last_params_by_restart)
+    assert_same_bits(left.best_params, right.best_params)
+    np.testing.assert_array_equal(left.sigma, right.sigma, strict=True)
+    for name in ("history", "iterations", "best_iteration", "restart", "status"):
+        assert getattr(left, name) == getattr(right, name)
+
+
+def test_a_broken_run_is_the_unbroken_one(built):
+    whole = trained(built)
+    states: list[TrainingState] = []
+    assert_same(trained(built, Checkpoints(0.0, states.append)), whole)
+    # one a turn, but for the last
+    assert [state.iterations for state in states] == sorted({s.iterations for s in states})
+    assert states[-1].iterations < whole.iterations
+    for state in (states[0], states[len(states) // 2], states[-1]):
+        again: list[TrainingState] = []
+        resumed = trained(built, Checkpoints(FOREVER, again.append, state))
+        assert_same(resumed, whole)
+        assert again == []
+        assert resumed.train_seconds > state.seconds
+    # and again without any
+    assert_same(trained(built), whole)
+
+
+def test_a_run_may_be_broken_again_and_again(built):
+    whole, state = trained(built), None
+    for _ in range(4):
+        states: list[TrainingState] = []
+        trained(built, Checkpoints(0.0, states.append, state))
+        state = states[len(states) // 3]
+    assert_same(trained(built, Checkpoints(FOREVER, states.append, state)), whole)
+
+
+def test_what_does_not_fit_is_refused(built):
+    states: list[TrainingState] = []
+    trained(built, Checkpoints(0.0, states.append))
+    state = states[0]
+    for name in ("found/best_params/0", "found/kept/sigma", "found/restart"):
+        tensors = {key: value for key, value in state.tensors.items() if key != name}
+        with pytest.raises(InputError, match="the checkpoint does not fit the planner"):
+            trained(built, Checkpoints(1.0, states.append, TrainingState(tensors, state.numbers)))
+    with pytest.raises(InputError, match="the checkpoint does not fit the planner"):
+        trained(built, Checkpoints(1.0, states.append, TrainingState(state.tensors, {})))
+
+
+def test_what_the_loop_keeps_elsewhere_too_leaves_no_checkpoints():
+    plain = {"use_pgpe": False, "preprocessor": None, "dashboard": None}
+    assert can_be_resumed(SimpleNamespace(**plain))
+    for name in plain:
+        assert not can_be_resumed(SimpleNamespace(**{**plain, name: True}))

@@ -1,0 +1,106 @@
+"""What a race leaves behind is what the next one begins with."""
+
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.mistakes import one_line
+from helpers.problems import assert_same_bits
+
+from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
+
+CONFIG = PRESETS["paper"]("tanks")
+PARAMS = {"rule": {"w": np.arange(6.0).reshape(2, 3)}, "b": np.ones(2, np.float32)}
+
+
+def terms(**others: Any) -> Any:
+    values = {"digest": "d", "horizon": 7, "seed": 3, **others}
+    problem = SimpleNamespace(digest=values["digest"], horizon=values["horizon"])
+    return SimpleNamespace(problem=problem, seed=values["seed"], config=CONFIG)
+
+
+def judged(mean: float, seconds: float, became_incumbent: bool = True) -> Judged:
+    candidate = Candidate(
+        arm="plan",
+        label="a plan",
+        config=CONFIG,
+        planner=None,
+        params={**PARAMS, "b": np.full(2, mean, np.float32)},
+        parents=("rules",),
+        uses_noise=True,
+        mean=mean,
+        error=0.5,
+    )
+    return Judged(candidate, seconds, became_incumbent)
+
+
+def arena(config: Any, shapes: Any) -> Any:
+    structure = {
+        "rule": {"w": SimpleNamespace(shape=shapes[0])},
+        "b": SimpleNamespace(shape=shapes[1]),
+    }
+    planner = SimpleNamespace(params_structure=lambda hyperparams: structure)
+    return SimpleNamespace(config=config, planner=planner)
+
+
+def kept(folder: Path, *found: Judged, seconds: float = 60.0) -> Any:
+    checkpoints = RaceCheckpoints(folder, terms(), seconds)
+    for each in found:
+        checkpoints.judged(each)
+    return RaceCheckpoints(folder, terms(), seconds).start
+
+
+def test_nothing_is_there_before_the_first_candidate(tmp_path):
+    assert kept(tmp_path) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_incumbent_comes_back_with_the_seconds(tmp_path):
+    start = kept(tmp_path, judged(-5.0, 1.0), judged(-3.0, 4.0), judged(-9.0, 6.0, False))
+    assert (start.mean, start.error, start.seconds) == (-3.0, 0.5, 4.0)
+    assert (start.arm, start.label, start.parents) == ("plan", "a plan", ("rules",))
+    assert start.uses_noise
+    assert_same_bits(start.params, {**PARAMS, "b": np.full(2, -3.0, np.float32)})
+
+
+def test_seconds_are_kept_between_incumbents_too(tmp_path):
+    start = kept(tmp_path, judged(-5.0, 1.0), judged(-9.0, 6.0, False), seconds=0.0)
+    assert (start.mean, start.seconds) == (-5.0, 6.0)
+
+
+def test_a_damaged_file_leaves_the_one_before(tmp_path):
+    kept(tmp_path, judged(-5.0, 1.0), judged(-3.0, 4.0))
+    newest = tmp_path / "incumbent-1.safetensors"
+    newest.write_bytes(newest.read_bytes()[:-1])
+    assert RaceCheckpoints(tmp_path, terms(), 1.0).start.mean == -5.0
+
+
+def test_another_problem_s_is_refused(tmp_path):
+    kept(tmp_path, judged(-5.0, 1.0))
+    for others, name in (({"digest": "e"}, "problem"), ({"seed": 4}, "seed")):
+        said = one_line(lambda others=others: RaceCheckpoints(tmp_path, terms(**others), 1.0))
+        assert said.endswith(f"cannot be resumed: it is of another {name}")
+
+
+@pytest.mark.parametrize("shapes", [((2, 3), (2,)), ((2, 3), (3,))])
+def test_a_policy_of_the_new_race_s_planner_is_judged_anew(tmp_path, shapes):
+    start = kept(tmp_path, judged(-5.0, 1.0))
+    here = arena(CONFIG.with_section("Noise", {"method": "NoNoise"}), shapes)
+    candidate = start.candidate(here)
+    fits = shapes[1] == (2,)
+    assert candidate.planner is (here.planner if fits else None)
+    assert candidate.mean == (None if fits else -5.0)
+
+
+def test_a_policy_of_another_planner_keeps_its_return(tmp_path):
+    start = kept(tmp_path, judged(-5.0, 1.0))
+    other = CONFIG.with_values("Compiler", sigmoid_weight=7)
+    candidate = start.candidate(arena(other, ((2, 3), (2,))))
+    assert candidate.planner is None
+    assert (candidate.known_mean, candidate.error) == (-5.0, 0.5)
+    assert dataclasses.replace(candidate).config.to_text() == CONFIG.to_text()

@@ -1,0 +1,52 @@
+"""Feeds many changed inputs to whoever reads files and words, and tells what happened.
+
+    python tools/fuzz.py --inputs 100000 --seed 1
+
+The exit status is 1 if anything but an answer or one line about the input came of one of them.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+
+from helpers.fuzzing import Fuzzer
+
+# of a hundred
+SHARES = {
+    "configuration": 34,
+    "command line": 30,
+    "policy file": 20,
+    "policy contents": 8,
+    "run of mdpo-ipc": 4,
+    "RDDL": 4,
+}
+
+
+def main() -> int:
+    """Runs the inputs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        fuzzer = Fuzzer(Path(folder), options.seed)
+        for kind, share in SHARES.items():
+            for _ in range(share * options.inputs // 100):
+                fuzzer.run(kind)
+            refused, accepted = fuzzer.outcomes[kind]
+            print(f"{kind}: {refused:,} refused, {accepted:,} accepted", flush=True)
+    seconds = round(time.monotonic() - started)
+    for failure in fuzzer.failures[:20]:
+        print(failure)
+    print(json.dumps({"seconds": seconds, "failures": len(fuzzer.failures), **fuzzer.outcomes}))
+    return int(bool(fuzzer.failures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
