@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 from mdpo_rddl.auto.arms.base import Arm
 
-# so many slices before anything is made of an arm's pace
-_FIRST_SLICES = 2
+FIRST_SLICES = 2
+"""Slices that an arm has before anything is made of its pace."""
 # one slice of so many is for the arm that has waited longest
-_FLOOR = 5
+_FLOOR = 8
 # gains become smaller: of what the latest pace would gain in the time left
 _LASTING = 0.5
 # of the pace, after a slice that has gained less
@@ -77,7 +77,7 @@ def next_contender(
     if not able:
         return None
     first = min(able, key=lambda contender: contender.slices)
-    if first.slices < _FIRST_SLICES:
+    if first.slices < FIRST_SLICES:
         return first
     longest = max(able, key=lambda contender: contender.waited)
     promising = max(able, key=lambda contender: contender.claim(seconds))

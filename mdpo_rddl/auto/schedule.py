@@ -3,13 +3,13 @@
 Where all states can be enumerated, the optimum is known before any of this begins.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
-2. The arms begin in the order of what they cost: the few weights that all objects share, then an
-   open-loop plan, or each object's own weights if the plan does not promise to become as good; a
-   net whose parameters are explored; and those that need a gradient, as far as their programs
+2. The arms begin in the order of what they cost: a net whose parameters are explored; the few
+   weights that all objects share, then an open-loop plan, or each object's own weights if the plan
+   does not promise to become as good; and those that need a gradient, as far as their programs
    can be compiled in the time: MDPO on the feedback policy from the best policy so far, a
    straight-line plan, a net.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
-   one in five to the one that has waited longest (`rounds.py`).
+   one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy evens out what the relaxed model has wrong.
 5. Meanwhile, in a second process, JaxPlan's default planners have their try.
 6. The candidate of the largest return in fresh exact rollouts is the result.
@@ -34,7 +34,7 @@ from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.rounds import Contender, next_contender
+from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, next_contender
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -48,13 +48,17 @@ _FEWEST_POLICIES = 60
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population
 _GRADIENT_COMPILATIONS, _GRADIENT_EVALUATIONS = 6.0, 100.0
-_PLAIN_COMPILATIONS, _ROLLOUT_COMPILATIONS = 3.0, 2.0
+_PLAIN_COMPILATIONS = 3.0
 # of the time left: what an arm that must compile may need, and how long it is waited for
-_AFFORDED, _PATIENCE = 0.5, 0.3
+_AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
+_PATIENCE = 0.3
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
+_LESS = 0.5
 # of all the time: a slice
 _SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
+# of a slice: each of an arm's first ones
+_FIRST_SLICE = 0.5
 
 
 class Schedule:
@@ -100,15 +104,20 @@ class Schedule:
         self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
+        # before the population, whose program takes longer
+        self._open_exploration(arena.until(self._shares.rounds_until))
         self._on_stage("searching")
         if arena.has_plan:
             self.random_return = arena.plans.random_return(arena.noop)
         self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
-        if arena.has_plan and judge.best_mean <= arena.plans.return_to_beat:
+        if arena.has_plan and not self._beats_noop(arena.incumbent):
             self._explore(shared)
         else:
             self._improve(shared)
+
+    def _beats_noop(self, candidate: Candidate) -> bool:
+        return candidate.known_mean > self._arena.plans.return_to_beat
 
     def give(self, arm: Arm, until: float) -> bool:
         """Gives an arm a slice of time and judges what it finds.
@@ -142,21 +151,31 @@ class Schedule:
 
     def _explore(self, shared: SharedWeightsArm) -> None:
         """For problems in which neither a constant nor a random rule beats the no-op."""
-        arena, judge, plans = self._arena, self._judge, self._arena.plans
+        arena = self._arena
         exploration = ExplorationArm(arena)
-        self._has_plan = self.give(exploration, arena.until(_EXPLORATION_SHARE))
-        if judge.best_mean <= plans.return_to_beat or not plans.deterministic:
-            self._has_plan &= not self.give(shared, arena.until(self._shares.shared_until))
-        found = judge.best_mean > plans.return_to_beat
+        # less where a net has found something already
+        share = _EXPLORATION_SHARE * (_LESS if self._beats_noop(self._best) else 1.0)
+        self._search_plans(exploration, arena.until(share))
+        if not self._beats_noop(arena.incumbent) or not arena.plans.deterministic:
+            self.give(shared, arena.until(self._shares.shared_until))
+            self._has_plan &= arena.incumbent.arm == exploration.name
+        if not self._beats_noop(arena.incumbent):
+            self._contenders.append(Contender(exploration, lambda: arena.incumbent.mean))
+        found = self._beats_noop(self._best)
         rounds_until = arena.until(self._shares.rounds_until if found else _OTHERS_SHARE)
-        self._open_exploration(rounds_until)
         self._open_trainings(rounds_until)
         self._compete(rounds_until)
-        if judge.best_mean > plans.return_to_beat:
+        if self._beats_noop(self._best):
             self._finish()
         else:
             self._on_stage("polishing")
             self.give(exploration, arena.deadline)
+
+    @property
+    def _best(self) -> Candidate:
+        best = self._judge.incumbent
+        assert best is not None
+        return best
 
     def _improve(self, shared: SharedWeightsArm) -> None:
         """For problems in which a constant or a random rule beats the no-op."""
@@ -164,34 +183,40 @@ class Schedule:
         parts = shares.shared_until, shares.own_until, shares.rounds_until
         shared_until, own_until, rounds_until = (arena.until(share) for share in parts)
         self.give(shared, shared_until)
-        self._has_plan = arena.has_plan and self.give(PlanArm("plan", arena, Evolving()), own_until)
+        if arena.has_plan:
+            self._search_plans(PlanArm("plan", arena, Evolving()), own_until)
         if not self._has_plan:
             around = Around(begins_with=SHARED_WEIGHTS)
             self.give(OwnWeightsArm("own weights", arena, around), own_until)
-        self._open_exploration(rounds_until)
         if self._is_in(GRADIENT):
             self._open_gradient(rounds_until)
         self._open_trainings(rounds_until)
         self._compete(rounds_until)
         self._finish()
 
+    def _search_plans(self, arm: Arm, until: float) -> None:
+        """Whether its plan is the best feedback policy decides what is polished."""
+        self.give(arm, until)
+        self._has_plan = self._arena.incumbent.arm == arm.name
+
     def _is_in(self, name: str) -> bool:
         return name not in self._shares.without
 
-    def _affords(self, compilations: float, until: float) -> bool:
+    def _affords(self, name: str, compilations: float, until: float) -> bool:
         """Whether there is time for an arm that compiles so many times as long as the search."""
         population = self._arena.population
         needed = compilations * population.compile_seconds
         needed += _GRADIENT_EVALUATIONS * population.seconds
         left = until - self._arena.clock()
-        return self._arena.probe.policy_seconds is None and needed <= _AFFORDED * left
+        is_large = self._arena.probe.policy_seconds is not None
+        return not is_large and needed <= _AFFORDED[name] * left
 
     def _open_exploration(self, until: float) -> None:
-        if self._is_in(PGPE) and self._affords(_ROLLOUT_COMPILATIONS, until):
+        if self._is_in(PGPE) and self._arena.probe.policy_seconds is None:
             self._open(ParameterExplorationArm(self._arena), until)
 
     def _open_gradient(self, until: float) -> None:
-        if self._affords(_GRADIENT_COMPILATIONS, until):
+        if self._affords(GRADIENT, _GRADIENT_COMPILATIONS, until):
             self._open(GradientArm(self._arena), until)
         else:
             left = until - self._arena.clock()
@@ -199,7 +224,7 @@ class Schedule:
 
     def _open_trainings(self, until: float) -> None:
         for method in METHODS:
-            if self._is_in(method) and self._affords(_PLAIN_COMPILATIONS, until):
+            if self._is_in(method) and self._affords(method, _PLAIN_COMPILATIONS, until):
                 self._open(TrainingArm(self._arena, method), until)
 
     def _open(self, arm: CompilingArm, until: float) -> None:
@@ -209,7 +234,7 @@ class Schedule:
         self.arms.append(arm)
         now = arena.clock()
         arm.begin(now + _PATIENCE * (until - now))
-        reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.log.best_return)
+        reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.reached)
         self._contenders.append(Contender(arm, reached))
         if not arm.is_pending:
             self._give_slice(self._contenders[-1], until)
@@ -218,7 +243,8 @@ class Schedule:
         arena = self._arena
         length = max(_SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
         before, started = contender.reached(), arena.clock()
-        self.give(contender.arm, min(started + length, until))
+        share = _FIRST_SLICE if contender.slices < FIRST_SLICES else 1.0
+        self.give(contender.arm, min(started + share * length, until))
         contender.note(before, arena.clock() - started)
         for other in self._contenders:
             other.waited = 0 if other is contender else other.waited + 1
@@ -239,14 +265,12 @@ class Schedule:
 
     def _finish(self) -> None:
         """The rest of the time is for whoever leads."""
-        arena, best = self._arena, self._judge.incumbent
+        arena, best = self._arena, self._best
         self._on_stage("polishing")
-        assert best is not None
-        if best.planner is arena.planner:
-            self.give(self._polisher, arena.deadline)
-            return
         leader = next((arm for arm in self.arms if arm.name == best.arm), None)
-        while leader is not None and not leader.is_exhausted and arena.clock() < arena.deadline:
+        if best.planner is arena.planner or leader is None:
+            leader = self._polisher
+        while not leader.is_exhausted and arena.clock() < arena.deadline:
             self.give(leader, arena.deadline)
 
     @cached_property

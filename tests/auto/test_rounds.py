@@ -34,10 +34,10 @@ def test_the_largest_claim_gets_the_slice():
     assert next_contender([slow, fast], 0, 10.0, 10.0) is slow
 
 
-def test_one_slice_in_five_is_for_whoever_has_waited_longest():
+def test_one_slice_in_eight_is_for_whoever_has_waited_longest():
     leading, other = contender(10.0, pace=1.0), contender(-50.0, waited=3)
-    chosen = [next_contender([leading, other], number, 10.0, 100.0) for number in range(5)]
-    assert chosen == [leading] * 4 + [other]
+    chosen = [next_contender([leading, other], number, 10.0, 100.0) for number in range(8)]
+    assert chosen == [leading] * 7 + [other]
 
 
 def test_where_nobody_promises_more_they_take_turns():

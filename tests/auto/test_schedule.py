@@ -181,7 +181,7 @@ def test_where_exploring_finds_nothing_feedback_is_tried(corridor, monkeypatch):
     )
     outcome = raced(corridor, 300.0)
     assert {"plan", "shared weights", "polished"} <= set(means(outcome))
-    assert arm(outcome, "exploration")["slices"] == 2
+    assert arm(outcome, "exploration")["slices"] > 1
 
 
 def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch):

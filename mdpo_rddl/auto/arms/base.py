@@ -1,6 +1,7 @@
 """What every arm is: something that looks for a policy for a slice of time, and can go on."""
 
 import contextlib
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -13,8 +14,12 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.machine.background import Background
+from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.training import Record
+
+# of the time left: how long an arm that seems to lead is waited for
+_LEADING_PATIENCE = 0.5
 
 
 @dataclass
@@ -107,6 +112,11 @@ class Arm(ABC):
         self._log.best_return = mean if best is None else max(best, mean)
 
     @property
+    def reached(self) -> float | None:
+        """The return that it has reached; None before there is any."""
+        return self._log.best_return
+
+    @property
     def log(self) -> ArmLog:
         """What it was given and what it did so far."""
         return self._log
@@ -156,6 +166,8 @@ class CompilingArm(ArenaArm):
         """Does nothing yet; the arguments are those of `ArenaArm`."""
         super().__init__(name, arena)
         self._compiling: Background | None = None
+        self._estimate = -math.inf
+        self._is_judged = False
 
     @property
     def is_pending(self) -> bool:
@@ -175,6 +187,33 @@ class CompilingArm(ArenaArm):
                 self._is_compiled(until)
         finally:
             self._log.seconds += self._clock() - started
+
+    @property
+    def reached(self) -> float | None:
+        """By the judge, else by the arm's own estimate."""
+        judged = self._log.best_return
+        return self._estimate if judged is None and math.isfinite(self._estimate) else judged
+
+    def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:
+        """Whether the judge can play a planner's policies.
+
+        What that needs is compiled once the arm's estimate reaches the incumbent's return, so
+        that an arm that finds nothing costs less.
+
+        Args:
+          planner: the arm's own.
+          params: of any of its policies.
+          until: of the slice; an arm that seems to lead is waited for longer.
+        """
+        judge = self._arena.judge
+        if not self._is_judged:
+            self._log.details = {"estimate": self._estimate}
+            if self._estimate < judge.best_mean:
+                return False
+            self._is_judged = True
+            self._start(lambda: judge.prepare(planner, params))
+        now = self._clock()
+        return self._is_compiled(max(until, now + _LEADING_PATIENCE * (self._arena.deadline - now)))
 
     @abstractmethod
     def _begin(self) -> None:

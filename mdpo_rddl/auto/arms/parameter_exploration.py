@@ -1,5 +1,7 @@
 """The arm that explores the parameters of a deep reactive policy: PGPE on the exact model."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -46,8 +48,11 @@ class ParameterExplorationArm(CompilingArm):
         self._best_before = exploration.best_return
         exploration.run(self._evaluate, until)
         self._log.iterations = exploration.iterations
-        for label, vector in (("mean", exploration.mean), ("sample", exploration.best)):
-            self._offer(self._candidate(f"pgpe, {label}", vector))
+        self._estimate = exploration.best_return
+        planner = self._arena.plain.built(_METHOD).planner
+        if self._may_be_judged(planner, self._params(exploration.best), until):
+            for label, vector in (("mean", exploration.mean), ("sample", exploration.best)):
+                self._offer(self._candidate(f"pgpe, {label}", vector))
 
     def _compile(self) -> None:
         """Makes the policy and plays it once."""
@@ -64,13 +69,15 @@ class ParameterExplorationArm(CompilingArm):
         exploring = Exploring(seed=arena.seed)
         self._exploration = ParameterExploration(np.asarray(start), exploring, self._clock)
         self._evaluate(0, np.repeat(np.asarray(start)[np.newaxis], 2 * exploring.pairs, axis=0))
-        arena.judge.prepare(planner, params)
 
     def _evaluate(self, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]."""
         key = jax.random.fold_in(self._key, iteration)
         params = self._to_each(np.asarray(vectors, np.float32))
         return np.mean(np.asarray(self._returns(key, params), float), axis=1)
+
+    def _params(self, vector: np.ndarray) -> Any:
+        return jax.tree.map(np.asarray, self._to_params(jnp.asarray(vector, np.float32)))
 
     def _candidate(self, label: str, vector: np.ndarray) -> Candidate:
         plain = self._arena.plain
@@ -80,6 +87,6 @@ class ParameterExplorationArm(CompilingArm):
             label=label,
             config=plain.config(_METHOD),
             planner=planner,
-            params=jax.tree.map(np.asarray, self._to_params(jnp.asarray(vector, np.float32))),
+            params=self._params(vector),
             policy_hyperparams=unit_hyperparams(planner),
         )

@@ -9,7 +9,6 @@ from mdpo_rddl.auto.arms.base import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.start import initial_parameters
 from mdpo_rddl.planner.training import Training
 
 logger = logging.getLogger(__name__)
@@ -50,7 +49,7 @@ class TrainingArm(CompilingArm):
             if self._is_compiled(until):
                 assert self._training is not None
                 self._training.advance(until - self._clock())
-                self._offer_best(self._training)
+                self._offer_best(self._training, until)
         except InputError as error:
             # other arms find a policy without this one
             logger.info("%s is of no use: %s", self.name, error)
@@ -66,26 +65,30 @@ class TrainingArm(CompilingArm):
         training.compile()
         # the arm's slices end it
         training.limit(_FOREVER)
-        params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(built.planner, key))
-        arena.judge.prepare(built.planner, params)
         self._training = training
 
-    def _offer_best(self, training: Training) -> None:
+    def _offer_best(self, training: Training, until: float) -> None:
         result, arena = training.result(), self._arena
+        planner = arena.plain.built(self.name).planner
         self._log.iterations = result.iterations
         self._log.records = result.history
         self.is_exhausted = training.has_ended
-        if result.best_iteration != self._offered:
+        self._estimate = max(record.test_return for record in result.history)
+        is_interrupted = result.status == "interrupted"
+        if is_interrupted and not self._is_judged:
+            raise Cancelled  # whoever interrupts does not wait for a compilation
+        is_new = result.best_iteration != self._offered
+        if is_new and self._may_be_judged(planner, result.best_params, until):
             self._offered = result.best_iteration
             self._offer(
                 Candidate(
                     arm=self.name,
                     label=f"{self.name}, iteration {result.best_iteration:,}",
                     config=arena.plain.config(self.name),
-                    planner=arena.plain.built(self.name).planner,
+                    planner=planner,
                     params=result.best_params,
                     policy_hyperparams=result.policy_hyperparams,
                 )
             )
-        if result.status == "interrupted":
+        if is_interrupted:
             raise Cancelled

@@ -1,7 +1,9 @@
 """The arms that compile programs of their own: policies of JaxPlan's classes, trained in slices."""
 
+import math
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 from helpers.lakes import preset, write_lake
@@ -9,68 +11,91 @@ from helpers.lakes import preset, write_lake
 from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.training import TrainingArm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import Cancelled, InputError
 
 FOREVER = 300.0
+ITERATIONS = 400
 
 
 @pytest.fixture(scope="module")
-def arena(tmp_path_factory):
+def compiled(tmp_path_factory):
     lake = write_lake(tmp_path_factory.mktemp("lake"))
-    told = []
-    options = RaceOptions(most_iterations=400, on_progress=told.append)
-    arena = race._arena(lake, preset(FOREVER), 0, time.monotonic(), options)
-    arena.judge.record(arena.candidate("", "no-op", arena.noop))
-    return arena, told
+    options = RaceOptions(most_iterations=ITERATIONS)
+    return race._arena(lake, preset(FOREVER), 0, time.monotonic(), options)
 
 
-def judged(arm, judge: Judge) -> list:
-    candidates = arm.take_candidates()
-    for candidate in candidates:
+@pytest.fixture
+def arena(compiled):
+    """One whose judge knows the no-op only."""
+    judge = Judge(128, 0, time.monotonic, compiled.began)
+    judge._players = compiled.judge._players
+    arena = replace(compiled, judge=judge)
+    arena.__dict__["plain"] = compiled.plain
+    judge.record(arena.candidate("", "no-op", arena.noop))
+    return arena
+
+
+def judged(arm, judge: Judge) -> list[Candidate]:
+    """What the arm has handed in since the last time, as the judge sees it."""
+    found = []
+    for candidate in arm.take_candidates():
         judge.record(candidate)
-        arm.judged(judge.judged[-1].candidate)
-    return candidates
+        found.append(judge.judged[-1].candidate)
+        arm.judged(found[-1])
+    return found
 
 
 def test_a_straight_line_plan_is_trained_in_slices(arena):
-    arena, told = arena
-    arm = TrainingArm(arena, "slp")
+    told = []
+    arm = TrainingArm(replace_told(arena, told), "slp")
     arm.begin(time.monotonic() + FOREVER)
     assert not arm.is_pending
+    assert arm.reached is None
     arm.work(time.monotonic())
-    (first,) = judged(arm, arena.judge)
-    done = arm.log.iterations
-    assert 0 < done < 400
-    assert first.mean is None
-    assert first.planner is arena.plain.built("slp").planner
-    assert set(first.params) == {"pump"}
+    done, first = arm.log.iterations, arm.reached
+    assert 0 < done < ITERATIONS
+    assert first > -math.inf
     while not arm.is_exhausted:
         arm.work(time.monotonic())
-    judged(arm, arena.judge)
-    assert arm.log.iterations == 400 > done
-    assert arm.log.best_return > arena.judge.latest("no-op").mean
+    assert arm.log.iterations == ITERATIONS
+    *_, best = judged(arm, arena.judge)
+    assert best.planner is arena.plain.built("slp").planner
+    assert set(best.params) == {"pump"}
+    assert arm.reached == arm.log.best_return > arena.judge.latest("no-op").mean
     assert 0.0 < arm.log.compile_seconds <= arm.log.seconds
     # as part of the race, and with the best return of all
     assert 0.0 < told[0].fraction < 1.0
-    assert told[-1].best_return >= arena.judge.best_mean
+    assert told[0].best_return >= arena.judge.latest("no-op").mean
+
+
+def replace_told(arena, told: list):
+    listening = replace(arena, on_progress=told.append)
+    listening.__dict__["plain"] = arena.plain
+    return listening
 
 
 def test_parameters_of_a_net_are_explored(arena):
-    arena, _ = arena
     arm = ParameterExplorationArm(arena)
     arm.begin(time.monotonic() + FOREVER)
-    for _ in range(3):
-        arm.work(time.monotonic() + 0.5)
-        labels = [candidate.label for candidate in judged(arm, arena.judge)]
-        assert labels == ["pgpe, mean", "pgpe, sample"]
-    assert arm.log.slices == 3
+    arm.work(time.monotonic() + 1.0)
+    candidates = judged(arm, arena.judge)
+    assert [candidate.label for candidate in candidates] == ["pgpe, mean", "pgpe, sample"]
     assert arm.log.best_return > arena.judge.latest("no-op").mean
-    assert arm.log.iterations > 3
+    assert arm.log.iterations > 1
+    # far behind the incumbent, nothing more is handed in
+    leader = replace(candidates[0], label="leader", planner=None, mean=1e9, error=0.0)
+    arena.judge.record(leader)
+    arm = ParameterExplorationArm(arena)
+    arm.begin(time.monotonic() + FOREVER)
+    arm.work(time.monotonic())
+    assert arm.take_candidates() == []
+    assert arm.log.best_return is None
+    assert arm.reached == arm.log.details["estimate"] < 0.0
 
 
 def test_nobody_waits_for_a_compilation_longer_than_asked(arena, monkeypatch):
-    arena, _ = arena
     released = threading.Event()
     arm = TrainingArm(arena, "slp")
     monkeypatch.setattr(arm, "_compile", lambda seconds: released.wait(60.0))
@@ -84,8 +109,6 @@ def test_nobody_waits_for_a_compilation_longer_than_asked(arena, monkeypatch):
 
 
 def test_what_cannot_be_compiled_ends_the_arm_alone(arena, monkeypatch):
-    arena, _ = arena
-
     def refuse(seconds):
         raise InputError("no gradient")
 
@@ -97,9 +120,7 @@ def test_what_cannot_be_compiled_ends_the_arm_alone(arena, monkeypatch):
     assert arm.log.details == {"cause": "no gradient"}
 
 
-def test_an_interrupted_training_offers_what_it_has(arena, monkeypatch):
-    arena, _ = arena
-
+def test_an_interrupted_training_ends_the_race(arena, monkeypatch):
     def cancelled(progress):
         raise Cancelled
 
@@ -108,4 +129,4 @@ def test_an_interrupted_training_offers_what_it_has(arena, monkeypatch):
     monkeypatch.setattr(arm._training, "_on_progress", cancelled)
     with pytest.raises(Cancelled):
         arm.work(time.monotonic() + 60.0)
-    assert [candidate.arm for candidate in arm.take_candidates()] == ["slp"]
+    assert arm.is_exhausted

@@ -185,7 +185,7 @@ def test_a_search_needs_the_feedback_plan():
     text = CONFIG.replace("FeedbackPlan", "JaxStraightLinePlan")
     lines = [line for line in text.splitlines() if not line.startswith("method_kwargs")]
     with pytest.raises(InputError, match="needs method='FeedbackPlan'"):
-        PlannerConfig.from_text("\n".join([*lines, "[Search]", "shared_until=0.4"]))
+        PlannerConfig.from_text("\n".join([*lines, "[Search]", "shared_until=0.3"]))
 
 
 def test_restarts_can_start_from_different_policies(tmp_path):
