@@ -18,6 +18,10 @@ RUN /opt/venv/bin/pip install --no-cache-dir --disable-pip-version-check --no-co
 
 FROM python:3.11-slim-bookworm
 COPY --from=build /opt/venv /opt/venv
+# an ordinary user, for whose number a mounted folder must be writable
+RUN useradd --uid 1000 --create-home planner && install --directory --owner planner /outputs
+USER planner
+WORKDIR /home/planner
 ENV JAX_PLATFORMS=cpu
 VOLUME /outputs
 # in full, as Singularity needs it

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit licences hardening clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -155,5 +155,23 @@ $(VENV)/.installed-paper: $(VENV)/.installed
 	  --constraint constraints.txt --force-reinstall --no-deps tfp-nightly
 	touch $@
 
+# known vulnerabilities of the pinned versions; asks the service that pip-audit knows
+audit: .venv-audit/.installed
+	.venv-audit/bin/pip-audit --no-deps --disable-pip --requirement constraints.txt
+
+.venv-audit/.installed: Makefile
+	$(PYTHON) -m venv --clear .venv-audit
+	.venv-audit/bin/python -m pip install --quiet --disable-pip-version-check 'pip-audit==2.10.1'
+	touch $@
+
+# what the packages say of their licences
+licences: $(VENV)/.installed
+	$(BIN)/python tools/licences.py
+
+# changed inputs by the hundred thousand, and a hundred kills; half an hour
+hardening: $(VENV)/.installed
+	$(BIN)/python tools/fuzz.py --inputs 100000
+	$(BIN)/python tools/kill_runs.py --kills 100
+
 clean:
-	rm -rf $(VENV) .venv-lowest .venv-clients build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .venv-lowest .venv-clients .venv-audit build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -10,8 +10,8 @@ Where all states can be enumerated, the optimum is known before any of this begi
    straight-line plan, a net.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
-4. Another search around the best policy evens out what the relaxed model has wrong.
-5. Meanwhile, in a second process, JaxPlan's default planners have their try.
+4. Another search around the best policy corrects the relaxation error.
+5. Meanwhile, in a second process, JaxPlan's default planners are trained.
 6. The candidate of the largest return in fresh exact rollouts is the result.
 
 Where no constant action and no random rule returns more than the no-op, a search for a plan that

@@ -105,7 +105,7 @@ class Policy(PolicyAgent):
     def with_decision_seconds(self, seconds: float) -> PolicyAgent:
         """The policy with time to think at each decision, where trials show that it pays.
 
-        These take up to `20 + 40 * seconds` seconds. What is returned is this policy itself where
+        These last up to `20 + 40 * seconds` seconds. What is returned is this policy itself where
         thinking does not pay, or another agent, which is played in the same ways.
 
         Args:

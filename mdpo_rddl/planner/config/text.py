@@ -3,6 +3,7 @@
 import ast
 import configparser
 import re
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -49,7 +50,9 @@ def one_line(error: Exception) -> str:
 
 def _literal(value: str, text: str, source: str, section: str, key: str) -> Any:
     try:
-        literal = ast.literal_eval(value)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what is nearly a literal
+            literal = ast.literal_eval(value)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
         start = re.escape(value.partition("\n")[0])
         line_of_it = rf"^[ \t]*{re.escape(key)}[ \t]*[=:][ \t]*{start}[ \t]*$"
