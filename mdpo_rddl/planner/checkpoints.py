@@ -59,7 +59,7 @@ class CheckpointedLoop:
     """The callbacks of a training that leaves checkpoints, or goes on from one."""
 
     def __init__(self, built: Built[MDPOPlanner], checkpoints: Checkpoints) -> None:
-        """Takes up the state of an earlier training.
+        """Restores the state of an earlier training.
 
         Raises:
           KeyError, ValueError, TypeError: if it does not fit the planner.

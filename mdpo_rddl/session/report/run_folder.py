@@ -214,7 +214,7 @@ class RunFolder:
 
     def _remove_folder(self) -> None:
         """Removes what was made on the way to the target, as far as nothing is in it."""
-        with contextlib.suppress(OSError):  # it holds checkpoints, or another run took it up
+        with contextlib.suppress(OSError):  # it holds checkpoints, or another run has it now
             self.unfinished.rmdir()
         with contextlib.suppress(OSError):  # another run may be in there by now
             for folder in self._made:
