@@ -30,7 +30,7 @@ from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.thinking import think
 
 # for what the terms of a rule are worth
-_EXPLAINING_SECONDS = 1.0
+_EXPLAINING_SECONDS = 0.5
 
 
 class _Found(NamedTuple):
