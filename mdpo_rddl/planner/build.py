@@ -1,5 +1,6 @@
 """From a problem and a configuration to a compiled planner, ours or JaxPlan's."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,9 @@ def build_planner(
     """
     planner_args, optimize_args = _arguments(config)
     try:
-        planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what is no box, as when the problem was loaded
+            planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
         cause = missing_package(error) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(

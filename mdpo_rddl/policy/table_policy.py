@@ -15,6 +15,7 @@ from mdpo_rddl.policy.file import (
     require_same_problem,
     save_policy,
 )
+from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
@@ -85,6 +86,14 @@ class TablePolicy(PolicyAgent):
     def returns(self) -> np.ndarray:
         """The proven optimum, the expected return [1]."""
         return np.array([self.optimum.value])
+
+    def explain(self, seconds: float = 0.0) -> Explanation:
+        """Says that there is no rule: a table has an action for each state of its own.
+
+        Args:
+          seconds: nothing is measured, however many.
+        """
+        return Explanation((), "the policy is a table of a proven optimum, not a rule")
 
     def _repr_html_(self) -> str:
         rows = {

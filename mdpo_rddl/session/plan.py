@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mdpo_rddl.auto.outcome import RaceOutcome
 
 # for what the terms of a rule are worth
-_EXPLAINING_SECONDS = 1.0
+_EXPLAINING_SECONDS = 0.5
 # of a run that was stopped
 _FEW_EPISODES = 5
 

@@ -44,8 +44,8 @@ def _played(
     recorder: EpisodesRecorder | None,
     clock: Callable[[], float],
 ) -> Evaluation:
-    until = clock() + seconds
     env = make_environment(terms.problem)
+    until = clock() + seconds
 
     def has_time() -> bool:
         return clock() < until

@@ -123,3 +123,9 @@ def test_text_that_says_nothing_useful_is_refused_in_one_line(policy, tmp_path, 
     metadata, tensors = read_container(path, [TABLE_FORMAT])
     write_container(path, tensors, {**metadata, name: value})
     assert one_line(lambda: load_policy(path)).startswith(f"{path}: damaged policy file: ")
+
+
+def test_a_table_has_no_equation(policy):
+    explanation = policy.explain()
+    assert explanation.equations == ()
+    assert "table of a proven optimum" in str(explanation)

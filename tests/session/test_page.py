@@ -61,6 +61,10 @@ SUMMARY = {
         ],
     },
 }
+TERM = {"text": "+ 2 (level - 1)", "size": 1.5, "cost": 12.5, "cost_error": 0.25}
+LAST = {"text": "+ 3", "size": 0.5, "cost": None, "cost_error": None}
+EQUATION = {"head": "open(?t) is true if 0 <", "within": "", "terms": [TERM] * 8 + [LAST]}
+SUMMARY["rule"] = {"equations": [EQUATION], "note": "a note"}
 FLUENTS = (
     Fluent("state", "level", "real", ("t1", "t2"), 40),
     Fluent("state", "mood", "mood", ("",), 1, ("calm", "angry")),
@@ -140,6 +144,10 @@ def test_the_figures_are_those_of_the_run(page):
         "the 2 that change most of 40",
         "state mood",
         "99 of 100 below",
+        "open(?t) is true if 0 <",
+        "+ 2 (level - 1) 1.5 -12.50 0.25",
+        "+ 3 0.5 not measured",
+        "1 smaller terms",
     ):
         assert said in text, said
     alts = [image["alt"] for image in page.images]
@@ -166,7 +174,7 @@ def test_an_earlier_run_has_the_page_without_what_it_lacks(tmp_path):
     folder = write_run(tmp_path / "run")
     (folder / "trajectories.npz").unlink()
     (folder / "config.json").unlink()
-    later = ("references", "warnings", "command", "versions", "auto")
+    later = ("rule", "references", "warnings", "command", "versions", "auto")
     summary = {key: value for key, value in SUMMARY.items() if key not in later}
     (folder / "summary.json").write_text(json.dumps(summary))
     text = " ".join(Page(write_page(folder, tmp_path / "new" / "page.html")).text.split())
@@ -179,6 +187,12 @@ def test_an_earlier_run_has_the_page_without_what_it_lacks(tmp_path):
 def test_returns_that_are_not_finite(tmp_path):
     folder = write_run(tmp_path / "run", returns=[None, 1.0, 2.0], mean_return=None, ci95=[None, 1])
     assert "not finite" in Page(write_page(folder)).text
+
+
+def test_returns_that_are_all_the_same_have_no_distribution(tmp_path):
+    page = Page(write_page(write_run(tmp_path / "run", returns=[3.0, 3.0, 3.0])))
+    assert len(page.images) == 7
+    assert not [image for image in page.images if "distribution of the returns" in image["alt"]]
 
 
 def test_several_runs_on_one_page(tmp_path):

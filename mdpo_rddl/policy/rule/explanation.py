@@ -188,7 +188,8 @@ def _equation(
         return Equation(name, f"{left} is {other} if 0 <", "", terms)
     start = f"{noop.min():.4g}" if noop.min() == noop.max() else "its default"
     low, high = (np.asarray(bound, float) for bound in plan.bounds[name])
-    within = f"clipped to [{_bound(low)}, {_bound(high)}]"
+    is_bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
+    within = f"clipped to [{_bound(low)}, {_bound(high)}]" if is_bounded else "without bounds"
     rounded = "" if rddl.variable_ranges[name] == "real" else ", rounded"
     return Equation(name, f"{left} = {start}", within + rounded, terms)
 

@@ -56,7 +56,7 @@ def run_page(run: RunRecord, name: str | None = None) -> str:
         run=run,
         summary=summary,
         rows=rows,
-        returns=[draw_returns([row.returns for row in rows]), draw_distribution(rows[0].returns)],
+        returns=_returns(rows),
         race=summary.get("auto"),
         rule=summary.get("rule"),
         series=series,
@@ -126,6 +126,14 @@ def _has_fluents_of(first: RunRecord, other: RunRecord) -> bool:
     )
 
 
+def _returns(rows: Sequence[ResultRow]) -> list[Picture]:
+    """The returns of all, and the distribution of the policy's if its episodes differ."""
+    pictures = [draw_returns([row.returns for row in rows])]
+    if np.ptp(rows[0].returns.returns) > 0.0:
+        pictures.append(draw_distribution(rows[0].returns))
+    return pictures
+
+
 def _times(seconds: np.ndarray) -> Mapping[str, float]:
     """Decision times in milliseconds."""
     return {
@@ -152,6 +160,7 @@ def _environment() -> Environment:
     )
     environment.globals["median"] = np.median
     environment.filters |= {"number": _number, "interval": _interval, "data": _data}
+    environment.filters["change"] = lambda cost: ("+" if cost < 0 else "") + _number(-cost)
     return environment
 
 
