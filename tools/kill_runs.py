@@ -92,7 +92,7 @@ def main() -> int:
     """Runs the campaign; the exit status is 0 if nothing was lost."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--iterations", type=int, default=40_000)
+    parser.add_argument("--iterations", type=int, default=6_000)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     chance = random.Random(options.seed)
@@ -109,6 +109,7 @@ def main() -> int:
             while end == "killed" and figures["kills"] < options.kills:
                 end = kill_once(arguments, folder / f"{out}.unfinished", chance)
                 figures["kills"] += end == "killed"
+                print(json.dumps(figures), flush=True)
             if end == "killed":
                 end = "finished" if subprocess.run(arguments).returncode == 0 else "failed"
             figures["runs"] += 1
