@@ -9,6 +9,7 @@ from helpers.problems import assert_same_bits, tiny_files
 from helpers.trainings import FOREVER, KEY, paper_config
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner import training
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
@@ -35,6 +36,11 @@ BUDGET = Budget(250, FOREVER)
 def built(request, tmp_path_factory) -> Built[Any]:
     problem = load_problem(*tiny_files(tmp_path_factory.mktemp("tiny"), spread=0.3))
     return build_planner(problem, CONFIGS[request.param])
+
+
+@pytest.fixture(autouse=True)
+def _sizes_do_not_depend_on_the_machine(monkeypatch):
+    monkeypatch.setattr(training, "_CALL_SECONDS", FOREVER)
 
 
 def trained(built: Built[Any], checkpoints: Checkpoints | None = None) -> TrainingResult:
