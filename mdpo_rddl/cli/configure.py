@@ -2,7 +2,7 @@
 
 import argparse
 
-from mdpo_rddl.cli.options import any_noise_number, noise_numbers
+from mdpo_rddl.cli.option_checks import any_noise_number, noise_numbers
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise.units import RANGE
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS

@@ -14,7 +14,8 @@ from typing import NoReturn
 
 import argcomplete
 
-from mdpo_rddl.cli.options import check_plan_options, plan_parser
+from mdpo_rddl.cli.option_checks import check_plan_options
+from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.memory import watched_memory

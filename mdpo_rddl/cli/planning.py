@@ -16,7 +16,7 @@ from rich.console import Console
 
 from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import print_summary
-from mdpo_rddl.cli.options import preset_name
+from mdpo_rddl.cli.option_checks import preset_name
 from mdpo_rddl.cli.termination import Stop
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import (

@@ -18,7 +18,8 @@ import numpy as np
 
 from helpers.config_texts import NOISE, TEXT
 from helpers.plan_command import DOMAIN, INSTANCE
-from mdpo_rddl.cli.options import check_plan_options, plan_parser
+from mdpo_rddl.cli.option_checks import check_plan_options
+from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.conditions import CONDITIONS, load_conditions
 from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_results
