@@ -8,7 +8,7 @@ from pathlib import Path
 from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import read_bounded
+from mdpo_rddl.machine.files import decoded, read_bounded
 
 MOST_RDDL_BYTES = 2**20
 """Of one file; parsing that much takes about ten seconds."""
@@ -96,5 +96,4 @@ def _read_text(path: Path, role: str) -> str:
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         cause = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot read the {role} file: {cause}") from error
-    text = content.decode("utf-8-sig", errors="replace")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    return decoded(content, errors="replace")
