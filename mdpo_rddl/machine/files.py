@@ -48,6 +48,17 @@ def read_bounded(path: Path, most_bytes: int, within: Path | None = None) -> byt
         return content
 
 
+def decoded(content: bytes, errors: str = "strict") -> str:
+    """The text of a file in UTF-8, with Unix line ends and without a byte order mark.
+
+    Args:
+      content: of the file.
+      errors: as `bytes.decode` takes it.
+    """
+    text = content.decode("utf-8-sig", errors)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
 def read_json(path: Path, within: Path | None = None) -> Any:
     """Reads what `json` makes of a file of at most `MOST_BYTES`, as `read_bounded` reads it.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import read_bounded
+from mdpo_rddl.machine.files import decoded, read_bounded
 from mdpo_rddl.problem.shipped import shipped_files, shipped_names
 
 MOST_RDDL_BYTES = 2**20
@@ -140,5 +140,4 @@ def _read_text(path: Path, role: str) -> str:
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         cause = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot read the {role} file: {cause}") from error
-    text = content.decode("utf-8-sig", errors="replace")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    return decoded(content, errors="replace")

@@ -13,7 +13,7 @@ from typing import Any
 
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import read_bounded
+from mdpo_rddl.machine.files import decoded, read_bounded
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.config.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS, Budget
 from mdpo_rddl.planner.config.checks import (
@@ -53,7 +53,7 @@ class PlannerConfig:
           InputError: if it cannot be read, or as `from_text` does.
         """
         try:
-            text = read_bounded(Path(path), _MOST_BYTES).decode("utf-8-sig")
+            text = decoded(read_bounded(Path(path), _MOST_BYTES))
         except (OSError, ValueError) as error:  # not UTF-8, or a name with a null character
             reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
             raise InputError(f"{path}: cannot read the configuration: {reason}") from error
