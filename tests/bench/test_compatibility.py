@@ -209,7 +209,7 @@ def test_the_sweep_goes_on_after_every_kind_of_death(fates):
     assert len(processes) == 2  # a fresh one after each death
     _, _, _, hanging, hungry, _ = fates.rows
     assert 3 <= float(hanging["seconds"]) < 60
-    assert 1.2e9 / 2**20 <= float(hungry["peak_mb"]) < 2300
+    assert 1.2e9 // 2**20 <= float(hungry["peak_mb"]) < 2300
 
 
 def test_what_is_recorded_is_not_tried_again(fates, monkeypatch):

@@ -88,7 +88,7 @@ def test_a_race_is_cancelled_with_what_was_found(files):
 
     config = config_of_preset("auto", "tiny").with_values("Search", alternatives=False)
     policy = mdpo_rddl.plan(*files, seconds=300, config=config, on_progress=until_there_is_a_policy)
-    assert {"probing", "searching"} <= {progress.stage for progress in seen}
+    assert "probing" in {progress.stage for progress in seen}
     assert seen[-1].seconds < 150
     assert policy.returns[-1] == pytest.approx(seen[-1].best_return)
     assert "best return" in seen[-1]._repr_html_()
