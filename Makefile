@@ -3,13 +3,17 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit licences hardening clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit licences hardening clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
 
 test: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not wheel" --durations=30
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not long and not wheel" --durations=30
+
+# what takes seconds and is seen in part by `make test`; CI runs both
+test-long: $(VENV)/.installed
+	$(BIN)/pytest -n 2 --dist worksteal -m "long and not slow" --durations=10
 
 test-all: $(VENV)/.installed lint
 	$(BIN)/pytest -n 2 --dist worksteal -m "not wheel" --durations=30

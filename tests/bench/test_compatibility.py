@@ -31,6 +31,7 @@ PLENTY = Limits(seconds=120, memory_gb=8)
 # --- a small part of the sweep ---------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_problem_with_limited_bools_trains_with_every_planner_through_the_command(
     tmp_path, capsys
 ):
@@ -47,6 +48,7 @@ def test_a_problem_with_limited_bools_trains_with_every_planner_through_the_comm
     assert all(100 < float(row["peak_mb"]) < 4000 for row in rows)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "plan"),
     [
@@ -192,6 +194,7 @@ def fates(tmp_path_factory) -> Records:
     return records
 
 
+@pytest.mark.long
 def test_the_sweep_goes_on_after_every_kind_of_death(fates):
     assert [row["planner"] for row in fates.rows] == FATES
     assert [row["status"] for row in fates.rows] == [
@@ -212,6 +215,7 @@ def test_the_sweep_goes_on_after_every_kind_of_death(fates):
     assert 1.2e9 // 2**20 <= float(hungry["peak_mb"]) < 2300
 
 
+@pytest.mark.long
 def test_what_is_recorded_is_not_tried_again(fates, monkeypatch):
     again = Records(fates.path, COLUMNS, KEYS)
     monkeypatch.setattr(attempts, "run_guarded", nothing_to_do)

@@ -15,7 +15,9 @@ from mdpo_rddl.problem.load import load_problem
 QUICK = ["TSP_or", "Intruders_Discrete", "Pong_arcade", "PushYourLuck_ippc2018"]
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [QUICK[0], *(pytest.param(n, marks=pytest.mark.long) for n in QUICK[1:])]
+)
 def test_the_model_agrees_with_the_environment(name):
     found = compare(load_problem(name, first_instance(name), 15))
     assert found.difference == ""
@@ -46,6 +48,7 @@ def test_a_difference_is_told():
     assert difference(wide, moved).startswith("mean return")
 
 
+@pytest.mark.long
 def test_a_row_a_problem(tmp_path, monkeypatch):
     monkeypatch.setattr(exactness, "run_guarded", in_this_process)
     records = run_exactness(tmp_path, ["TSP_or"], 5, Limits(300, 8))

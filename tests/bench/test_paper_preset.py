@@ -67,6 +67,7 @@ def test_a_paper_preset_that_is_complete_trains_nothing(measured, monkeypatch):
     assert measured.path.read_bytes() == written
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("finished", [0, 3])
 def test_a_paper_preset_stopped_in_a_training_goes_on(measured, tmp_path, monkeypatch, finished):
     with monkeypatch.context() as patch:
@@ -79,6 +80,7 @@ def test_a_paper_preset_stopped_in_a_training_goes_on(measured, tmp_path, monkey
     assert without_seconds(resumed.rows) == without_seconds(measured.rows)
 
 
+@pytest.mark.long
 def test_more_seeds_leave_those_that_are_there(measured, tmp_path):
     one = run_paper_preset(tmp_path, **MEASUREMENT | {"size": replace(SIZE, seeds=1)})
     assert without_seconds(one.rows) == without_seconds(measured.rows[0::2])

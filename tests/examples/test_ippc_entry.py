@@ -38,6 +38,7 @@ def test_an_interrupted_preparation_leaves_a_policy_that_plays(tmp_path):
     assert seconds < 300
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_interrupted_decisions_are_no_ops_and_the_episode_goes_on(tmp_path):
     # no decision is made in that time

@@ -94,7 +94,9 @@ def jaxplan_s_main(folder, name):
     return runpy.run_path(str(script))["main"]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", ["slp", *(pytest.param(name, marks=pytest.mark.long) for name in ("drp", "replan"))]
+)
 def test_jaxplan_s_script_plays_the_same_episode_without_noise(tmp_path, played, method):
     files, configs = tiny_files(tmp_path), configs_of(tmp_path, method, noise=SILENT)
     # JaxPlan reads the file with [Noise] too

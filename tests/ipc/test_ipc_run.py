@@ -43,6 +43,7 @@ def mishaps(tmp_path_factory):
     return folder, entries, results(folder / "out", entries)
 
 
+@pytest.mark.long
 def test_every_failure_is_recorded_and_the_run_goes_on(mishaps):
     _, _, (dying, hanging, raising) = mishaps
     assert statuses(raising) == ["ok", "error", "ok"]

@@ -162,6 +162,8 @@ CONFIGS = {
 }
 QUICK_CONFIGS = {"PowerGen_Continuous_replan", "Wildfire_MDP_ippc2014_slp", "default_replan"}
 CASES |= {name: (configured(name, *problem), NoNoise()) for name, problem in CONFIGS.items()}
+# others of their kind are quicker
+LONG = {"slp, batch", "clipping and averaging", "cvar", "entropic", "default_replan"}
 QUIET = ["restarts", "preprocessor", "critic"]
 
 
@@ -174,7 +176,9 @@ def jaxplan_s(name: str) -> Ends:
 
 def marked(name: str) -> Any:
     is_slow = name in CONFIGS.keys() - QUICK_CONFIGS
-    return pytest.param(name, marks=pytest.mark.slow if is_slow else [])
+    is_long = name in LONG
+    marks = pytest.mark.slow if is_slow else pytest.mark.long if is_long else []
+    return pytest.param(name, marks=marks)
 
 
 @pytest.mark.parametrize("name", [marked(name) for name in CASES])

@@ -29,10 +29,11 @@ CONFIGS = {
     .with_section("Noise", {"method": "AnnealedNoise"})
     .without_section("MDPO"),
 }
+LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("adaptive", "calls")]
 BUDGET = Budget(250, FOREVER)
 
 
-@pytest.fixture(scope="module", params=CONFIGS)
+@pytest.fixture(scope="module", params=["paired", *LONG])
 def built(request, tmp_path_factory) -> Built[Any]:
     problem = load_problem(*tiny_files(tmp_path_factory.mktemp("tiny"), spread=0.3))
     return build_planner(problem, CONFIGS[request.param])

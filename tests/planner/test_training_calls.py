@@ -30,6 +30,7 @@ def calling_planner() -> Built[MDPOPlanner]:
     return build_planner(reservoir(), paper_config().with_section("MDPO", values))
 
 
+@pytest.mark.long
 def test_calls_train_as_single_iterations_do(planner, calling_planner):
     single = train(planner, KEY, Budget(155, FOREVER))
     calls = train(calling_planner, KEY, Budget(155, FOREVER))

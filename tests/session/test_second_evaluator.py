@@ -95,6 +95,7 @@ def test_the_process_ends_with_the_block(request_and_policy):
     assert not is_alive(pid)
 
 
+@pytest.mark.long
 def test_the_command_reports_the_same_with_and_without_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(second_evaluator, "usable_cores", lambda: 2)
@@ -138,7 +139,7 @@ sys.exit(status or [one is None for one in played] != [False])
 """
 
 
-@pytest.mark.parametrize("keeps", [True, False])
+@pytest.mark.parametrize("keeps", [pytest.param(True, marks=pytest.mark.long), False])
 def test_no_process_of_a_command_keeps_anything_unless_it_may(tmp_path, keeps):
     domain, instance = tiny_files(tmp_path)
     cache, home = tmp_path / "cache", tmp_path / "home"

@@ -104,6 +104,7 @@ def test_an_interrupt_before_there_is_a_policy_ends_everything(tmp_path, monkeyp
         raced(toys.walk(tmp_path, 6))
 
 
+@pytest.mark.long
 def test_a_problem_too_large_goes_on_with_the_other_arms_within_its_time(tmp_path):
     # the share ends before the first step backward
     clock = Ticking(1.0)

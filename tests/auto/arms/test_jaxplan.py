@@ -82,6 +82,7 @@ class Answering:
         """There is nothing to end."""
 
 
+@pytest.mark.long
 def test_policies_are_taken_for_their_own_problem_only(problem, tmp_path, monkeypatch):
     monkeypatch.setattr(jaxplan, "_SHARE", 0.0)  # one second
     folders = [tmp_path / name for name in ("policies", "other")]

@@ -30,6 +30,7 @@ def toy(tmp_path_factory, monkeypatch):
     exact.exact_problem.cache_clear()
 
 
+@pytest.mark.long
 def test_every_choice_is_tried_by_itself(toy, tmp_path, capsys, monkeypatch):
     arguments = ["paper-sensitivity", "--settings", "powergen7", "--out", str(tmp_path), *SIZE]
     assert bench.main([*arguments, "--factors", "sigma_max"]) == 0

@@ -42,6 +42,7 @@ def small(monkeypatch):
     monkeypatch.setattr(theorem, "_TRAINING", 2)
 
 
+@pytest.mark.long
 def test_bench_compares_the_two_derivatives(small, tmp_path, capsys):
     arguments = ["theorem", "--batches", "4", "--out", str(tmp_path)]
     assert bench.main(arguments) == 0
