@@ -35,7 +35,7 @@ from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, next_contender
-from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.errors import Cancelled, one_line_cause
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -135,6 +135,11 @@ class Schedule:
         except (KeyboardInterrupt, Cancelled):
             self._judge_candidates(arm)
             raise
+        except Exception as error:  # the other arms find a policy without this one
+            if self._judge.incumbent is None:
+                raise
+            logger.warning("%s is given up: %s", arm.name, one_line_cause(error))
+            arm.is_exhausted = True
         return self._judge_candidates(arm)
 
     def _judge_candidates(self, arm: Arm) -> bool:
@@ -164,7 +169,7 @@ class Schedule:
         found = self._beats_noop(self._best)
         rounds_until = arena.until(self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_trainings(rounds_until)
-        self._compete(rounds_until)
+        self._compete(rounds_until, polishing=found)
         if self._beats_noop(self._best):
             self._finish()
         else:
@@ -249,11 +254,16 @@ class Schedule:
         for other in self._contenders:
             other.waited = 0 if other is contender else other.waited + 1
 
-    def _compete(self, until: float) -> None:
-        """Rounds of slices, each for the arm that promises most."""
+    def _compete(self, until: float, polishing: bool = True) -> None:
+        """Rounds of slices, each for the arm that promises most.
+
+        Args:
+          until: when they end.
+          polishing: whether there is a policy that is worth a search around it.
+        """
         arena, judge = self._arena, self._judge
-        polisher = self._polisher
-        self._contenders.append(Contender(polisher, lambda: arena.incumbent.mean))
+        if polishing:
+            self._contenders.append(Contender(self._polisher, lambda: arena.incumbent.mean))
         self._on_stage("racing")
         number = 0
         while (left := until - arena.clock()) > _SHORTEST_SECONDS:

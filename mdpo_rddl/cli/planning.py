@@ -17,7 +17,7 @@ from rich.console import Console
 from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import print_summary
 from mdpo_rddl.cli.option_checks import preset_name
-from mdpo_rddl.cli.termination import Stop
+from mdpo_rddl.cli.termination import TERMINATED, Stop, Terminated
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
@@ -56,7 +56,7 @@ class _StoppingBar(ProgressBar):
         """
         super().training(progress)
         if self._stop.is_wanted:
-            raise KeyboardInterrupt
+            raise Terminated if self._stop.status == TERMINATED else KeyboardInterrupt
 
 
 def run(
@@ -133,6 +133,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
     own_seed = config.key
     seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
+    options.out = out  # whoever is stopped is told where
     return PlanRequest(
         problem,
         config,

@@ -14,14 +14,14 @@ TRACED, TABLES = "traced", "grammar-tables"
 """The folder of traced programs in it, and the file of the grammar's tables."""
 
 # JAX's, and ours
-_PROGRAM = re.compile(rf".*-(cache|atime)|{TRACED}/(tmp\w+|[0-9a-f]{{64}})|{TABLES}")
+_PROGRAM = re.compile(rf".*-[0-9a-f]{{64}}-(cache|atime)|{TRACED}/(tmp\w+|[0-9a-f]{{64}})|{TABLES}")
 _CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def cache_folder() -> Path:
     """Where programs are kept: in the user's cache folder, or where JAX was told to."""
-    if _CACHE_VARIABLE in os.environ:
-        return Path(os.environ[_CACHE_VARIABLE])
+    if folder := os.environ.get(_CACHE_VARIABLE):
+        return Path(folder)
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "mdpo-rddl" / "jax"
 

@@ -102,7 +102,7 @@ class CheckpointedLoop:
     def passed(self, callback: Mapping[str, Any]) -> None:
         """An iteration is done, and `found` knows of it."""
         if callback["status"].is_terminal():
-            self._latest = None
+            self.save()  # the evaluation may be interrupted too; the last call is done again then
             return
         loop, found = self._loop.state(callback), self.found.snapshot()
         now = time.monotonic()
@@ -126,6 +126,7 @@ class CheckpointedLoop:
         """Leaves a checkpoint of the last iteration, unless it was the last one of all."""
         if self._latest is not None:
             self._checkpoints.save(self._latest())
+            self._latest = None
         self._saved_at = time.monotonic()
 
 

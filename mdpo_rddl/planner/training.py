@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.errors import Cancelled, InputError, one_line_cause
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import CheckpointedLoop, Checkpoints
 from mdpo_rddl.planner.config.budgets import Budget
@@ -197,7 +197,7 @@ class Training:
         try:
             with self._built.planner.call_sizes(*(self._sizes or ())):
                 while not self.has_ended:
-                    callback = next(self._callbacks, None)
+                    callback = self._next(self._callbacks)
                     self.train_seconds = before + time.perf_counter() - started
                     self.has_ended = callback is None
                     if callback is not None:
@@ -225,6 +225,16 @@ class Training:
         earlier = 0.0 if self._resumed is None else self._resumed.seconds
         seconds = self.compile_seconds, self.train_seconds + earlier
         return _result(found, self._status, seconds, advice)
+
+    def _next(self, callbacks: Iterator[dict[str, Any]]) -> dict[str, Any] | None:
+        """The next callback, or None; an `InputError` if a checkpoint turns out not to fit."""
+        try:
+            return next(callbacks, None)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            if self._resumed is None or self.train_seconds > 0.0:
+                raise
+            cause = one_line_cause(error)
+            raise InputError(f"the checkpoint does not fit the planner: {cause}") from error
 
     def _add(self, callback: Mapping[str, Any]) -> None:
         found, budget = self._loop.found, self.budget
@@ -263,7 +273,7 @@ def _loop(built: Built[MDPOPlanner], checkpoints: Checkpoints | None) -> _Loop |
         if checkpoints.resumed is not None:
             _ = [int(size) for size in checkpoints.resumed.numbers["call"]]
         return CheckpointedLoop(built, checkpoints)
-    except (LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"the checkpoint does not fit the planner: {error}") from error
 
 
@@ -302,7 +312,9 @@ def _result(
         )
     best = _to_numpy(found.best_params)
     if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(best)):
-        raise InputError(f"training diverged: the best policy is not finite; {advice}")
+        raise InputError(
+            f"training diverged: the best policy is not finite; {advice or ''}".rstrip("; ")
+        )
     if advice is not None:
         logger.warning("%s", advice)
     logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)

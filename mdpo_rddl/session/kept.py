@@ -82,7 +82,14 @@ class KeptPair(Generic[Kept]):
             terms, number = json.loads(text["terms"]), int(text["number"])
             differing = [name for name in self._terms if terms[name] != self._terms[name]]
             kept = self._parse(text, tensors)
-        except (LookupError, RecursionError, TypeError, ValueError) as error:
+        except (
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as error:
             raise InputError(f"{path}: damaged checkpoint: {error!r:.200}") from error
         if differing:
             raise InputError(f"{path}: cannot be resumed: it is of another {differing[0]}")

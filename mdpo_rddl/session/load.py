@@ -13,7 +13,7 @@ from mdpo_rddl.policy.lookahead.choice import longest_choice
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
-from mdpo_rddl.session.movie import write_movie
+from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
@@ -82,5 +82,5 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             folder.commit()
         if request.movie is not None:
             reporter.stage("drawing")
-            write_movie(request.movie, policy, problem, seed)
+            draw_movie(request.movie, policy, problem, seed)
     return summary

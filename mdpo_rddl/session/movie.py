@@ -1,5 +1,6 @@
 """An episode as a movie."""
 
+import logging
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,8 @@ from mdpo_rddl.problem.episode import Policy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.visualizer import drawing
+
+logger = logging.getLogger(__name__)
 
 MOVIE_SUFFIXES = (".gif", ".mp4")
 _MOST_FRAMES, _WIDEST = 200, 720
@@ -29,6 +32,14 @@ def check_movie(path: Path) -> None:
         raise InputError(f"{path}: a movie ends with {' or '.join(MOVIE_SUFFIXES)}")
     if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"{path}: writing .mp4 needs ffmpeg, which is not there; .gif does not")
+
+
+def draw_movie(path: Path, policy: Policy, problem: Problem, seed: int) -> None:
+    """`write_movie` for a run that is done: a visualizer's mistake costs the movie alone."""
+    try:
+        write_movie(path, policy, problem, seed)
+    except Exception as error:  # whatever somebody's visualizer raises
+        logger.warning("no movie: %s", " ".join(f"{error}".split()) or type(error).__name__)
 
 
 def write_movie(path: Path, policy: Policy, problem: Problem, seed: int) -> None:

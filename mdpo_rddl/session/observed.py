@@ -72,6 +72,8 @@ class Observed:
     def write(self, folder: Path) -> None:
         """Writes the trajectories and the decision times."""
         plays = {"policy": self.recorder.result(), "noop": self._noop.result()}
+        # the no-op was not played where an episode takes too long
+        plays = {name: play for name, play in plays.items() if len(play.rewards)}
         write_play(folder, plays, np.array(self._seconds))
 
     def _decision_times(self) -> dict[str, float] | None:

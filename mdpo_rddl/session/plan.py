@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
@@ -15,7 +16,7 @@ from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.checkpoints import training_checkpoints
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
-from mdpo_rddl.session.movie import write_movie
+from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 from mdpo_rddl.session.report.page.write import add_page
@@ -31,6 +32,7 @@ from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.thinking import choice_times, think, without_choice
+from mdpo_rddl.session.unfinished import RACE_FILES, TRAINING_FILES
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto.candidate import Judged
@@ -70,8 +72,12 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
         is left behind then.
     """
-    find = _race if is_race(request.config) else _train_once
+    race = is_race(request.config)
+    find, own = (_race, RACE_FILES) if race else (_train_once, TRAINING_FILES)
     with RunFolder(request.out, request.resume) as folder, kept_warnings() as warnings:
+        if other := sorted(set(folder.checkpoints) - set(own)):
+            path = folder.unfinished / other[0]
+            raise InputError(f"{path}: cannot be resumed: it is of another configuration")
         found = find(request, reporter, folder.unfinished)
         figures = {**found.observed.figures(), "warnings": warnings, "command": request.command}
         summary = found.summary | figures
@@ -82,7 +88,7 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         folder.commit(found.is_finished)
     if request.movie is not None and found.is_finished:
         reporter.stage("drawing")
-        write_movie(request.movie, found.policy, request.problem, request.seed)
+        draw_movie(request.movie, found.policy, request.problem, request.seed)
     return summary
 
 
@@ -163,7 +169,10 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
         on_judged=judged,
         earlier=kept.start,
     )
-    return find_by_race(without_choice(request), reporter, options)
+    outcome = find_by_race(without_choice(request), reporter, options)
+    if outcome.interrupted:
+        kept.stopped(outcome.seconds)
+    return outcome
 
 
 def _played(

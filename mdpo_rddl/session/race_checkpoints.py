@@ -57,6 +57,10 @@ class RaceCheckpoints:
             self._save(judged.seconds)
             self._saved_at = now
 
+    def stopped(self, seconds: float) -> None:
+        """The race was ended early, after so many seconds."""
+        self._save(seconds)
+
     def _save(self, seconds: float) -> None:
         if self._incumbent is None or self._incumbent.candidate.params is None:
             return  # a table ends its race at once
@@ -95,4 +99,6 @@ def _start(text: Metadata, tensors: Tensors) -> "EarlierIncumbent":
     )
     if not (math.isfinite(start.seconds) and start.seconds >= 0.0):
         raise ValueError("its seconds are not those of a race")
+    if not math.isfinite(start.mean):
+        raise ValueError("its mean is not that of a policy")
     return start

@@ -26,9 +26,19 @@ PHRASES = {
 }
 FILES = [
     path
-    for pattern in ("*.md", "docs/**/*.md", "mdpo_rddl/**/*.py", "tools/*", "examples/**/*.*")
+    for pattern in (
+        "*.md",
+        "docs/**/*.md",
+        "mdpo_rddl/**/*.py",
+        "mdpo_rddl/**/*.j2",
+        "tools/*",
+        "examples/**/*.*",
+        "*.yml",
+        "pyproject.toml",
+    )
     for path in sorted(ROOT.glob(pattern))
-    if path.is_file() and path.suffix in (".md", ".py", ".sh", ".rddl")
+    if path.is_file()
+    and path.suffix in (".md", ".py", ".sh", ".rddl", ".j2", ".ipynb", ".yml", ".toml")
 ]
 
 

@@ -10,7 +10,7 @@ from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.machine.cache import bound_cache, clear_cache
 
 OLD = "traced/" + "0f" * 32
-FILES = ["jit_f-123-cache", OLD, "grammar-tables"]
+FILES = [f"jit_f-{'0f' * 32}-cache", OLD, "grammar-tables"]
 
 
 def fill(folder: Path) -> None:

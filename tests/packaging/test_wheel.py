@@ -19,6 +19,7 @@ QUICK = "--preset paper --iterations 2 --horizon 5 --episodes 2 --out run --quie
 COMMANDS = {
     "mdpo-plan --list": "Reservoir_ippc2023 1|2|3|4|5\n",
     f"mdpo-plan hvac10 {QUICK}": '"label": "hvac10"',
+    "mdpo-report run": "written to run/report.html",
     "mdpo-bench auto --problems hvac10 --planners expert --seeds 1 --episodes 1": "| hvac10 |",
     "mdpo-ipc run --problems HVAC_ippc2023:1 --planners noop,random --trials 1 --out ipc": "noop",
 }
@@ -63,6 +64,10 @@ def test_the_wheel_has_the_problems_the_tables_and_the_types(wheel):
         assert names
         assert {f"shipped/{folder}/{name}" for name in names} <= inside
     assert {"py.typed", "bench/tasks/published.csv"} <= inside
+    assert {
+        "session/report/page/run.html.j2",
+        "planner/config/shipped/HVAC_ippc2023_drp.cfg",
+    } <= inside
 
 
 def test_the_commands_run_in_any_folder(installed, tmp_path):

@@ -67,7 +67,9 @@ def test_a_broken_run_is_the_unbroken_one(built):
         again: list[TrainingState] = []
         resumed = trained(built, Checkpoints(FOREVER, again.append, state))
         assert_same(resumed, whole)
-        assert again == []
+        # the evaluation, which comes next, may be interrupted too
+        assert all(later.iterations < whole.iterations for later in again)
+        assert len(again) <= 1
         assert resumed.train_seconds > state.seconds
     # and again without any
     assert_same(trained(built), whole)

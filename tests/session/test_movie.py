@@ -88,3 +88,12 @@ def test_a_video(tanks, tmp_path, monkeypatch):
     monkeypatch.setattr(visualizer, "_own_visualizer", lambda problem: Colours)
     write_movie(tmp_path / "episode.mp4", noop, tanks, seed=0)
     assert (tmp_path / "episode.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_visualizer_that_fails_costs_the_movie_alone(tanks, tmp_path, monkeypatch, caplog):
+    def broken(*arguments):
+        raise ValueError("no\npicture")
+
+    monkeypatch.setattr(movie, "write_movie", broken)
+    movie.draw_movie(tmp_path / "episode.gif", noop, tanks, 0)
+    assert caplog.messages == ["no movie: no picture"]

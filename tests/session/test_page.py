@@ -143,7 +143,7 @@ def test_the_figures_are_those_of_the_run(page):
         "[Noise] sigma 0.5",
         "the 2 that change most of 40",
         "state mood",
-        "99 of 100 below",
+        "99th percentile",
         "open(?t) is true if 0 <",
         "+ 2 (level - 1) 1.5 -12.50 0.25",
         "+ 3 0.5 not measured",

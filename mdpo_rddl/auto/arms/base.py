@@ -197,7 +197,7 @@ class CompilingArm(ArenaArm):
     def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:
         """Whether the judge can play a planner's policies.
 
-        What that needs is compiled once the arm's estimate reaches the incumbent's return, so
+        What that needs is compiled once the arm's estimate exceeds the incumbent's return, so
         that an arm that finds nothing costs less.
 
         Args:
@@ -208,7 +208,8 @@ class CompilingArm(ArenaArm):
         judge = self._arena.judge
         if not self._is_judged:
             self._log.details = {"estimate": self._estimate}
-            if self._estimate < judge.best_mean:
+            # also where it is no number
+            if not self._estimate > judge.best_mean:
                 return False
             self._is_judged = True
             self._start(lambda: judge.prepare(planner, params))

@@ -51,10 +51,10 @@ class OwnWeightsArm(ArenaArm):
         weights = weights_of(parent.params, ["shared", "own"])
         if weights.start.size > _MOST_OWN_WEIGHTS:
             weights = weights_of(parent.params, ["shared"])
-        # the candidates' generator refuses the seed 0
-        seed = arena.seed + 1
+        # each slice has samples and rollouts of its own; the generator refuses the seed 0
+        seed, before = arena.seed + max(1, self._log.slices), self._log.iterations
         sampling = Sampling(around.sigma, population.population, seed, separable=True)
         adaptation = Adaptation(weights.start, sampling, self._clock)
-        adaptation.run(lambda number, vectors: population(weights, number, vectors), until)
+        adaptation.run(lambda number, vectors: population(weights, before + number, vectors), until)
         self._log.iterations += adaptation.iterations
         self._offer_child(parent, around.label, weights.to_params(adaptation.mean))

@@ -43,7 +43,9 @@ class ParameterExplorationArm(CompilingArm):
         if not self._is_compiled(until):
             return
         exploration = self._exploration
-        if exploration.iterations and exploration.best_return <= self._best_before:
+        stalled = exploration.iterations and exploration.best_return <= self._best_before
+        # where all samples return the same, the best is as good as any other
+        if stalled and not exploration.is_flat:
             exploration.narrow(_NARROWER)
         self._best_before = exploration.best_return
         exploration.run(self._evaluate, until)
@@ -62,9 +64,8 @@ class ParameterExplorationArm(CompilingArm):
         params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
         start, self._to_params = ravel_pytree(params)
         self._to_each = jax.jit(jax.vmap(self._to_params))
-        large = arena.probe.policy_seconds is not None
-        rollouts = 1 if large or arena.probe.deterministic else _ROLLOUTS
-        self._returns = compile_exact_returns(planner, rollouts, 1 if large else None)
+        rollouts = 1 if arena.probe.deterministic else _ROLLOUTS
+        self._returns = compile_exact_returns(planner, rollouts)
         self._key = jax.random.fold_in(key, 1)
         exploring = Exploring(seed=arena.seed)
         self._exploration = ParameterExploration(np.asarray(start), exploring, self._clock)

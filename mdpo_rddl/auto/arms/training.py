@@ -1,6 +1,7 @@
 """The arms that train JaxPlan's own classes of policies in our calls, each on its own line."""
 
 import logging
+import math
 
 import jax
 
@@ -73,7 +74,8 @@ class TrainingArm(CompilingArm):
         self._log.iterations = result.iterations
         self._log.records = result.history
         self.is_exhausted = training.has_ended
-        self._estimate = max(record.test_return for record in result.history)
+        returns = [record.test_return for record in result.history]
+        self._estimate = max(filter(math.isfinite, returns), default=-math.inf)
         is_interrupted = result.status == "interrupted"
         if is_interrupted and not self._is_judged:
             raise Cancelled  # whoever interrupts does not wait for a compilation

@@ -43,6 +43,7 @@ class ParameterExploration:
       best: the parameters of the best single sample so far [D]; the mean before the first.
       best_return: what that one returned.
       iterations: done so far.
+      is_flat: whether no two samples of an iteration have differed in their returns yet.
     """
 
     def __init__(self, start: np.ndarray, exploring: Exploring, clock: Clock) -> None:
@@ -59,7 +60,7 @@ class ParameterExploration:
         self._first, self._second = np.zeros_like(self.mean), np.zeros_like(self.mean)
         self._sigma, self._moves = exploring.sigma, 0
         self.best, self.best_return = self.mean, -np.inf
-        self.iterations = 0
+        self.iterations, self.is_flat = 0, True
 
     def narrow(self, factor: float) -> None:
         """Goes on around the best sample with a smaller deviation.
@@ -88,6 +89,7 @@ class ParameterExploration:
         samples = self.mean + self._sigma * np.concatenate([noise, -noise])
         returns = np.asarray(evaluate(self.iterations, samples), float)
         returns = np.where(np.isfinite(returns), returns, -np.inf)
+        self.is_flat &= bool(np.all(returns == returns[0]))
         self.iterations += 1
         first = int(np.argmax(returns))
         if returns[first] > self.best_return:

@@ -76,11 +76,9 @@ def _seconds(text: str) -> str:
 
 def _row(source: Problem, target: Problem, seconds: float, seed: int) -> list[Any]:
     """All columns but the keys; returns are the judge's, on the exact model."""
-    given = _race(source, seconds, seed).policy
-    if not isinstance(given, Policy):
-        raise InputError(f"{source.label}: a table fits no other instance")
+    given = accepted_start(_race(source, seconds, seed, is_lifted=True).policy, target)
     cold = _race(target, seconds, seed)
-    warm = _race(target, seconds, seed, accepted_start(given, target))
+    warm = _race(target, seconds, seed, start=given)
     goal = cold.chosen.known_mean
     first = next(j.candidate for j in warm.judged if j.candidate.label == START)
     noop = cold.probe.noop_return if cold.probe else np.nan
@@ -95,9 +93,18 @@ def _row(source: Problem, target: Problem, seconds: float, seed: int) -> list[An
     ]
 
 
-def _race(problem: Problem, seconds: float, seed: int, start: Policy | None = None) -> RaceOutcome:
+def _race(
+    problem: Problem,
+    seconds: float,
+    seed: int,
+    start: Policy | None = None,
+    is_lifted: bool = False,
+) -> RaceOutcome:
+    """A race; only for a lifted rule, which fits other instances, if `is_lifted`."""
     config = auto_preset(problem.domain_name).with_values("Optimize", train_seconds=seconds)
     config = config.with_values("Search", alternatives=False, optimum_until=0.0)
+    if is_lifted:
+        config = config.with_values("Search", without=["pgpe", "slp", "drp"])
     options = RaceOptions(initial=functools.partial(start_candidates, policy=start))
     return plan_automatically(problem, config, seed, options)
 

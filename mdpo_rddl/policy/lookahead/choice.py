@@ -28,6 +28,8 @@ NO_TIME = "no time"
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # the fractional parts of its multiples are spread evenly
+# a gain must be so many standard errors: the best of several methods is taken
+_ERRORS = 2.0
 _GOLDEN = 0.618033988749895
 
 
@@ -49,8 +51,10 @@ class Trial:
 
     @property
     def pays(self) -> bool:
-        """Whether the gain is beyond its error."""
-        return self.mean is not None and self.error is not None and self.mean > self.error
+        """Whether the gain is beyond two standard errors."""
+        if self.mean is None or self.error is None:
+            return False
+        return self.mean > _ERRORS * self.error
 
 
 @dataclass(frozen=True, eq=False)

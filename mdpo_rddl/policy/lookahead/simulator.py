@@ -32,6 +32,8 @@ _ROLLOUTS, _FEWEST, _MOST = 512, 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
 _MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
+# of the time of a step as it was measured first: no step is expected to be faster
+_LEAST_SHARE = 0.5
 _LEGALITY_BATCH = 64
 # a return that is not finite must not look like a gain
 _NOT_FINITE = -1e30
@@ -63,6 +65,7 @@ class Simulator:
         hyperparams = dict(policy.policy_hyperparams)
         self._climb: Callable[..., Any] | None = None
         self._climb_seconds = (0.0, 0.0)
+        self._least_climb_seconds = 0.0
         self._is_random = has_draws(policy.problem.model)
         self._policy_arguments = jax.device_put((policy.params, hyperparams))
 
@@ -104,6 +107,7 @@ class Simulator:
         one = float(np.median([call(1) for _ in range(3)]))
         many = call(_MEASURED_STEPS)
         self._climb_seconds = one, max(many - one, 0.1 * one) / (_MEASURED_STEPS - 1)
+        self._least_climb_seconds = _LEAST_SHARE * self._climb_seconds[1]
 
     def climb(
         self,
@@ -176,7 +180,8 @@ class Simulator:
         for expected in (self._overhead, self._per_step):
             expected.update({kind: _AFTER_NONE * each for kind, each in expected.items()})
         overhead, each = self._climb_seconds
-        self._climb_seconds = _AFTER_NONE * overhead, _AFTER_NONE * each
+        # one call of far too many steps could not be ended
+        self._climb_seconds = overhead, max(_AFTER_NONE * each, self._least_climb_seconds)
 
     def legal(self, state: Mapping[str, Any], actions: np.ndarray) -> np.ndarray:
         """Which of the actions [M, D] are legal [M]."""

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import is_temporary, sync_folder, write_atomically
+from mdpo_rddl.machine.files import is_temporary, read_json, sync_folder, write_atomically
 from mdpo_rddl.machine.locks import FolderLock
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.session.unfinished import CHECKPOINTS, UNFINISHED
@@ -100,7 +100,8 @@ class RunFolder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._clear_staging()
+        # an earlier run that could not be put back stays in its place, for the next one to do so
+        shutil.rmtree(self.staging, ignore_errors=True)
         self._leave()
 
     @property
@@ -129,8 +130,8 @@ class RunFolder:
     def _replace(self) -> None:
         replaced = self.unfinished / _REPLACED
         shutil.rmtree(replaced, ignore_errors=True)
-        os.replace(self.target, replaced)
         try:
+            os.replace(self.target, replaced)
             os.replace(self.staging, self.target)
         except BaseException:  # an interrupt must not cost the earlier run either
             with contextlib.suppress(OSError):
@@ -197,7 +198,7 @@ class RunFolder:
                 f"{self.unfinished}: holds an unfinished run, which --resume goes on with; "
                 "delete it to begin anew"
             )
-        if resume and not kept and self._replaces:
+        if resume and not kept and self._replaces and not _was_stopped(self.target):
             raise InputError(f"{self.target}: the run there is finished, nothing is left to resume")
 
     def _clear_staging(self) -> None:
@@ -219,6 +220,13 @@ class RunFolder:
         with contextlib.suppress(OSError):  # another run may be in there by now
             for folder in self._made:
                 folder.rmdir()
+
+
+def _was_stopped(folder: Path) -> bool:
+    """Whether the run there says that it was."""
+    with contextlib.suppress(InputError, OSError, ValueError, AttributeError):
+        return bool(read_json(folder / SUMMARY, folder).get("status") == "interrupted")
+    return False
 
 
 def _sync_files(folder: Path) -> None:

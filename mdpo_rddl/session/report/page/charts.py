@@ -85,7 +85,14 @@ def draw_searches(
             continue
         seconds = [c["seconds"] for c in steps] + [candidates[-1]["seconds"]]
         returns = [c["mean_return"] for c in steps] + [steps[-1]["mean_return"]]
-        axes.step(seconds, returns, where="post", color=colour, linewidth=1.6, label=name)
+        axes.step(
+            seconds,
+            returns,
+            where="post",
+            color=colour,
+            linewidth=1.6,
+            label=name.replace("$", r"\$"),
+        )
     axes.set(xlabel="wall-clock time (s)", ylabel="return on the exact model")
     axes.set_title(title, parse_math=False)
     axes.yaxis.set_major_formatter(EngFormatter())
@@ -105,8 +112,8 @@ def draw_decision_times(seconds: np.ndarray, budget: float | None) -> Picture:
     axes.set_xscale("log")
     axes.set_yscale("log")
     if budget:
-        axes.axvline(1e3 * budget, color="#c8553d", linestyle="--", label="time of a decision")
+        axes.axvline(1e3 * budget, color="#c8553d", linestyle="--", label="time per decision")
         axes.legend(frameon=False, fontsize="small")
-    axes.set(xlabel="time of a decision (ms)", ylabel="decisions")
+    axes.set(xlabel="time per decision (ms)", ylabel="decisions")
     axes.grid(alpha=0.25)
     return Picture(rendered(figure), "distribution of the times of the decisions")

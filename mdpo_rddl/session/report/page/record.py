@@ -112,7 +112,8 @@ def read_play(path: Path) -> tuple[dict[str, Trajectories], np.ndarray | None]:
             names = [n.removesuffix("/steps") for n in file.files if n.endswith("/steps")]
             # each is uncompressed once
             arrays = {name: file[name] for name in file.files}
-            plays = {name: Trajectories.from_arrays(fluents, arrays, name) for name in names}
+            played = [name for name in names if len(arrays[f"{name}/reward"])]
+            plays = {name: Trajectories.from_arrays(fluents, arrays, name) for name in played}
             seconds = arrays[_SECONDS]
             return plays, seconds if len(seconds) else None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

@@ -57,10 +57,9 @@ def run_page(run: RunRecord, name: str | None = None) -> str:
         summary=summary,
         rows=rows,
         returns=_returns(rows),
-        race=summary.get("auto"),
+        race=_race(run),
         rule=summary.get("rule"),
         series=series,
-        episodes=len(series[0].play.rewards) if series else 0,
         fluents=draw_panels(series),
         search=_stored(run, "learning_curve.png", "the search for the policy"),
         noise=_stored(run, "noise.png", "noise per step and iteration", is_wide=True),
@@ -95,9 +94,9 @@ def comparison_page(runs: Sequence[RunRecord]) -> str:
     for (label, *_), numbers in groups.items():
         pictures.append(draw_returns([returns[number] for number in numbers], label))
         races = {
-            runs[number].name: (colours[number], runs[number].summary["auto"]["candidates"])
+            runs[number].name: (colours[number], race["candidates"])
             for number in numbers
-            if "auto" in runs[number].summary
+            if (race := _race(runs[number])) is not None
         }
         if races:
             pictures.append(draw_searches(races, label))
@@ -134,12 +133,18 @@ def _returns(rows: Sequence[ResultRow]) -> list[Picture]:
     return pictures
 
 
+def _race(run: RunRecord) -> Mapping[str, Any] | None:
+    """What the summary says of the race; None before version 0.2, which had no arms."""
+    race = run.summary.get("auto")
+    return race if race and "arms" in race else None
+
+
 def _times(seconds: np.ndarray) -> Mapping[str, float]:
     """Decision times in milliseconds."""
     return {
         "mean": 1e3 * float(seconds.mean()),
-        "99 of 100 below": 1e3 * float(np.quantile(seconds, 0.99)),
-        "longest": 1e3 * float(seconds.max()),
+        "99th percentile": 1e3 * float(np.quantile(seconds, 0.99)),
+        "maximum": 1e3 * float(seconds.max()),
     }
 
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mdpo_rddl.errors import InputError
@@ -51,5 +52,8 @@ def write_comparison(folders: Sequence[Path], out: Path) -> Path:
     """
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise InputError(f"{folders[0]}: compared with itself: name each run folder once")
-    write_atomically(out, comparison_page([read_run(folder) for folder in folders]))
+    runs = [read_run(folder) for folder in folders]
+    if len({run.name for run in runs}) < len(runs):
+        runs = [replace(run, name=str(path)) for run, path in zip(runs, folders, strict=True)]
+    write_atomically(out, comparison_page(runs))
     return out
