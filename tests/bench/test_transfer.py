@@ -35,7 +35,7 @@ def races(monkeypatch):
     ]
     monkeypatch.setattr(transfer, "load_problem", lambda name, instance: (name, instance))
     monkeypatch.setattr(transfer, "accepted_start", lambda policy, problem: policy)
-    monkeypatch.setattr(transfer, "_race", lambda *arguments: made.pop(0))
+    monkeypatch.setattr(transfer, "_race", lambda *arguments, **keywords: made.pop(0))
     return made
 
 

@@ -61,6 +61,7 @@ def preempt(has_begun):
     subprocess.run(["scontrol", "update", f"JobId={job}", "StartTime=now"], check=True)
 
 
+@pytest.mark.long
 def test_a_killed_job_is_submitted_again_and_a_failed_one_is_named(slurm, tmp_path):
     tasks = [(tmp_path, name) for name in ("done", "killed", "raising")]
     message = one_line(lambda: quick(tmp_path).run(write_name, tasks))
@@ -97,6 +98,7 @@ def test_jobs_that_slurm_refuses_are_an_input_error(slurm, tmp_path):
     assert "nowhere" in message
 
 
+@pytest.mark.long
 def test_a_preempted_run_has_the_results_of_one_that_was_not(slurm, tmp_path):
     problem = tiny_instance(tmp_path / "tiny")
     each, rules = entry(problem, Pausing), replace(RULES, trials=4, memory_gb=2.0)
@@ -121,6 +123,7 @@ def test_a_preempted_run_has_the_results_of_one_that_was_not(slurm, tmp_path):
     assert "this job is preempted" in logs
 
 
+@pytest.mark.long
 def test_a_sweep_of_the_paper_is_the_same_on_slurm(slurm, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)  # where the settings are
     size = ["--settings", "powergen7", "--methods", "deterministic", "constant-1"]

@@ -94,6 +94,7 @@ def test_the_command_replans_and_says_how(files, tmp_path, monkeypatch, capsys):
     assert printed["max_seconds"] == max(float(row["seconds"]) for row in rows)
 
 
+@pytest.mark.long
 def test_jaxplan_s_own_replanning_configuration_runs(files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     config = JAXPLAN_EXAMPLES / "configs" / "default_replan.cfg"

@@ -216,6 +216,7 @@ RULES = [
 RATES = [0.001, 0.01, 0.1]
 
 
+@pytest.mark.long
 def test_a_sweep_is_one_run(problem):
     arguments = {"iterations_per_call": 4, "parallel_updates": 3}
     planner = tiny_planner(problem, **arguments)
