@@ -87,6 +87,7 @@ def outcome(lake):
     return raced(lake, 2000.0)
 
 
+@pytest.mark.long
 def test_every_part_of_the_race_improves_on_what_it_begins_with(outcome):
     found = means(outcome)
     # 300 below at all 8 steps; a constant halves it
@@ -100,6 +101,7 @@ def test_every_part_of_the_race_improves_on_what_it_begins_with(outcome):
     assert arm(outcome, "shared weights")["iterations"] > 50
 
 
+@pytest.mark.long
 def test_the_gradient_alone_improves_on_the_best_constant(lake, in_one_arena):
     # searches end at once
     outcome = raced(lake, 2500.0, shared_until=0.001, own_until=0.001, rounds_until=0.95)
@@ -118,6 +120,7 @@ def test_the_gradient_alone_improves_on_the_best_constant(lake, in_one_arena):
     )
 
 
+@pytest.mark.long
 def test_the_outcome_says_what_each_arm_was_given_and_found(outcome):
     diagnostics = outcome.diagnostics()
     json.dumps(diagnostics, allow_nan=False)
@@ -143,6 +146,7 @@ def test_the_outcome_says_what_each_arm_was_given_and_found(outcome):
     assert not outcome.interrupted
 
 
+@pytest.mark.long
 def test_the_policy_is_the_chosen_candidate(outcome, lake):
     played = evaluate(make_environment(lake), outcome.policy, episodes=40, seed=0)
     error = played.std / np.sqrt(40)
@@ -159,6 +163,7 @@ def test_without_a_gradient_the_search_has_to_do(lake, in_one_arena, no_gradient
     assert outcome.policy.config.section("Noise") == {"method": "NoNoise"}
 
 
+@pytest.mark.long
 def test_where_nothing_beats_the_no_op_it_explores(corridor):
     outcome = raced(corridor, 3000.0)
     found = means(outcome)

@@ -18,6 +18,8 @@ from mdpo_rddl.bench.presets import noise_sweep
 from mdpo_rddl.bench.presets.noise_sweep import NoisePoint, sweep, sweep_table
 from mdpo_rddl.cli import bench
 
+pytestmark = pytest.mark.long
+
 GRID = [NoisePoint(0.5, 10.0), NoisePoint(2.0, 10.0)]
 SWEEP = {"settings": SETTINGS, "grid": GRID, "size": SIZE}
 

@@ -35,6 +35,7 @@ def test_the_default_is_measured_without_a_section_and_the_others_with_theirs():
     assert (twice["parallel_updates"], twice["pgpe"]) == (2, None)
 
 
+@pytest.mark.long
 def test_cells_are_trained_once_and_reported(tmp_path, monkeypatch, capsys):
     files = tiny_files(tmp_path, horizon=4, spread=0.1)
     monkeypatch.setattr(run, "load_problem", lambda *names: load_problem(*files, *names[2:]))

@@ -20,6 +20,8 @@ from mdpo_rddl.bench.presets import paper_preset
 from mdpo_rddl.bench.presets.paper_preset import paper_preset_table, run_paper_preset
 from mdpo_rddl.cli import bench, plan
 
+pytestmark = pytest.mark.long
+
 MEASUREMENT = {"settings": SETTINGS, "noises": ["none", "adaptive"], "size": SIZE}
 
 

@@ -13,7 +13,7 @@ SMALL = "--iterations 3 --horizon 3 --episodes 2 --batch 2 --no-cache --quiet --
 
 
 @pytest.mark.parametrize(
-    ("kind", "policy"), [("drp", "drp"), pytest.param("slp", "slp", marks=pytest.mark.long)]
+    ("kind", "policy"), [pytest.param("drp", "drp", marks=pytest.mark.long), ("slp", "slp")]
 )
 def test_one_training_by_the_plan_s_name(
     kind: str, policy: str, workplace: Path, capsys: pytest.CaptureFixture[str]

@@ -37,18 +37,18 @@ def is_slow(page, code):
     return ".tune(" in code or page.parent.name != "docs"
 
 
-def marks_of(page, code, place):
+def marks_of(page, code):
     if is_slow(page, code):
         return [pytest.mark.slow, pytest.mark.timeout(300)]
-    # the first block of a page plans, the later ones plan again
-    return [pytest.mark.long] if page.name == "python.md" and place > 0 else []
+    # each block plans
+    return [pytest.mark.long] if page.name == "python.md" else []
 
 
 BLOCKS = [
     pytest.param(
         code,
         id=f"{page.relative_to(ROOT / 'docs')}:{place}",
-        marks=marks_of(page, code, place),
+        marks=marks_of(page, code),
     )
     for page in sorted((ROOT / "docs").rglob("*.md"))
     if page.name not in ELSEWHERE

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tomllib
 
+import pytest
 from helpers.problems import ROOT
 
 import mdpo_rddl
@@ -19,6 +20,7 @@ SETTINGS = ("hvac10", "hvac20", "powergen7", "powergen11", "reservoir15", "reser
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_python_example_runs(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     quick = code.replace("seconds=60", "seconds=5, preset='paper', horizon=5")

@@ -173,7 +173,7 @@ RULE = "(sum_{?s : site} [pick(?s)]) <= 1;"
 
 
 @pytest.mark.parametrize("problem", [("pos-inf", RULE)], indirect=True)
-@pytest.mark.parametrize("kind", ["drp", "slp"])
+@pytest.mark.parametrize("kind", [pytest.param("drp", marks=pytest.mark.long), "slp"])
 def test_group_limits_hold_in_training_and_in_play(problem, kind):
     planner = make_planner(
         MDPOPlanner,

@@ -163,7 +163,10 @@ CONFIGS = {
 QUICK_CONFIGS = {"PowerGen_Continuous_replan", "Wildfire_MDP_ippc2014_slp", "default_replan"}
 CASES |= {name: (configured(name, *problem), NoNoise()) for name, problem in CONFIGS.items()}
 # others of their kind are quicker
-LONG = {"slp, batch", "clipping and averaging", "cvar", "entropic", "default_replan"}
+LONG = {
+    *("slp, batch", "clipping and averaging", "cvar", "entropic"),
+    *("default_replan", "Wildfire_MDP_ippc2014_slp"),
+}
 QUIET = ["restarts", "preprocessor", "critic"]
 
 

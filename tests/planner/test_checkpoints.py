@@ -30,7 +30,7 @@ CONFIGS = {
     .without_section("MDPO"),
 }
 LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("adaptive", "calls")]
-BUDGET = Budget(250, FOREVER)
+BUDGET = Budget(100, FOREVER)
 
 
 @pytest.fixture(scope="module", params=["paired", *LONG])

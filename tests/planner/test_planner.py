@@ -79,7 +79,7 @@ def test_noise_keeps_every_training_action_in_its_box():
 
 
 def test_update_noise_follows_the_profile_and_leaves_the_model_s_draws_alone():
-    problem = shipped("hvac10", horizon=15)
+    problem = shipped("hvac10", horizon=6)
     noise = AdaptiveNoise(sigma_max=10.0, unit="absolute")
     noisy = make_planner(MDPOPlanner, problem, make_plan("drp"), noise=noise, parallel_updates=3)
     silent = make_planner(
@@ -87,7 +87,7 @@ def test_update_noise_follows_the_profile_and_leaves_the_model_s_draws_alone():
     )
     one = next(iter_callbacks(noisy, 2))
     other = next(iter_callbacks(silent, 2))
-    assert one["sigma"].shape == one["sensitivity"].shape == (3, 15)
+    assert one["sigma"].shape == one["sensitivity"].shape == (3, 6)
     assert np.all((one["sigma"] >= 0.0) & (one["sigma"] <= 10.0))
     assert len({row.tobytes() for row in np.asarray(one["sigma"])}) == 3, "restarts share a profile"
     # sigma is the map of the sensitivity that is reported beside it

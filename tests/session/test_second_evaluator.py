@@ -139,7 +139,8 @@ sys.exit(status or [one is None for one in played] != [False])
 """
 
 
-@pytest.mark.parametrize("keeps", [pytest.param(True, marks=pytest.mark.long), False])
+@pytest.mark.long
+@pytest.mark.parametrize("keeps", [True, False])
 def test_no_process_of_a_command_keeps_anything_unless_it_may(tmp_path, keeps):
     domain, instance = tiny_files(tmp_path)
     cache, home = tmp_path / "cache", tmp_path / "home"

@@ -25,6 +25,8 @@ from mdpo_rddl.machine.executors import make_executor
 from mdpo_rddl.planner.start import initial_parameters
 from mdpo_rddl.problem.load import load_problem
 
+pytestmark = pytest.mark.long
+
 SETTING = "powergen7"
 SIZE: dict[str, Any] = {"seeds": 2, "iterations": 7, "rollouts": 3, "episodes": 2}
 # constant-3 is constant-1 with another number
