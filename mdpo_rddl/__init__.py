@@ -1,4 +1,4 @@
-"""Model-driven policy optimization for RDDL: JaxPlan with adaptive noise on the actions.
+"""Plans RDDL problems: a race of methods, MDPO (JaxPlan with action noise) among them.
 
 The public names are imported when they are first used: JAX takes seconds, and a command's
 `--help` has no use for it.
