@@ -52,13 +52,17 @@ TINY = ["--problems", "HVAC_ippc2023:1-2", "--planners", "noop,random", "--trial
 SCREENS = {
     "plan": ("plan", [*ROOM, *QUICK]),
     "plan-help": ("plan", ["--help"]),
+    "plan-race": ("plan", [*ROOM, "--seconds", "20", "--out", "OUT/run"]),
+    "plan-list": ("plan", ["--list"]),
     "plan-error": ("plan", ["hvac11"]),
+    "report-help": ("report", ["--help"]),
     "bench-help": ("bench", ["--help"]),
     "bench-auto": (
         "bench",
         ["auto", "--planners", "expert", "--episodes", "3", "--seeds", "1", "--out", "OUT/auto"],
     ),
     "ipc-help": ("ipc", ["run", "--help"]),
+    "ipc-commands": ("ipc", ["--help"]),
     "ipc-run": ("ipc", ["run", *TINY, "--out", "OUT/ipc"]),
 }
 

@@ -45,7 +45,7 @@ environment under the no-op policy, and the episode with the same seed under the
 command found: the state fluent that differs most between the two (each line an object, or each row
 of a map), and the return so far.
 
-These are short runs: {seconds} s of planning each, seed 0, on two cores that had other work; the
+These are short runs: {seconds} s of planning each, seed 0, on two cores; the
 mean returns are over {episodes} episodes. Longer runs find better policies, see
 [results](results.md). `python tools/draw_gallery.py` makes this page.
 """
