@@ -8,6 +8,7 @@ from functools import cached_property
 import jax
 
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import Compilations
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.probing import Probe, with_bias
@@ -103,6 +104,11 @@ class Arena:
     def plain(self) -> PlainPlanners:
         """Planners of JaxPlan's own classes of policies."""
         return PlainPlanners(self.problem)
+
+    @cached_property
+    def compilations(self) -> Compilations:
+        """What is compiled while the arms work."""
+        return Compilations()
 
     def tell(self, progress: Progress) -> None:
         """Passes on how a training gets on, as part of the race and with the best return of all."""

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -37,8 +38,7 @@ class MeanReturn:
           seed: of the rollouts; searches and training draw other numbers from the same one.
         """
         self._returns = exact_returns(planner, rollouts)
-        # a seed that training does not use
-        self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
+        self._key = key_for(Draws.JUDGE, seed)
 
     def __call__(self, params: Any) -> tuple[float, float]:
         """Plays the policy with these parameters."""
@@ -97,6 +97,11 @@ class Judge:
     def compile_seconds(self) -> float:
         """Of the rollouts of all planners so far."""
         return sum(play.compile_seconds for _, play in self._players)
+
+    @property
+    def usual_seconds(self) -> float:
+        """What it took to compile the rollouts of the first planner; 0 before that."""
+        return self._players[0][1].compile_seconds if self._players else 0.0
 
     def record(self, candidate: Candidate) -> bool:
         """Plays a candidate unless its return is known; whether it is the new incumbent.

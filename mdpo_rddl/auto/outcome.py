@@ -30,7 +30,7 @@ class RaceOutcome:
       chosen: the candidate that it was.
       judged: all candidates in the order in which the judge played them, with the seconds.
       arms: what each arm was given and did, in the order in which they began.
-      probe: what constant actions have shown; None if the optimum was proven before.
+      probe: what constant actions have shown; None if the race ended before.
       noop_return: mean return of the no-op by the judge, or in the probe's few rollouts if it was
         not judged; None if the optimum was proven before.
       random_return: mean return of uniformly random actions; None where it is not known.

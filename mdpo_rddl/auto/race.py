@@ -13,6 +13,7 @@ from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.earlier import EarlierIncumbent
+from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
@@ -105,46 +106,89 @@ def plan_automatically(
     seconds, shares = config.budget().seconds, _shares(config)
     wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
     with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
-        exact = _dynamic_programming(problem, config, started, options)
-        if exact is not None and exact.solution is not None:
-            return _proven(exact, seed, started, clock)
-        options.on_stage("probing")
-        arena = _arena(problem, config, seed, started, options)
-        if arena.probe.policy_seconds is not None:
-            alternatives.stop()  # its memory is needed
-        initial = [*options.initial(arena)]
-        if earlier is not None:
-            initial.append(earlier.candidate(arena))
-        schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
-        schedule.arms += [] if exact is None else [exact]
+        exact = _dynamic_programming_arm(problem, config, clock)
+        first = None if exact is None else first_policy(problem, config, seed)
+        if first is not None:
+            options.on_judged(Judged(first, clock() - started, became_incumbent=True))
         try:
-            schedule.run()
-            late = arena.deadline + _LATE_SHARE * seconds
-            if alternatives.started:
-                schedule.give(JaxPlanArm(alternatives, clock), late)
+            if exact is not None:
+                options.on_stage("enumerating")
+                exact.work(started + shares.optimum_until * seconds)
+                if exact.solution is not None:
+                    return _proven(exact, seed, started, clock)
+            options.on_stage("probing")
+            arena = _arena(problem, config, seed, started, options)
+            return _raced(arena, shares, exact, alternatives, options)
         except (KeyboardInterrupt, Cancelled):
-            if arena.judge.incumbent is None:
+            if exact is None or first is None:
                 raise
-            logger.warning("interrupted: the best policy so far is kept")
-            interrupted = True
-    return _outcome(schedule, arena, clock() - started, interrupted)
+            logger.warning("interrupted: there is no policy yet but the no-op")
+            return _only(first, exact, problem, seed, clock() - started)
+
+
+def _raced(
+    arena: Arena,
+    shares: Shares,
+    exact: DynamicProgrammingArm | None,
+    alternatives: Alternatives,
+    options: RaceOptions,
+) -> RaceOutcome:
+    """The race of all arms but the exact one.
+
+    Raises:
+      KeyboardInterrupt, Cancelled: if interrupted before any candidate was judged.
+    """
+    if arena.probe.policy_seconds is not None:
+        alternatives.stop()  # its memory is needed
+    initial = [*options.initial(arena)]
+    if options.earlier is not None:
+        initial.append(options.earlier.candidate(arena))
+    schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
+    schedule.arms += [] if exact is None else [exact]
+    try:
+        schedule.run()
+        late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
+        if alternatives.started:
+            schedule.give(JaxPlanArm(alternatives, arena.clock), late)
+    except (KeyboardInterrupt, Cancelled):
+        if arena.judge.incumbent is None:
+            raise
+        logger.warning("interrupted: the best policy so far is kept")
+        interrupted = True
+    finally:
+        arena.compilations.close()
+    return _outcome(schedule, arena, interrupted)
 
 
 def _shares(config: PlannerConfig) -> Shares:
     return read_search(config.sections) or Shares()
 
 
-def _dynamic_programming(
-    problem: Problem, config: PlannerConfig, began: float, options: RaceOptions
+def _dynamic_programming_arm(
+    problem: Problem, config: PlannerConfig, clock: Clock
 ) -> DynamicProgrammingArm | None:
-    """Looks for the optimum before anything is compiled; None where that has no prospect."""
-    share = _shares(config).optimum_until
-    if share == 0.0 or not is_discrete(problem):
+    """What looks for the optimum before anything is compiled; None where that has no prospect."""
+    if _shares(config).optimum_until == 0.0 or not is_discrete(problem):
         return None
-    options.on_stage("enumerating")
-    arm = DynamicProgrammingArm(problem, config, options.clock)
-    arm.work(began + share * config.budget().seconds)
-    return arm
+    return DynamicProgrammingArm(problem, config, clock)
+
+
+def _only(
+    first: Candidate, exact: DynamicProgrammingArm, problem: Problem, seed: int, seconds: float
+) -> RaceOutcome:
+    """The outcome of a race that was interrupted before any arm but the exact one began."""
+    return RaceOutcome(
+        policy=policy_of(first, problem, seed),
+        chosen=first,
+        judged=[Judged(first, seconds, became_incumbent=True)],
+        arms=[exact.log],
+        probe=None,
+        noop_return=first.known_mean,
+        random_return=None,
+        compile_seconds=0.0,
+        seconds=seconds,
+        interrupted=True,
+    )
 
 
 def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -> RaceOutcome:
@@ -201,8 +245,8 @@ def _arena(
     )
 
 
-def _outcome(schedule: Schedule, arena: Arena, seconds: float, interrupted: bool) -> RaceOutcome:
-    chosen = arena.judge.incumbent
+def _outcome(schedule: Schedule, arena: Arena, interrupted: bool) -> RaceOutcome:
+    seconds, chosen = arena.clock() - arena.began, arena.judge.incumbent
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
     logs = [arm.log for arm in schedule.arms]

@@ -36,6 +36,7 @@ from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, next_contender
 from mdpo_rddl.errors import Cancelled, one_line_cause
+from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -47,9 +48,10 @@ _RULES_SHARE = 0.25
 _FEWEST_POLICIES = 60
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population
-_GRADIENT_COMPILATIONS, _GRADIENT_EVALUATIONS = 6.0, 100.0
-_PLAIN_COMPILATIONS = 3.0
-# of the time left: what an arm that must compile may need, and how long it is waited for
+_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
+_GRADIENT_EVALUATIONS = 100.0
+# of the time left: what an arm that must compile may need, and how long all of them together are
+# waited for where there is no core on which others could work meanwhile
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
 _PATIENCE = 0.3
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
@@ -104,23 +106,33 @@ class Schedule:
         self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
+        if not self._can_compile():
+            logger.warning("there is too little time to search: compilation takes so long")
+            return
         # before the population, whose program takes longer
-        self._open_exploration(arena.until(self._shares.rounds_until))
+        exploration = self._open_exploration(arena.until(self._shares.rounds_until))
         self._on_stage("searching")
-        if arena.has_plan:
-            self.random_return = arena.plans.random_return(arena.noop)
         self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
+        if arena.has_plan and self._can_compile():
+            self.random_return = arena.plans.random_return(arena.noop)
+        if exploration is not None and not exploration.slices:
+            # what it finds decides what comes first
+            self._first_slice(exploration, arena.until(_PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if arena.has_plan and not self._beats_noop(arena.incumbent):
             self._explore(shared)
         else:
             self._improve(shared)
 
+    def _can_compile(self) -> bool:
+        """Whether one more program like the judge's is compiled before the race is over."""
+        return self._arena.deadline - self._arena.clock() > self._judge.usual_seconds
+
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat
 
     def give(self, arm: Arm, until: float) -> bool:
-        """Gives an arm a slice of time and judges what it finds.
+        """Gives an arm a slice of time and judges what it finds; none once the race is over.
 
         Returns:
           Whether one of its candidates became the incumbent.
@@ -128,6 +140,9 @@ class Schedule:
         Raises:
           KeyboardInterrupt: if interrupted, once what was found till then was judged.
         """
+        is_over = self._arena.clock() >= max(until, self._arena.deadline)
+        if is_over and self._judge.incumbent is not None:
+            return False
         if arm not in self.arms:
             self.arms.append(arm)
         try:
@@ -168,13 +183,13 @@ class Schedule:
             self._contenders.append(Contender(exploration, lambda: arena.incumbent.mean))
         found = self._beats_noop(self._best)
         rounds_until = arena.until(self._shares.rounds_until if found else _OTHERS_SHARE)
-        self._open_trainings(rounds_until)
+        self._open_programs(rounds_until, METHODS)
         self._compete(rounds_until, polishing=found)
         if self._beats_noop(self._best):
             self._finish()
         else:
             self._on_stage("polishing")
-            self.give(exploration, arena.deadline)
+            self._end_with(exploration)
 
     @property
     def _best(self) -> Candidate:
@@ -193,66 +208,87 @@ class Schedule:
         if not self._has_plan:
             around = Around(begins_with=SHARED_WEIGHTS)
             self.give(OwnWeightsArm("own weights", arena, around), own_until)
-        if self._is_in(GRADIENT):
-            self._open_gradient(rounds_until)
-        self._open_trainings(rounds_until)
+        self._open_programs(rounds_until, (GRADIENT, *METHODS))
         self._compete(rounds_until)
         self._finish()
 
     def _search_plans(self, arm: Arm, until: float) -> None:
         """Whether its plan is the best feedback policy decides what is polished."""
-        self.give(arm, until)
+        if self._arena.plans.is_compiled or self._can_compile():
+            self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
     def _is_in(self, name: str) -> bool:
         return name not in self._shares.without
 
-    def _affords(self, name: str, compilations: float, until: float) -> bool:
-        """Whether there is time for an arm that compiles so many times as long as the search."""
-        population = self._arena.population
-        needed = compilations * population.compile_seconds
-        needed += _GRADIENT_EVALUATIONS * population.seconds
+    def _affords(self, name: str, compile_seconds: float, until: float) -> bool:
+        """Whether there is time for an arm that compiles for so long."""
+        needed = compile_seconds + _GRADIENT_EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
         is_large = self._arena.probe.policy_seconds is not None
         return not is_large and needed <= _AFFORDED[name] * left
 
-    def _open_exploration(self, until: float) -> None:
-        if self._is_in(PGPE) and self._arena.probe.policy_seconds is None:
-            self._open(ParameterExplorationArm(self._arena), until)
+    def _open_exploration(self, until: float) -> Contender | None:
+        if not self._is_in(PGPE) or self._arena.probe.policy_seconds is not None:
+            return None
+        return self._open(ParameterExplorationArm(self._arena), until, self._patience(until))
 
-    def _open_gradient(self, until: float) -> None:
-        if self._affords(GRADIENT, _GRADIENT_COMPILATIONS, until):
-            self._open(GradientArm(self._arena), until)
-        else:
-            left = until - self._arena.clock()
-            logger.warning("there is too little time for the gradient: %.0f s are left", left)
+    def _open_programs(self, until: float, names: Sequence[str]) -> None:
+        """Opens those arms with a gradient that are in the race and can be afforded."""
+        patience = self._patience(until)
+        for name in filter(self._is_in, names):
+            usual = _COMPILATIONS[name] * self._arena.population.compile_seconds
+            if self._affords(name, usual, until):
+                arena, is_ours = self._arena, name == GRADIENT
+                arm = GradientArm(arena, usual) if is_ours else TrainingArm(arena, name, usual)
+                self._open(arm, until, patience)
+            elif name == GRADIENT:
+                left = until - self._arena.clock()
+                logger.warning("there is too little time for the gradient: %.0f s are left", left)
 
-    def _open_trainings(self, until: float) -> None:
-        for method in METHODS:
-            if self._is_in(method) and self._affords(method, _PLAIN_COMPILATIONS, until):
-                self._open(TrainingArm(self._arena, method), until)
+    def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
+        """Lets an arm that must compile begin; it competes from then on.
 
-    def _open(self, arm: CompilingArm, until: float) -> None:
-        """The first slice of an arm that must compile; it competes from then on."""
+        Args:
+          arm: that has not begun.
+          until: when its first slice ends at the latest, if it has one now.
+          patience: how long its compilation is waited for, by the clock.
+        """
         arena = self._arena
         self._on_stage("compiling")
         self.arms.append(arm)
-        now = arena.clock()
-        arm.begin(now + _PATIENCE * (until - now))
+        arm.begin(patience)
         reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.reached)
-        self._contenders.append(Contender(arm, reached))
+        contender = Contender(arm, reached)
+        self._contenders.append(contender)
         if not arm.is_pending:
-            self._give_slice(self._contenders[-1], until)
+            self._give_slice(contender, until)
+        return contender
+
+    def _patience(self, until: float) -> float:
+        """How long compilations are waited for: not at all where others can work meanwhile."""
+        now = self._arena.clock()
+        return now if usable_cores() > 1 else now + _PATIENCE * (until - now)
+
+    def _first_slice(self, contender: Contender, until: float) -> None:
+        """Waits for a compilation, and gives the arm its first slice if that ends in time."""
+        contender.arm.await_program(until)
+        if not contender.arm.is_pending:
+            self._give_slice(contender, until)
 
     def _give_slice(self, contender: Contender, until: float) -> None:
         arena = self._arena
-        length = max(_SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
         before, started = contender.reached(), arena.clock()
         share = _FIRST_SLICE if contender.slices < FIRST_SLICES else 1.0
-        self.give(contender.arm, min(started + share * length, until))
+        self.give(contender.arm, min(started + share * self._slice_seconds, until))
         contender.note(before, arena.clock() - started)
         for other in self._contenders:
             other.waited = 0 if other is contender else other.waited + 1
+
+    @property
+    def _slice_seconds(self) -> float:
+        arena = self._arena
+        return max(_SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
 
     def _compete(self, until: float, polishing: bool = True) -> None:
         """Rounds of slices, each for the arm that promises most.
@@ -268,20 +304,38 @@ class Schedule:
         number = 0
         while (left := until - arena.clock()) > _SHORTEST_SECONDS:
             chosen = next_contender(self._contenders, number, judge.best_mean, left)
-            if chosen is None:
+            if chosen is not None:
+                self._give_slice(chosen, until)
+                number += 1
+                continue
+            pending = [one.arm for one in self._contenders if one.arm.is_pending]
+            if not pending:
                 break
-            self._give_slice(chosen, until)
-            number += 1
+            pending[0].await_program(min(until, arena.clock() + _SHORTEST_SECONDS))
 
     def _finish(self) -> None:
         """The rest of the time is for whoever leads."""
-        arena, best = self._arena, self._best
+        best = self._best
         self._on_stage("polishing")
         leader = next((arm for arm in self.arms if arm.name == best.arm), None)
-        if best.planner is arena.planner or leader is None:
+        if best.planner is self._arena.planner or leader is None:
             leader = self._polisher
-        while not leader.is_exhausted and arena.clock() < arena.deadline:
-            self.give(leader, arena.deadline)
+        self._end_with(leader)
+
+    def _end_with(self, leader: Arm) -> None:
+        """Gives an arm the time till the deadline, but for those that wait to be judged."""
+        arena = self._arena
+        while (now := arena.clock()) < arena.deadline:
+            # by its own estimate it leads, but the judge could not play it yet
+            waiting = next((one for one in self._contenders if one.arm.awaits_judge), None)
+            if waiting is None:
+                if leader.is_exhausted:
+                    break
+                self.give(leader, arena.deadline)
+            elif waiting.arm.is_pending and not leader.is_exhausted:
+                self.give(leader, min(arena.deadline, now + self._slice_seconds))
+            else:
+                self._first_slice(waiting, min(arena.deadline, now + _SHORTEST_SECONDS))
 
     @cached_property
     def _polisher(self) -> Arm:

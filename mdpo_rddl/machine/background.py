@@ -32,6 +32,10 @@ class Background:
         """Whether the task is done, or has raised something."""
         return self._done.is_set()
 
+    def join(self) -> None:
+        """Waits for the end of the task, whatever it has raised."""
+        self._done.wait()
+
     def wait(self, until: float) -> bool:
         """Waits for the task.
 

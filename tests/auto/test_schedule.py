@@ -69,9 +69,18 @@ def in_one_arena(compiled, monkeypatch):
     monkeypatch.setattr(race, "_arena", as_new)
 
 
-def means(outcome) -> dict[str, float]:
+def refuse(*arguments):
+    raise AssertionError("asked for")
+
+
+def means_of(judge) -> dict[str, float]:
     """The mean return of the latest candidate of each label."""
-    return {judged.candidate.label: judged.candidate.mean for judged in outcome.judged}
+    return {judged.candidate.label: judged.candidate.mean for judged in judge.judged}
+
+
+def means(outcome) -> dict[str, float]:
+    """As `means_of`, by the judge of a race."""
+    return means_of(outcome)
 
 
 def arm(outcome, name: str) -> dict:
@@ -201,7 +210,8 @@ def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch)
 def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_arena, monkeypatch):
     released = threading.Event()
     monkeypatch.setattr(gradient.Training, "compile", lambda training: released.wait(120.0))
-    monkeypatch.setattr(schedule, "_PATIENCE", 0.0)
+    # with a second core nobody waits
+    monkeypatch.setattr(schedule, "usable_cores", lambda: 2)
     try:
         outcome = raced(lake, 600.0)
     finally:
@@ -210,6 +220,27 @@ def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_are
     assert arm(outcome, "gradient")["slices"] == 0
     assert arm(outcome, "polishing the weights")["slices"] > 1
     assert means(outcome)["polished"] > means(outcome)[NOOP]
+
+
+def test_nothing_is_compiled_that_the_deadline_would_meet(lake, in_one_arena, caplog, monkeypatch):
+    # the judge's program took longer than what is left
+    monkeypatch.setattr(Judge, "usual_seconds", 1e9)
+    monkeypatch.setattr(schedule.Schedule, "_open_exploration", refuse)
+    outcome = raced(lake, 600.0)
+    assert "too little time to search" in caplog.text
+    assert outcome.chosen.label == CONSTANT
+    assert list(outcome.diagnostics()["arms"]) == ["constants and rules"]
+
+
+def test_once_the_race_is_over_no_arm_is_given_anything(lake, in_one_arena):
+    arena = race._arena(lake, preset(5.0), 0, CLOCK() - 1000.0, RaceOptions(clock=CLOCK))
+    late = schedule.Schedule(arena, race._shares(preset(5.0)), lambda name: None)
+    late.run()
+    assert list(means_of(arena.judge)) == [NOOP, CONSTANT]
+    assert CLOCK() > arena.deadline
+    # the second process may be waited for a little longer
+    assert not late.give(schedule.SharedWeightsArm(arena, NOOP), arena.deadline)
+    assert [arm.name for arm in late.arms] == ["constants and rules"]
 
 
 def test_too_little_time_for_the_gradient_is_said(lake, in_one_arena, caplog):

@@ -1,6 +1,7 @@
 """What every arm is: something that looks for a policy for a slice of time, and can go on."""
 
 import contextlib
+import logging
 import math
 import time
 from abc import ABC, abstractmethod
@@ -12,14 +13,14 @@ import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.training import Record
 
-# of the time left: how long an arm that seems to lead is waited for
-_LEADING_PATIENCE = 0.5
+logger = logging.getLogger(__name__)
 
 
 @dataclass
@@ -100,6 +101,18 @@ class Arm(ABC):
         """Whether something is still compiled for it, which a slice would only wait for."""
         return False
 
+    @property
+    def awaits_judge(self) -> bool:
+        """Whether it seems to lead, and the judge could not yet play what it has found."""
+        return False
+
+    def await_program(self, until: float) -> None:  # noqa: B027  (most have nothing to wait for)
+        """Waits for what is compiled; what that raises is for the next slice.
+
+        Args:
+          until: how long, by the clock.
+        """
+
     def take_candidates(self) -> list[Candidate]:
         """The candidates since the last time, for the judge."""
         taken, self._new = self._new, []
@@ -158,16 +171,18 @@ class CompilingArm(ArenaArm):
 
     Attributes:
       descends: whether it goes on from the best policy so far, whoever found that.
+      usual_seconds: what its first program is likely to take.
     """
 
     descends = False
 
-    def __init__(self, name: str, arena: Arena) -> None:
-        """Does nothing yet; the arguments are those of `ArenaArm`."""
+    def __init__(self, name: str, arena: Arena, usual_seconds: float = 0.0) -> None:
+        """Does nothing yet; the other arguments are those of `ArenaArm`."""
         super().__init__(name, arena)
+        self.usual_seconds = usual_seconds
         self._compiling: Background | None = None
         self._estimate = -math.inf
-        self._is_judged = False
+        self._is_judged = self._awaits_judge = False
 
     @property
     def is_pending(self) -> bool:
@@ -182,11 +197,23 @@ class CompilingArm(ArenaArm):
         """
         started = self._clock()
         self._begin()
+        self._log.seconds += self._clock() - started
+        self.await_program(until)
+
+    def await_program(self, until: float) -> None:
+        """Waits for what is compiled, as `Arm` says."""
+        started = self._clock()
         try:
             with contextlib.suppress(Exception):
                 self._is_compiled(until)
         finally:
             self._log.seconds += self._clock() - started
+
+    @property
+    def awaits_judge(self) -> bool:
+        """Whether what plays its policies is compiled, or was, since its latest slice."""
+        leads = self._estimate > self._arena.judge.best_mean
+        return self._awaits_judge and leads and not self.is_exhausted
 
     @property
     def reached(self) -> float | None:
@@ -198,12 +225,12 @@ class CompilingArm(ArenaArm):
         """Whether the judge can play a planner's policies.
 
         What that needs is compiled once the arm's estimate exceeds the incumbent's return, so
-        that an arm that finds nothing costs less.
+        that an arm that finds nothing costs less. It begins at once, whatever else is compiled.
 
         Args:
           planner: the arm's own.
           params: of any of its policies.
-          until: of the slice; an arm that seems to lead is waited for longer.
+          until: of the slice; others work while it is not compiled by then.
         """
         judge = self._arena.judge
         if not self._is_judged:
@@ -211,20 +238,24 @@ class CompilingArm(ArenaArm):
             # also where it is no number
             if not self._estimate > judge.best_mean:
                 return False
-            self._is_judged = True
-            self._start(lambda: judge.prepare(planner, params))
-        now = self._clock()
-        return self._is_compiled(max(until, now + _LEADING_PATIENCE * (self._arena.deadline - now)))
+            if self._arena.deadline - self._clock() < judge.usual_seconds:
+                return False
+            self._is_judged = self._awaits_judge = True
+            self._start(lambda: judge.prepare(planner, params), in_turn=False)
+        is_ready = self._is_compiled(until)
+        self._awaits_judge &= not is_ready
+        return is_ready
 
     @abstractmethod
     def _begin(self) -> None:
         """Calls `_start`."""
 
-    def _start(self, compile_program: Callable[[], None]) -> None:
+    def _start(self, compile_program: Callable[[], None], in_turn: bool = True) -> None:
         """Begins a compilation.
 
         Args:
           compile_program: does it; must not ask the clock, which may raise for the caller only.
+          in_turn: whether after those of other arms, if there is time for it then; else now.
         """
 
         def timed() -> None:
@@ -232,10 +263,14 @@ class CompilingArm(ArenaArm):
             compile_program()
             self._log.compile_seconds += time.monotonic() - started
 
-        self._compiling = Background(timed)
+        if in_turn:
+            left = self._arena.deadline - self._clock() - self.usual_seconds
+            self._compiling = self._arena.compilations.add(timed, left)
+        else:
+            self._compiling = Background(timed)
 
     def _is_compiled(self, until: float) -> bool:
-        """Waits for the compilation.
+        """Waits for the compilation; one that was not begun in time ends the arm.
 
         Args:
           until: how long, by the clock.
@@ -244,5 +279,11 @@ class CompilingArm(ArenaArm):
           Exception: whatever it has raised.
         """
         assert self._compiling is not None
-        # a thread is waited for by the machine's clock
-        return self._compiling.wait(time.monotonic() + until - self._clock())
+        try:
+            # a thread is waited for by the machine's clock
+            return self._compiling.wait(time.monotonic() + until - self._clock())
+        except TooLateError as error:
+            logger.info("%s: %s", self.name, error)
+            self._log.details = {"cause": str(error)}
+            self.is_exhausted = True
+            return False

@@ -14,6 +14,7 @@ import numpy as np
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArmLog, CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built
@@ -67,14 +68,15 @@ class GradientArm(CompilingArm):
 
     descends = True
 
-    def __init__(self, arena: Arena) -> None:
+    def __init__(self, arena: Arena, usual_seconds: float = 0.0) -> None:
         """Compiles nothing yet.
 
         Args:
           arena: what all arms have in common; its planner has several parallel updates and an
             optimiser with a `learning_rate`.
+          usual_seconds: what its program is likely to take to compile.
         """
-        super().__init__(GRADIENT, arena)
+        super().__init__(GRADIENT, arena, usual_seconds)
         self.phases: list[PhaseLog] = []
         self._training: Training | None = None
         self._parent = arena.incumbent
@@ -131,12 +133,13 @@ class GradientArm(CompilingArm):
         planner.vary_restarts(learning_rate=self._steps, noise=_scaled_noise(planner, self._noise))
         training = Training(
             Built(planner, arguments={"guess": _stack(guesses), "test_rolling_window": 1}),
-            jax.random.fold_in(jax.random.PRNGKey(arena.seed), number),
+            jax.random.fold_in(key_for(Draws.GRADIENT, arena.seed), number),
             Budget(arena.most_iterations, max(_LEAST_SECONDS, arena.deadline - self._clock())),
             arena.tell,
         )
         self._training = training
-        self._start(training.compile)
+        # a later phase has the first one's program
+        self._start(training.compile, in_turn=not number)
 
     def _train(self, until: float) -> None:
         training = self._training

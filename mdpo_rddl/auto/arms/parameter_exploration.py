@@ -1,6 +1,6 @@
 """The arm that explores the parameters of a deep reactive policy: PGPE on the exact model."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jax.flatten_util import ravel_pytree
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
@@ -19,12 +20,26 @@ _METHOD = "drp"
 _ROLLOUTS = 4
 # of the deviation after a slice that found nothing better
 _NARROWER = 0.5
+# batches of fresh rollouts after a slice, and of its iterations: how many at most
+_FRESH_BATCHES, _FRESH_SHARE = 8, 0.25
+# no iteration has such a number
+_FRESH = 10**6
+
+
+class _Record(NamedTuple):
+    """The best parameters so far [D], and what they returned in the latest fresh rollouts."""
+
+    vector: np.ndarray
+    mean_return: float
 
 
 class ParameterExplorationArm(CompilingArm):
-    """Offers the mean of the parameters and the best sample after each slice.
+    """Offers the mean of the parameters after each slice, and the best ones if these differ.
 
-    Only rollouts are compiled, in a thread while other arms work.
+    Of many samples in few rollouts each, the best is mostly a lucky one. The mean and the best
+    sample of a slice meet the record of those before it in fresh rollouts, and what the best of
+    them returns there is the arm's estimate. Only rollouts are compiled, in a thread while other
+    arms work.
     """
 
     def __init__(self, arena: Arena) -> None:
@@ -34,7 +49,8 @@ class ParameterExplorationArm(CompilingArm):
           arena: what all arms have in common.
         """
         super().__init__(PGPE, arena)
-        self._best_before = -np.inf
+        self._record: _Record | None = None
+        self._is_stalled, self._fresh_number = False, _FRESH
 
     def _begin(self) -> None:
         self._start(self._compile)
@@ -43,24 +59,24 @@ class ParameterExplorationArm(CompilingArm):
         if not self._is_compiled(until):
             return
         exploration = self._exploration
-        stalled = exploration.iterations and exploration.best_return <= self._best_before
         # where all samples return the same, the best is as good as any other
-        if stalled and not exploration.is_flat:
-            exploration.narrow(_NARROWER)
-        self._best_before = exploration.best_return
+        if self._is_stalled and self._record is not None and not exploration.is_flat:
+            exploration.narrow(_NARROWER, self._record.vector)
+        before = exploration.iterations
         exploration.run(self._evaluate, until)
         self._log.iterations = exploration.iterations
-        self._estimate = exploration.best_return
+        self._estimate = self._recorded(exploration.iterations - before)
         planner = self._arena.plain.built(_METHOD).planner
         if self._may_be_judged(planner, self._params(exploration.best), until):
-            for label, vector in (("mean", exploration.mean), ("sample", exploration.best)):
-                self._offer(self._candidate(f"pgpe, {label}", vector))
+            self._offer(self._candidate("pgpe, mean", exploration.mean))
+            if self._record is not None and self._record.vector is not exploration.mean:
+                self._offer(self._candidate("pgpe, best", self._record.vector))
 
     def _compile(self) -> None:
         """Makes the policy and plays it once."""
         arena = self._arena
         planner = arena.plain.built(_METHOD).planner
-        key = jax.random.fold_in(jax.random.PRNGKey(arena.seed), 6)
+        key = key_for(Draws.PGPE, arena.seed)
         params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
         start, self._to_params = ravel_pytree(params)
         self._to_each = jax.jit(jax.vmap(self._to_params))
@@ -76,6 +92,29 @@ class ParameterExplorationArm(CompilingArm):
         key = jax.random.fold_in(self._key, iteration)
         params = self._to_each(np.asarray(vectors, np.float32))
         return np.mean(np.asarray(self._returns(key, params), float), axis=1)
+
+    def _recorded(self, iterations: int) -> float:
+        """What the record returns in fresh rollouts, after a slice of so many iterations."""
+        exploration, record = self._exploration, self._record
+        vectors = [exploration.mean, exploration.best]
+        vectors = vectors if record is None else [record.vector, *vectors]
+        batches = max(1, min(_FRESH_BATCHES, int(_FRESH_SHARE * iterations)))
+        means = self._fresh(vectors, 1 if self._arena.probe.deterministic else batches)
+        best = int(np.argmax(means))
+        self._is_stalled = record is not None and best == 0
+        self._record = _Record(vectors[best], float(means[best]))
+        return self._record.mean_return
+
+    def _fresh(self, vectors: list[np.ndarray], batches: int) -> np.ndarray:
+        """Mean returns of a few vectors [N] in rollouts that no sample was chosen by."""
+        places = np.arange(2 * Exploring().pairs) % len(vectors)
+        samples = np.stack(vectors)[places]
+        found = []
+        for _ in range(batches):
+            self._fresh_number += 1
+            found.append(self._evaluate(self._fresh_number, samples))
+        means = np.mean(found, axis=0)[: len(vectors)]
+        return np.where(np.isfinite(means), means, -np.inf)
 
     def _params(self, vector: np.ndarray) -> Any:
         return jax.tree.map(np.asarray, self._to_params(jnp.asarray(vector, np.float32)))

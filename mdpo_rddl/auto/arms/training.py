@@ -3,11 +3,10 @@
 import logging
 import math
 
-import jax
-
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.training import Training
@@ -25,14 +24,15 @@ class TrainingArm(CompilingArm):
     goes on with the training of the last.
     """
 
-    def __init__(self, arena: Arena, method: str) -> None:
+    def __init__(self, arena: Arena, method: str, usual_seconds: float = 0.0) -> None:
         """Compiles nothing yet.
 
         Args:
           arena: what all arms have in common.
           method: "slp" or "drp", the arm's name as well.
+          usual_seconds: what its program is likely to take to compile.
         """
-        super().__init__(method, arena)
+        super().__init__(method, arena, usual_seconds)
         self._training: Training | None = None
         self._offered = -1
 
@@ -49,7 +49,8 @@ class TrainingArm(CompilingArm):
         try:
             if self._is_compiled(until):
                 assert self._training is not None
-                self._training.advance(until - self._clock())
+                if not self._training.has_ended:
+                    self._training.advance(until - self._clock())
                 self._offer_best(self._training, until)
         except InputError as error:
             # other arms find a policy without this one
@@ -60,7 +61,7 @@ class TrainingArm(CompilingArm):
     def _compile(self, seconds: float) -> None:
         arena = self._arena
         built = arena.plain.built(self.name)
-        key = jax.random.fold_in(jax.random.PRNGKey(arena.seed), 5)
+        key = key_for(Draws.TRAINING, arena.seed)
         budget = Budget(arena.most_iterations, seconds)
         training = Training(built, key, budget, arena.tell)
         training.compile()
@@ -73,11 +74,11 @@ class TrainingArm(CompilingArm):
         planner = arena.plain.built(self.name).planner
         self._log.iterations = result.iterations
         self._log.records = result.history
-        self.is_exhausted = training.has_ended
         returns = [record.test_return for record in result.history]
         self._estimate = max(filter(math.isfinite, returns), default=-math.inf)
         is_interrupted = result.status == "interrupted"
         if is_interrupted and not self._is_judged:
+            self.is_exhausted = True
             raise Cancelled  # whoever interrupts does not wait for a compilation
         is_new = result.best_iteration != self._offered
         if is_new and self._may_be_judged(planner, result.best_params, until):
@@ -92,5 +93,6 @@ class TrainingArm(CompilingArm):
                     policy_hyperparams=result.policy_hyperparams,
                 )
             )
+        self.is_exhausted = training.has_ended and not self.awaits_judge
         if is_interrupted:
             raise Cancelled

@@ -40,8 +40,9 @@ class ParameterExploration:
 
     Attributes:
       mean: of the law [D].
-      best: the parameters of the best single sample so far [D]; the mean before the first.
-      best_return: what that one returned.
+      best: the parameters of the best single sample of the latest run [D]; the mean before that.
+      best_return: what that one returned, in the rollouts in which it was found: where chance
+        plays a part, mostly more than it is worth.
       iterations: done so far.
       is_flat: whether no two samples of an iteration have differed in their returns yet.
     """
@@ -62,13 +63,14 @@ class ParameterExploration:
         self.best, self.best_return = self.mean, -np.inf
         self.iterations, self.is_flat = 0, True
 
-    def narrow(self, factor: float) -> None:
-        """Goes on around the best sample with a smaller deviation.
+    def narrow(self, factor: float, around: np.ndarray) -> None:
+        """Goes on around a vector with a smaller deviation.
 
         Args:
           factor: of the deviation.
+          around: the new mean [D].
         """
-        self.mean, self._sigma = self.best, factor * self._sigma
+        self.mean, self._sigma = around, factor * self._sigma
         self._first, self._second = np.zeros_like(self.mean), np.zeros_like(self.mean)
         self._moves = 0
 
@@ -80,6 +82,7 @@ class ParameterExploration:
             numbers.
           until: when to end, by the clock.
         """
+        self.best, self.best_return = self.mean, -np.inf
         self._iterate(evaluate)
         while self._clock() < until:
             self._iterate(evaluate)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Evolved, Goal, evolve
@@ -50,7 +51,7 @@ class PlanPopulation:
         visits = compile_visits(planner, rollouts)
         self._visits = Timed(lambda key, params: jax.block_until_ready(visits(key, params)), clock)
         self._seed = seed
-        self._key = jax.random.fold_in(jax.random.PRNGKey(seed), 2)
+        self._key = key_for(Draws.PLANS, seed)
         self._random = np.random.default_rng([seed, 2])
         self.return_to_beat = probe.noop_return + _GAIN * abs(probe.noop_return)
         self.iterations = 0
@@ -59,6 +60,11 @@ class PlanPopulation:
     def compile_seconds(self) -> float:
         """What the first population took longer than the latest."""
         return self._visits.compile_seconds
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether plans were played already."""
+        return self._visits.calls > 0
 
     def archive(self, params: Params) -> Archive | None:
         """An empty archive for plans; None without a state, for then there is nowhere to go."""

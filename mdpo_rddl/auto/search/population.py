@@ -5,6 +5,7 @@ import logging
 import jax
 import numpy as np
 
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.timing import Clock, Timed
@@ -17,6 +18,8 @@ logger = logging.getLogger(__name__)
 # a search of fewer iterations than that finds nothing: then one rollout has to do
 _FEWEST_ITERATIONS = 100
 _FINAL_BATCHES = 8
+# times the seconds of the first search: how late another program is compiled for it
+_LONGEST = 2.0
 _SLOW_SECONDS = 0.5
 
 
@@ -33,7 +36,7 @@ class PopulationReturns:
         self.population, self.side_by_side = size.population, size.side_by_side
         returns = compile_exact_returns(planner, size.rollouts, size.side_by_side)
         self._returns = Timed(lambda key, params: np.asarray(returns(key, params), float), clock)
-        self._key = jax.random.PRNGKey(seed)
+        self._key = key_for(Draws.POPULATION, seed)
 
     @property
     def seconds(self) -> float:
@@ -82,6 +85,9 @@ def compile_population(
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled
         logger.info("%d rollouts of %d take %.3g s", rollouts, size.population, population.seconds)
-        if population.seconds * _FEWEST_ITERATIONS < until - clock():
+        left = until - clock()
+        # another program takes as long to compile, which must not become most of the race
+        is_too_late = population.compile_seconds > left + _LONGEST * seconds
+        if population.seconds * _FEWEST_ITERATIONS < left or is_too_late:
             break
     return population

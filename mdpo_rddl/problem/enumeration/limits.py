@@ -31,9 +31,14 @@ class EnumerationLimits:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_started", self.clock())
 
+    @property
+    def used(self) -> float:
+        """Seconds since the making of this object."""
+        return self.clock() - self._started
+
     def check_time(self) -> None:
         """Raises `NotEnumerableError` once the time is over."""
-        if self.clock() - self._started > self.seconds:
+        if self.used > self.seconds:
             raise NotEnumerableError(f"more than {self.seconds:g} s")
 
     def check_states(self, count: int) -> None:

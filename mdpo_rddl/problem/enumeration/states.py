@@ -10,6 +10,7 @@ from mdpo_rddl.problem.enumeration.irrelevance import Merge, find_merges, merged
 from mdpo_rddl.problem.enumeration.levels import Afterstates
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel
+from mdpo_rddl.problem.enumeration.pace import Pace, expected
 from mdpo_rddl.problem.enumeration.packing import keys
 from mdpo_rddl.problem.enumeration.rows import RowMaker
 
@@ -158,22 +159,27 @@ def enumerate_states(model: GroundModel, limits: EnumerationLimits) -> Enumerati
     """Enumerates the states of a model.
 
     Raises:
-      NotEnumerableError: if a limit is reached, or a state has no legal action.
+      NotEnumerableError: if a limit is reached, if the states that wait cannot be expanded in
+        time, or if a state has no legal action.
     """
-    search = Search(model, limits)
+    search, pace = Search(model, limits), Pace(limits)
     operations = max(1, search.maker.operations)
     largest = min(_MAX_BATCH, _BATCH_VALUES // operations, _BATCH_ROWS // len(model.actions))
     largest = max(_FIRST_BATCH, largest)
     index, depths, done, batch = search.index, [np.zeros(1, np.int32)], 0, _FIRST_BATCH
     for depth in range(model.horizon):
-        end = index.count
+        begin, end, depths_left = done, index.count, model.horizon - depth - 1
         while done < end:
             stop = min(end, done + batch)
             search.expand(index.states[done:stop])
             done, batch = stop, min(largest, 4 * batch)
+            # what the last step leads to is not expanded
+            pace.check(done, (index.count if depths_left else end) - done)
         depths.append(np.full(index.count - end, depth + 1, np.int32))
         if done == index.count:
             break
+        if depths_left:
+            pace.check(done, expected(index.count - end, end - begin, depths_left - 1))
     transitions = _stacked(search.transitions, index.count)
     return joined(search, index.states.copy(), np.concatenate(depths), transitions)
 

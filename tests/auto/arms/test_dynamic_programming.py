@@ -1,17 +1,26 @@
 """Exact dynamic programming as the first arm: when it ends the race, and when it does not."""
 
+import json
+
 import pytest
 from helpers import toy_mdps as toys
 from helpers.clocks import Ticking
 from helpers.lakes import preset, write_lake
 from helpers.problems import write_corridor
 
-from mdpo_rddl.auto import RaceOptions, plan_automatically, race
+from mdpo_rddl import evaluate, make_environment
+from mdpo_rddl.auto import RaceOptions, first_policy, plan_automatically, race
 from mdpo_rddl.auto.arms import dynamic_programming
 from mdpo_rddl.auto.arms.dynamic_programming import PROVEN, DynamicProgrammingArm
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
+from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.load import load_problem
+
+
+def too_many_states(*arguments):
+    raise NotEnumerableError("too many states")
 
 
 def refuse(*arguments, **keywords):
@@ -95,10 +104,40 @@ def test_a_failure_of_the_enumeration_is_the_arms_alone(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("without_other_arms")
-def test_an_interrupt_before_there_is_a_policy_ends_everything(tmp_path, monkeypatch):
+@pytest.mark.parametrize("place", ["find_optimum", "_arena"])
+def test_an_interrupt_before_any_other_arm_leaves_the_no_op(tmp_path, monkeypatch, place):
+    told = []
+
+    def interrupted(*arguments):
+        # whoever listens knows of the no-op by then
+        assert [judged.candidate.label for judged in told] == ["no-op"]
+        raise KeyboardInterrupt
+
+    room = race if place == "_arena" else dynamic_programming
+    monkeypatch.setattr(room, place, interrupted)
+    problem = toys.walk(tmp_path, 6)
+    if place == "_arena":
+        monkeypatch.setattr(dynamic_programming, "find_optimum", too_many_states)
+    options = RaceOptions(clock=Ticking(0.01), on_judged=told.append)
+    outcome = plan_automatically(problem, preset(1000.0), 3, options)
+    assert outcome.interrupted
+    assert outcome.optimum is None
+    assert outcome.chosen.label == "no-op"
+    env = make_environment(problem)
+    played = evaluate(env, outcome.policy, episodes=4, seed=3)
+    assert played.mean == outcome.noop_return == outcome.chosen.mean == -6.0
+    json.dumps(outcome.diagnostics(), allow_nan=False)
+
+
+@pytest.mark.usefixtures("without_other_arms")
+def test_an_interrupt_without_any_policy_ends_everything(tmp_path, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
+    def refuse_to_build(*arguments):
+        raise InputError("no such function")
+
+    monkeypatch.setattr(first_policy, "build_planner", refuse_to_build)
     monkeypatch.setattr(dynamic_programming, "find_optimum", interrupted)
     with pytest.raises(KeyboardInterrupt):
         raced(toys.walk(tmp_path, 6))

@@ -64,11 +64,18 @@ def test_samples_are_symmetric_and_what_is_not_finite_is_worst():
     assert one.best[0] <= 0.0
 
 
-def test_narrowing_goes_on_around_the_best_sample():
+def test_the_best_sample_is_that_of_the_latest_run():
+    one = exploration()
+    one.run(near_the_goal, until=100.0)
+    one.run(lambda iteration, samples: near_the_goal(iteration, samples) - 1e6, until=110.0)
+    assert one.best_return < -9e5
+
+
+def test_narrowing_goes_on_around_a_vector():
     one, batches = exploration(sigma=1.0, pairs=500), []
     one.run(near_the_goal, until=0.0)
-    one.narrow(0.25)
-    np.testing.assert_array_equal(one.mean, one.best)
+    one.narrow(0.25, GOAL)
+    np.testing.assert_array_equal(one.mean, GOAL)
 
     def noting(iteration, samples):
         batches.append(samples - one.mean)

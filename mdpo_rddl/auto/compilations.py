@@ -1,0 +1,48 @@
+"""The programs that arms need, compiled one after the other while the arms work."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from mdpo_rddl.machine.background import Background
+
+
+class TooLateError(Exception):
+    """A program was not compiled: the race would have been over before it could be used."""
+
+
+class Compilations:
+    """Each program waits for the one before it: side by side, all of them would come late.
+
+    Nothing interrupts a compilation, and the process waits at its end for one that has begun. So
+    none begins where too little time is left, or once the race is over.
+    """
+
+    def __init__(self) -> None:
+        """Compiles nothing yet."""
+        self._last: Background | None = None
+        self._closed = threading.Event()
+
+    def add(self, compile_program: Callable[[], None], seconds: float) -> Background:
+        """Compiles a program after those before it.
+
+        Args:
+          compile_program: does it.
+          seconds: after which it does not begin any more; waiting for it raises `TooLateError`
+            then.
+        """
+        before, latest = self._last, time.monotonic() + seconds
+
+        def in_turn() -> None:
+            if before is not None:
+                before.join()
+            if self._closed.is_set() or time.monotonic() > latest:
+                raise TooLateError("too little time was left to compile it")
+            compile_program()
+
+        self._last = Background(in_turn)
+        return self._last
+
+    def close(self) -> None:
+        """Lets no other compilation begin."""
+        self._closed.set()

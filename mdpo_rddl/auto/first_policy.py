@@ -1,0 +1,41 @@
+"""The policy that a race has before anything is compiled: the no-op."""
+
+import logging
+
+import jax
+
+from mdpo_rddl.auto.arms.simple import NOOP, SIMPLE
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.fitting import without_scales
+from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.search_section import SEARCH
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.load import Problem, make_environment
+
+logger = logging.getLogger(__name__)
+
+_EPISODES = 4
+
+
+def first_policy(problem: Problem, config: PlannerConfig, seed: int) -> Candidate | None:
+    """The no-op, with its mean return in a few episodes on the exact environment.
+
+    Its error is left infinite, for so few episodes say little of it. None if the planner cannot
+    be built; the arms then say why.
+
+    Args:
+      problem: the parsed problem.
+      config: of the race.
+      seed: of the episodes.
+    """
+    config = without_scales(config.without_section(SEARCH))
+    try:
+        planner = build_planner(problem, config).planner
+        params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
+        played = evaluate(make_environment(problem), lambda step, state: {}, _EPISODES, seed)
+    except Exception as error:
+        logger.info("no policy to begin with: %s", one_line_cause(error))
+        return None
+    return Candidate(SIMPLE, NOOP, config, planner, params, mean=played.mean)

@@ -1,0 +1,44 @@
+"""When an enumeration is given up, by figures worked by hand."""
+
+import pytest
+from helpers.clocks import Stopped
+
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.pace import Pace, expected
+
+
+def after(seconds: float) -> Pace:
+    """The pace of an enumeration with 20 s, so many of which are over."""
+    clock = Stopped()
+    pace = Pace(EnumerationLimits(seconds=20.0, clock=clock))
+    clock.now = seconds
+    return pace
+
+
+def test_it_ends_once_what_waits_takes_longer_than_the_time_left():
+    # 100 states a second, for 15 s more
+    after(5.0).check(500, 1500)
+    with pytest.raises(NotEnumerableError, match="1,501 states more would take 15 s, and 15 s"):
+        after(5.0).check(500, 1501)
+
+
+def test_at_first_the_pace_is_not_known():
+    after(0.9).check(1, 10**6)
+    after(5.0).check(0, 10**6)
+    with pytest.raises(NotEnumerableError):
+        after(1.1).check(1, 10**6)
+
+
+@pytest.mark.parametrize(
+    ("latest", "before", "depths", "count"),
+    [
+        (120, 100, 9, 120 + 144 + 172.8),
+        (120, 100, 1, 120 + 144),
+        (120, 100, 0, 120),
+        # no growth faster than by half is believed to last
+        (100, 1, 9, 100 + 150 + 225),
+        (90, 100, 9, 90),
+    ],
+)
+def test_growth_is_expected_to_last_for_two_depths(latest, before, depths, count):
+    assert expected(latest, before, depths) == pytest.approx(count)
