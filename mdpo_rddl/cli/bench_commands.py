@@ -19,6 +19,7 @@ from mdpo_rddl.bench.presets.transfer import run_transfer, transfer_table
 from mdpo_rddl.bench.problems.compatibility import compatibility_table, run_compatibility
 from mdpo_rddl.bench.problems.exactness import exactness_table, run_exactness
 from mdpo_rddl.bench.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
+from mdpo_rddl.bench.problems.legal_play import legal_play_table, run_legal_play
 from mdpo_rddl.bench.speed.growth import growth_table, run_growth
 from mdpo_rddl.bench.speed.profile import profile_table, run_profile
 from mdpo_rddl.bench.speed.speed import run_speed, speed_table
@@ -56,6 +57,12 @@ def _exactness(options: argparse.Namespace) -> str:
     limits = Limits(options.timeout, options.memory_gb)
     records = run_exactness(options.out, options.problems, options.max_horizon, limits)
     return exactness_table(records)
+
+
+def _legal_play(options: argparse.Namespace) -> str:
+    limits = Limits(options.timeout, options.memory_gb)
+    given = options.problems, options.policies, options.steps
+    return legal_play_table(run_legal_play(options.out, *given, limits))
 
 
 def _optima(options: argparse.Namespace) -> str:
@@ -143,6 +150,7 @@ COMMANDS = {
     "transfer": _transfer,
     "compatibility": _compatibility,
     "exactness": _exactness,
+    "legal-play": _legal_play,
     "ipc-smoke": _ipc_smoke,
     "optima": _optima,
     "noise-value": noise_value,

@@ -116,6 +116,14 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     exactness.add_argument("--max-horizon", type=positive_int, default=40)
     exactness.set_defaults(run="exactness", out=Path("results/exactness"), timeout=600)
 
+    legal = commands.add_parser(
+        "legal-play", help="random policies on every problem: is what they play legal?"
+    )
+    legal.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
+    legal.add_argument("--policies", type=positive_int, default=20, help="on each problem")
+    legal.add_argument("--steps", type=positive_int, default=5, help="of each policy")
+    legal.set_defaults(run="legal-play", out=Path("results/legal"), timeout=600)
+
     smoke = commands.add_parser("ipc-smoke", help="the eight IPC 2023 domains with ours")
     smoke.add_argument("--domains", nargs="+", choices=DOMAINS, default=list(DOMAINS))
     smoke.add_argument("--instances", nargs="+", metavar="NAME", default=list(INSTANCES))
@@ -163,7 +171,8 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
     )
     optima.set_defaults(run="optima", out=Path("results/optima"), timeout=60, memory_gb=4)
 
-    for command in (everything, exactness, smoke, configs, growth, optima):
+    limited = [everything, exactness, legal, smoke, configs, growth, optima]
+    for command in limited:
         command.add_argument(
             "--timeout",
             metavar="SECONDS",
@@ -178,4 +187,4 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             default=command.get_default("memory_gb") or 8,
             help="of each process (default: %(default)s)",
         )
-    return [everything, exactness, smoke, configs, growth, optima]
+    return limited

@@ -56,9 +56,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"mdpo-plan: {how_it_ended(error)}, {left}", file=sys.stderr)
         return exit_status(error)
     planning.show(options, summary, where)
-    if summary.get("status") != "interrupted":
+    if summary.get("status") == "interrupted":
+        told = ["stopped early", _how_to_go_on(given, where)]
+    elif stop.is_wanted:
+        told = ["stopped after the run was done" + (f": {where}" if where else "")]
+    else:
         return 0
-    told = ["stopped early", _how_to_go_on(given, where)]
     print("mdpo-plan:", ", ".join(filter(None, told)), file=sys.stderr)
     return stop.status
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.ipc.planner import Planner, Restorable, Timed
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.results import Preparation, Trial
 from mdpo_rddl.ipc.rules import Entry, Rules
-from mdpo_rddl.ipc.trial import OK, play
+from mdpo_rddl.ipc.trial import ERROR, OK, play
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -60,7 +60,7 @@ class Contestant:
         try:
             self._get_ready(phase, started)
         except Exception as error:  # whatever a planner raises fails the instance, not the run
-            status, cause = "error", f"{type(error).__name__}: {one_line_cause(error)}"
+            status, cause = ERROR, f"{type(error).__name__}: {one_line_cause(error)}"
         seconds = time.perf_counter() - started
         return asdict(Preparation(status, cause, round(seconds, 3), round(peak_mb())))
 
@@ -94,11 +94,15 @@ class Contestant:
         seed = episode_seeds(self.rules.seed, trial + 1)[trial]
         rng = np.random.default_rng([self.rules.seed, trial])
         played, trace = play(self._env, self._planner, seed, rng, self.rules.lenient)
-        trace.write(self.entry.folder(self.root / _TRACES) / f"trial-{trial:02}.npz")
+        status, cause = played.status, played.cause
+        try:
+            trace.write(self.entry.folder(self.root / _TRACES) / f"trial-{trial:02}.npz")
+        except InputError as error:  # a full disk, perhaps of the planner's doing
+            status, cause = ERROR, cause or one_line_cause(error)
         return Trial(
             trial=trial,
-            status=played.status,
-            cause=played.cause,
+            status=status,
+            cause=cause,
             total=played.total if math.isfinite(played.total) else None,
             steps=played.steps,
             violations=played.violations,

@@ -51,7 +51,7 @@ def _class(name: str) -> Callable[[], Planner]:
     check_name(name)
     try:
         found = pkgutil.resolve_name(name)
-    except Exception as error:  # whatever the module raises when it is imported
+    except (Exception, SystemExit) as error:  # whatever the module raises when it is imported
         cause = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"planner {name!r} cannot be loaded: {cause}") from error
     for method in ("prepare", "act"):

@@ -1,6 +1,7 @@
 """What is known of an entry, in a file that is rewritten in one step after each trial."""
 
 import json
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,7 +13,9 @@ from mdpo_rddl.ipc.trial import OK
 from mdpo_rddl.machine.files import read_json, write_atomically
 
 RESULTS = "entries"
-FINAL = ("timeout", "memory", "crash")
+CRASH = "crash"
+"""A process that ended by itself, sent what is no answer, or left no room on the disk."""
+FINAL = ("timeout", "memory", CRASH)
 """How a process ends for good, see `mdpo_rddl.machine.guarded.ProcessFailure`."""
 
 
@@ -137,18 +140,51 @@ def _parse(values: Mapping[str, Any]) -> EntryResult:
     return EntryResult(
         entry=Entry(Instance(**_typed(entry["problem"])), str(entry["planner"])),
         wanted=int(values["wanted"]),
-        preparation=None if preparation is None else Preparation(**_typed(preparation)),
-        trials=tuple(Trial(**_typed(trial)) for trial in trials),
+        preparation=None if preparation is None else parse_preparation(preparation),
+        trials=tuple(parse_trial(trial) for trial in trials),
     )
+
+
+def parse_preparation(values: Mapping[str, Any]) -> Preparation:
+    """What a process says of a preparation.
+
+    Raises:
+      TypeError, ValueError: if it is none.
+    """
+    return Preparation(**_typed(values))
+
+
+def parse_trial(values: Mapping[str, Any], number: int | None = None) -> Trial:
+    """What a process says of a trial.
+
+    Args:
+      values: of the trial.
+      number: which one it is, if that is known.
+
+    Raises:
+      TypeError, ValueError: if it is none, or another one.
+    """
+    trial = Trial(**_typed(values))
+    if number not in (None, trial.trial):
+        raise ValueError(f"it is of trial {trial.trial}")
+    if trial.status == OK and trial.total is None:
+        raise ValueError("it has no return")
+    return trial
 
 
 _TEXTS = ("status", "cause", "domain", "instance")
 
 
 def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values, if they are texts and numbers where they should be; raises TypeError."""
+    """The values, if they are texts and finite numbers where they should be.
+
+    Raises:
+      TypeError: naming one that is not.
+    """
     for name, value in values.items():
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (isinstance(value, str) if name in _TEXTS else is_number or value is None):
+        is_number = is_number and abs(value) <= sys.float_info.max
+        none_is_fine = value is None and name == "total"
+        if not (isinstance(value, str) if name in _TEXTS else is_number or none_is_fine):
             raise TypeError(f"{name} is {value!r}")
     return dict(values)

@@ -8,14 +8,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.ipc.contestant import PREPARE, RESTORE, Contestant
-from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_result
+from mdpo_rddl.ipc.results import (
+    CRASH,
+    EntryResult,
+    Preparation,
+    Trial,
+    load_result,
+    parse_preparation,
+    parse_trial,
+)
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.trial import OK
 from mdpo_rddl.machine.executors import Executor
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 
 logger = logging.getLogger(__name__)
+
+_NO_RESULT = "its process sent no result"
 
 
 @dataclass(frozen=True)
@@ -71,7 +82,6 @@ def run_entry(task: EntryTask) -> None:
         result = EntryResult(task.entry, task.rules.trials)
     while not result.is_complete:
         result = _go_on(result, contestant)
-    shutil.rmtree(contestant.prepared_folder, ignore_errors=True)
     _log(result)
 
 
@@ -83,17 +93,41 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     with contextlib.closing(run_guarded(contestant, phases, _limits(rules))) as outcomes:
         for phase, outcome in outcomes:
             if phase == RESTORE:
-                if isinstance(outcome, ProcessFailure) or outcome["status"] != OK:
+                if isinstance(outcome, ProcessFailure) or outcome.get("status") != OK:
                     return EntryResult(result.entry, result.wanted)
                 continue
-            if phase == PREPARE:
-                result = replace(result, preparation=_preparation(outcome))
-            else:
-                result = result.with_trial(_trial(phase, outcome))
-            result.save(contestant.root)
+            before, result = result, _with_outcome(result, phase, outcome)
             if result.is_complete:
                 break
+            try:
+                result.save(contestant.root)
+            except InputError as error:
+                # the planner may have filled the disk: without it there is room again
+                failure = ProcessFailure(CRASH, one_line_cause(error), 0.0, 0.0)
+                result = _with_outcome(before, phase, failure)
+                break
+    if result.is_complete:  # the process has ended, and its temporary files are gone
+        _finish(result, contestant)
     return result
+
+
+def _finish(result: EntryResult, contestant: Contestant) -> None:
+    """Saves what is complete, and removes what was prepared."""
+    try:
+        result.save(contestant.root)
+    except InputError:
+        # on a full disk that comes first
+        shutil.rmtree(contestant.prepared_folder, ignore_errors=True)
+        result.save(contestant.root)
+    shutil.rmtree(contestant.prepared_folder, ignore_errors=True)
+
+
+def _with_outcome(
+    result: EntryResult, phase: int, outcome: dict[str, Any] | ProcessFailure
+) -> EntryResult:
+    if phase == PREPARE:
+        return replace(result, preparation=_preparation(outcome))
+    return result.with_trial(_trial(phase, outcome))
 
 
 def _limits(rules: Rules) -> Callable[[int], Limits]:
@@ -106,14 +140,20 @@ def _preparation(outcome: dict[str, Any] | ProcessFailure) -> Preparation:
     if isinstance(outcome, ProcessFailure):
         seconds, peak = round(outcome.seconds, 3), round(outcome.peak_mb)
         return Preparation(outcome.status, outcome.cause, seconds, peak)
-    return Preparation(**outcome)
+    try:
+        return parse_preparation(outcome)
+    except (TypeError, ValueError):
+        return Preparation(CRASH, _NO_RESULT, 0.0, 0.0)
 
 
 def _trial(number: int, outcome: dict[str, Any] | ProcessFailure) -> Trial:
     if isinstance(outcome, ProcessFailure):
         seconds = round(outcome.seconds, 3)
         return Trial(number, outcome.status, outcome.cause, None, 0, 0, seconds)
-    return Trial(**outcome)
+    try:
+        return parse_trial(outcome, number)
+    except (TypeError, ValueError):
+        return Trial(number, CRASH, _NO_RESULT, None, 0, 0, 0.0)
 
 
 def _log(result: EntryResult) -> None:

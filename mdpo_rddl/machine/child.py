@@ -3,10 +3,10 @@
 All child processes of this package are these. What is asked and answered is JSON.
 """
 
-import json
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -14,45 +14,24 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.machine.messages import Correspondence, GarbledError, Messages
 from mdpo_rddl.machine.process_tree import end_started, end_tree
 
 _POLL_SECONDS = 0.1
 _WATCH_SECONDS = 0.5
 # between the end of what a process sends and its own end
 _EXIT_SECONDS = 10.0
+# of what it prints: the most on the disk (as often as we look), and the end that is kept
+_MOST_LOG, _LOG_END = 2**24, 2**12
 _CACHE_FOLDER = "JAX_COMPILATION_CACHE_DIR"
 _CACHE_SECONDS = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
 
 
 class ChildEndedError(Exception):
     """The process ended without an answer; the message says how, in one line."""
-
-
-class Messages:
-    """One end of the line between a process and its child: whatever JSON can hold."""
-
-    def __init__(self, connection: Connection) -> None:
-        self.connection = connection
-
-    def send(self, message: Any) -> None:
-        """Sends a message.
-
-        Raises:
-          OSError: if nobody is at the other end.
-        """
-        self.connection.send_bytes(json.dumps(message).encode())
-
-    def receive(self) -> Any:
-        """Waits for a message.
-
-        Raises:
-          EOFError, OSError: if nobody is at the other end.
-        """
-        return json.loads(self.connection.recv_bytes())
 
 
 class Child:
@@ -64,7 +43,7 @@ class Child:
 
     Attributes:
       pid: its number.
-      folder: for files to hand over; removed with the process.
+      folder: for files to hand over, and for its temporary files; removed with the process.
     """
 
     def __init__(self, serve: Callable[[Messages], None], on_cpu: bool = False) -> None:
@@ -78,24 +57,28 @@ class Child:
         Raises:
           OSError: if no process can be started.
         """
-        self._temporary = tempfile.TemporaryDirectory(prefix="mdpo-child-")
+        self._temporary = tempfile.TemporaryDirectory(
+            prefix="mdpo-child-", ignore_cleanup_errors=True
+        )
         self.folder = Path(self._temporary.name)
-        self._log = self.folder / "log"
-        ours, theirs = Pipe()
-        self._messages = Messages(ours)
+        # stays open: the folder is the child's to clear
+        self._log = (self.folder / "log").open("a+b", buffering=0)
+        self._said = b""
+        ours, theirs = socket.socketpair()
+        self._line = Correspondence(ours)
         command = (
             f"from {__name__} import begin, run; "
             f"messages = begin({theirs.fileno()}, {os.getpid()}); "
             f"from {serve.__module__} import {serve.__qualname__} as serve; "
             "run(serve, messages)"
         )
-        with self._log.open("wb") as log, theirs:
+        with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", command],
                 stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                env=_environment(on_cpu),
+                stdout=self._log,
+                stderr=self._log,
+                env={**_environment(on_cpu), "TMPDIR": str(self.folder)},
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
@@ -114,7 +97,7 @@ class Child:
           ChildEndedError: if the process has ended.
         """
         try:
-            self._messages.send(message)
+            self._line.send(message)
         except OSError as error:
             raise ChildEndedError(self._last_words()) from error
 
@@ -125,29 +108,53 @@ class Child:
           seconds: how long to wait at most.
 
         Raises:
-          ChildEndedError: if the process ended before.
+          ChildEndedError: if the process ended before, or sent what is no message.
           TimeoutError: if there is no message in time.
         """
-        connection, until = self._messages.connection, time.monotonic() + seconds
+        until = time.monotonic() + seconds
         try:
-            while not connection.poll(min(_POLL_SECONDS, max(0.0, until - time.monotonic()))):
+            while True:
+                left = until - time.monotonic()
+                try:
+                    return self._line.receive(min(_POLL_SECONDS, max(0.0, left)))
+                except TimeoutError:
+                    if left <= 0.0:
+                        raise
+                self._cut_log()
                 # somebody whom it has started may hold its end of the line open
-                if self._exit() is not None and not connection.poll(0):
-                    raise EOFError
-                if time.monotonic() >= until:
-                    raise TimeoutError
-            return self._messages.receive()
+                if self._exit() is not None:
+                    return self._last_message()
         except TimeoutError:
             raise
+        except GarbledError as error:
+            raise ChildEndedError("it sent what is no message") from error
         except (EOFError, OSError) as error:
             raise ChildEndedError(self._last_words()) from error
+
+    def _last_message(self) -> Any:
+        """What the process has sent before its end; raises EOFError if that is nothing."""
+        try:
+            return self._line.receive(0.0)
+        except TimeoutError as error:
+            raise EOFError from error
+
+    def _cut_log(self) -> None:
+        """Keeps the end alone of what a process prints without end."""
+        if os.fstat(self._log.fileno()).st_size > _MOST_LOG:
+            self._said = self._log_end()
+            self._log.truncate(0)
+
+    def _log_end(self) -> bytes:
+        self._log.seek(max(0, self._log.seek(0, os.SEEK_END) - _LOG_END))
+        return (self._said + self._log.read(_LOG_END))[-_LOG_END:]
 
     def end(self) -> None:
         """Kills the process and everything that it has started, and removes the folder."""
         if self._process.returncode is None:
             end_tree(self.pid)
             self._process.wait()
-        self._messages.connection.close()
+        self._line.close()
+        self._log.close()
         self._temporary.cleanup()
 
     def _exit(self) -> Any:
@@ -164,9 +171,9 @@ class Child:
             how = f"exit status {ended.si_status}"
         else:
             how = f"killed by {signal.Signals(ended.si_status).name}"
-        said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
+        said = self._log_end().decode(errors="replace").split("\n")
         lines = [" ".join(line.split()) for line in said if line.strip()]
-        return f"{how}: {lines[-1]}" if lines else how
+        return f"{how}: {lines[-1]:.300}" if lines else how
 
 
 def begin(descriptor: int, parent: int) -> Messages:
@@ -183,7 +190,7 @@ def begin(descriptor: int, parent: int) -> Messages:
         signal.signal(number, _ignore)
         os.register_at_fork(after_in_child=partial(signal.signal, number, signal.SIG_DFL))
     os.set_inheritable(descriptor, False)
-    return Messages(Connection(descriptor))
+    return Messages(socket.socket(fileno=descriptor))
 
 
 def run(serve: Callable[[Messages], None], messages: Messages) -> None:
@@ -191,6 +198,7 @@ def run(serve: Callable[[Messages], None], messages: Messages) -> None:
     try:
         serve(messages)
     finally:
+        messages.close()
         end_started(os.getpid())
 
 

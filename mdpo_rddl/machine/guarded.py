@@ -2,6 +2,7 @@
 
 import base64
 import pickle
+import resource
 import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, NamedTuple
@@ -14,6 +15,9 @@ _POLL_SECONDS = 0.1
 _MEMBERS_SECONDS = 0.5
 _MB = 2**20
 _START_SECONDS = 300.0
+# of the child and of what it starts: a file's size, and how many they may be
+_MOST_FILE_BYTES = 2**31
+_MOST_PROCESSES = 1000
 
 
 class Limits(NamedTuple):
@@ -33,7 +37,8 @@ class ProcessFailure(NamedTuple):
     """An end without a result.
 
     Attributes:
-      status: "timeout", "memory" or "crash".
+      status: "timeout", "memory" or "crash"; the latter also for a process that sends what is no
+        answer, or starts more than a thousand others.
       cause: one line.
       seconds: since the item was begun.
       peak_mb: largest resident memory seen, of the process and all that it has started, in
@@ -58,7 +63,7 @@ def run_guarded(
 
     Args:
       work: a function at the top of a module, or a picklable object that can be called, which
-        may keep things from one item to the next; its result is anything that JSON can hold.
+        may keep things from one item to the next; its result is a dictionary that JSON can hold.
       items: what to call it with.
       limits: for each item, or a function that tells an item's.
 
@@ -78,11 +83,14 @@ def run_guarded(
 
 
 class _Worker:
-    """A child that works on one item after the other, watched."""
+    """A child that works on one item after the other, watched.
+
+    Questions and their answers are numbered: what has been answered once is not answered again.
+    """
 
     def __init__(self, child: Child, work: Callable[[Any], dict[str, Any]]) -> None:
         self._child, self._work = child, work
-        self._is_ready = False
+        self._is_ready, self._number = False, 0
         self._members: set[int] = set()
         self._listed = -_MEMBERS_SECONDS
 
@@ -97,24 +105,35 @@ class _Worker:
 
     def _answer(self, question: Any, limits: Limits) -> dict[str, Any] | ProcessFailure:
         started, peak = time.monotonic(), 0.0
+        self._number += 1
         try:
-            self._child.ask(_packed(question))
+            self._child.ask([self._number, _packed(question)])
+            while True:
+                if (answer := self._received()) is not None:
+                    return answer
+                resident = self._resident_bytes(limits.memory_gb * 1e9)
+                seconds, peak = time.monotonic() - started, max(peak, resident / _MB)
+                if resident > limits.memory_gb * 1e9:
+                    return ProcessFailure("memory", f"over {limits.memory_gb:g} GB", seconds, peak)
+                if seconds > limits.seconds:
+                    return ProcessFailure("timeout", f"over {limits.seconds:g} s", seconds, peak)
+                if len(self._members) > _MOST_PROCESSES:
+                    raise ChildEndedError(f"over {_MOST_PROCESSES} processes")
         except ChildEndedError as error:
-            return ProcessFailure("crash", str(error), 0.0, peak)
-        while True:
-            try:
-                answer: dict[str, Any] = self._child.answer(_POLL_SECONDS)
-                return answer
-            except ChildEndedError as error:
-                return ProcessFailure("crash", str(error), time.monotonic() - started, peak)
-            except TimeoutError:
-                seconds = time.monotonic() - started
-            resident = self._resident_bytes(limits.memory_gb * 1e9)
-            peak = max(peak, resident / _MB)
-            if resident > limits.memory_gb * 1e9:
-                return ProcessFailure("memory", f"over {limits.memory_gb:g} GB", seconds, peak)
-            if seconds > limits.seconds:
-                return ProcessFailure("timeout", f"over {limits.seconds:g} s", seconds, peak)
+            return ProcessFailure("crash", str(error), time.monotonic() - started, peak)
+
+    def _received(self) -> dict[str, Any] | None:
+        """The answer to the last question; None if it is not there yet."""
+        try:
+            answer = self._child.answer(_POLL_SECONDS)
+        except TimeoutError:
+            return None
+        match answer:
+            case [int(number), dict(result)] if number == self._number:
+                return result
+            case [int(number), dict()] if 0 < number < self._number:
+                return None  # repeated
+        raise ChildEndedError("it sent what is no answer")
 
     def _resident_bytes(self, limit: float) -> int:
         """Resident memory of the child and all that it has started."""
@@ -129,10 +148,20 @@ class _Worker:
 
 def serve(messages: Messages) -> None:
     """The child: reads the work, and then an item at a time, until it is ended."""
-    work = _unpacked(messages.receive())
-    messages.send(None)
+    _bound_files()
+    number, packed = messages.receive()
+    work = _unpacked(packed)
+    messages.send([number, {}])
     while True:
-        messages.send(work(_unpacked(messages.receive())))
+        number, packed = messages.receive()
+        messages.send([number, work(_unpacked(packed))])
+
+
+def _bound_files() -> None:
+    """Has no file grow without end, or it would fill the disk."""
+    given = resource.getrlimit(resource.RLIMIT_FSIZE)
+    least = min((_MOST_FILE_BYTES, *(each for each in given if each != resource.RLIM_INFINITY)))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (least, least))
 
 
 # from this process to its own child, which sends no such thing back

@@ -26,7 +26,7 @@ class TrainingState:
         numbers, as JSON can hold them.
     """
 
-    tensors: Mapping[str, np.ndarray]
+    tensors: dict[str, np.ndarray]
     numbers: Mapping[str, Any]
 
     @property
@@ -75,7 +75,8 @@ class CheckpointedLoop:
             hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
             structure = planner.params_structure(hyperparams)
             found = _part(state.tensors, _FOUND)
-            self.found = Found.resumed(planner.in_calls, found, structure)
+            shape = planner.restarts, planner.horizon
+            self.found = Found.resumed(planner.in_calls, found, structure, shape)
         self._loop = WatchedLoop(planner, built.arguments.get("stopping_rule"), loop)
         self._latest: Callable[[], TrainingState] | None = None
         self._saved_at = self._began = time.monotonic()
@@ -130,7 +131,7 @@ class CheckpointedLoop:
         self._saved_at = time.monotonic()
 
 
-def _part(tensors: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+def _part(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     return {
         name.removeprefix(prefix): value
         for name, value in tensors.items()

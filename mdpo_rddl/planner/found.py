@@ -9,12 +9,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mdpo_rddl.planner.fitting import fitted, fitted_leaves
+
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600
 _KEPT = ("iteration", "train_return", "test_return", "sigma")
 
 
-_NUMBERS = ("restart", "test_return", "best_return", "best_iteration", "best_restart")
+_NUMBERS = (
+    "restart",
+    "test_return",
+    "best_return",
+    "best_iteration",
+    "best_restart",
+    "not_finite",
+    "first_not_finite",
+    "flat",
+    "sloped",
+)
 
 
 class Found:
@@ -28,6 +40,7 @@ class Found:
       not_finite: training and test returns that were not finite.
       first_not_finite: the iteration of the first.
       suspect: the parameters of one policy before that; None if it was the first iteration.
+      flat, sloped: iterations whose gradients were all zero, and the others.
     """
 
     def __init__(self, in_calls: bool) -> None:
@@ -42,16 +55,23 @@ class Found:
         self._every = 1
         self.not_finite, self.first_not_finite = 0, 0
         self.suspect: Any = None
-        self._statuses: set[str] = set()
+        self.flat = self.sloped = 0
 
     @classmethod
-    def resumed(cls, in_calls: bool, tensors: Mapping[str, np.ndarray], structure: Any) -> "Found":
+    def resumed(
+        cls,
+        in_calls: bool,
+        tensors: dict[str, np.ndarray],
+        structure: Any,
+        shape: tuple[int, int],
+    ) -> "Found":
         """What `tensors` has made tensors of.
 
         Args:
           in_calls: as of the training.
           tensors: by their names.
-          structure: of the parameters of one policy.
+          structure: shapes and types of the parameters of one policy.
+          shape: number of restarts and horizon.
 
         Raises:
           KeyError, ValueError: if something is missing or does not fit.
@@ -60,13 +80,21 @@ class Found:
         numbers = {name: tensors[name].item() for name in _NUMBERS}
         for name, value in numbers.items():
             setattr(found, name, value if name.endswith("_return") else int(value))
-        count = len(jax.tree.leaves(structure))
-        leaves = [tensors[f"best_params/{i}"] for i in range(count)]
-        best = jax.tree.unflatten(jax.tree.structure(structure), leaves)
+        treedef = jax.tree.structure(structure)
+        best = jax.tree.unflatten(treedef, fitted_leaves("best_params", tensors, structure))
         found._best_params = lambda: best
+        if "suspect/0" in tensors:
+            suspect = fitted_leaves("suspect", tensors, structure)
+            found.suspect = jax.tree.unflatten(treedef, suspect)
         found._every = int(tensors["every"])
         kept = {name: tensors[f"kept/{name}"] for name in _KEPT}
-        for i in range(len(kept["iteration"])):
+        count, restarts = len(kept["iteration"]), shape[0]
+        shapes = {"iteration": (count,), "sigma": (count, *shape)}
+        for name, values in kept.items():
+            fitted(f"kept/{name}", values, shapes.get(name, (count, restarts)), values.dtype)
+        if not 0 <= found.restart < restarts or not 0 <= found.best_restart < restarts:
+            raise ValueError(f"it names a restart that is none of the planner's {restarts}")
+        for i in range(count):
             entry = {name: values[i] for name, values in kept.items()}
             # JAX's mean of a profile rounds otherwise than numpy's
             entry["sigma"] = jnp.asarray(entry["sigma"])
@@ -83,8 +111,9 @@ class Found:
         """All of it but the last callback."""
         found = {name: np.asarray(getattr(self, name)) for name in _NUMBERS}
         found["every"] = np.asarray(self._every)
-        for i, leaf in enumerate(jax.tree.leaves(self.best_params)):
-            found[f"best_params/{i}"] = np.asarray(leaf)
+        for name, tree in {"best_params": self.best_params, "suspect": self.suspect}.items():
+            for i, leaf in enumerate(jax.tree.leaves(tree)):
+                found[f"{name}/{i}"] = np.asarray(leaf)
         for name in _KEPT:
             found[f"kept/{name}"] = np.stack([np.asarray(entry[name]) for entry in self._kept])
         return found
@@ -114,7 +143,8 @@ class Found:
 
     def _check(self, callback: Mapping[str, Any]) -> None:
         if not callback["status"].is_terminal():  # the last one says why it was the last
-            self._statuses.add(callback["status"].name)
+            is_flat = callback["status"].name == "NO_PROGRESS"
+            self.flat, self.sloped = self.flat + is_flat, self.sloped + (not is_flat)
         finite = np.stack(
             [np.isfinite(callback["train_return"]), np.isfinite(callback["test_return"])]
         )
@@ -130,7 +160,7 @@ class Found:
     @property
     def is_flat(self) -> bool:
         """Whether no iteration had a gradient other than zero."""
-        return self._statuses == {"NO_PROGRESS"}
+        return self.flat > 0 and self.sloped == 0
 
     @property
     def best_params(self) -> Any:

@@ -14,11 +14,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.planner.fitting import fitted, fitted_leaves
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.update.restarts import AllLanes
 from mdpo_rddl.planner.upstream import JaxPlannerStoppingRule, planner
 
-Tensors = Mapping[str, np.ndarray]
+Tensors = dict[str, np.ndarray]
 
 _TREES = ("params", "opt_state", "opt_aux", "model", "test_model")
 # JaxPlan's averages are made by name in the first turn of its loop
@@ -66,7 +67,11 @@ class WatchedLoop:
         self._average: Any = None
 
     def arguments(self) -> dict[str, Any]:
-        """Arguments of `optimize_generator` that make it go on, besides the key and the budget."""
+        """Arguments of `optimize_generator` that make it go on, besides the key and the budget.
+
+        Raises:
+          KeyError, ValueError: if the state does not fit the planner.
+        """
         given: dict[str, Any] = {} if self._rule is None else {"stopping_rule": self._rule}
         if self._resumed is None:
             return given
@@ -74,17 +79,19 @@ class WatchedLoop:
         params = self._planner.params_structure(
             dict.fromkeys(self._planner.rddl.action_fluents, 1.0)
         )
+        self._check_losses()
+        lanes = self._planner.parallel_updates
         return {
             **given,
-            "guess": AllLanes(self._tree("params", params)),
-            "model_params": AllLanes(self._tree("model", model)),
+            "guess": AllLanes(self._tree("params", params, lanes)),
+            "model_params": AllLanes(self._tree("model", model, lanes)),
         }
 
     @property
     def key(self) -> Any:
         """The key to go on with."""
         assert self._resumed is not None
-        return self._resumed.tensors["key"]
+        return fitted("key", self._resumed.tensors["key"], (2,), np.uint32)
 
     def turns(self, start: Callable[[], Iterator[dict[str, Any]]]) -> Iterator[dict[str, Any]]:
         """The callbacks of the loop.
@@ -174,24 +181,35 @@ class WatchedLoop:
             finally:
                 planner.RollingMean = made
 
-    def _tree(self, name: str, template: Any) -> Any:
+    def _check_losses(self) -> None:
+        """Raises ValueError if the test losses are not one of each lane."""
+        assert self._resumed is not None
+        tensors = self._resumed.tensors
+        losses, total = tensors["losses"], tensors["losses_sum"]
+        lanes = (self._planner.parallel_updates,)
+        fitted("losses", losses, (len(losses), *lanes), self._planner.compiled.REAL)
+        fitted("losses_sum", total, lanes, self._planner.compiled.REAL)
+
+    def _tree(self, name: str, template: Any, lanes: int | None = None) -> Any:
         """A saved tree, of the structure and on the devices of another one.
 
+        Args:
+          name: of the tree.
+          template: that other one.
+          lanes: length of the leading axis, if the template's leaves lack it.
+
         Raises:
-          ValueError: if it does not fit.
+          KeyError, ValueError: if it does not fit.
         """
         assert self._resumed is not None
+        saved = fitted_leaves(name, self._resumed.tensors, template, lanes)
         leaves, structure = jax.tree.flatten(template)
-        saved = [self._resumed.tensors[f"{name}/{i}"] for i in range(len(leaves))]
-        if f"{name}/{len(leaves)}" in self._resumed.tensors:
-            raise ValueError(f"its {name} have more parts than the planner's")
-        return jax.tree.unflatten(structure, list(map(_like, leaves, saved)))
+        return jax.tree.unflatten(structure, list(map(_placed, leaves, saved)))
 
 
-def _like(leaf: Any, saved: np.ndarray) -> Any:
+def _placed(leaf: Any, saved: np.ndarray) -> Any:
+    """On the devices of the leaf that it stands for."""
     if isinstance(leaf, jax.Array) and leaf.shape == saved.shape:
-        if leaf.dtype != saved.dtype:
-            raise ValueError(f"it holds {saved.dtype} where the planner has {leaf.dtype}")
         return jax.device_put(saved, leaf.sharding)
     return saved
 

@@ -35,7 +35,8 @@ class Referee:
         """The proposal if it is legal, else the first legal one of `_fallbacks`.
 
         Real actions are clipped to their box in 64 bit first, since a bound rounded to 32 bit
-        can lie outside. Where nothing legal is found, the proposal stands.
+        can lie outside; one that is not finite is illegal. Where nothing legal is found, the
+        proposal stands.
         """
         actions = dict(proposal)
         for name, (lower, upper) in self._box.items():
@@ -67,6 +68,10 @@ class Referee:
             yield self._noop | {name: everywhere if value.shape else everywhere.item()}
 
     def _is_legal(self, actions: Mapping[str, Any]) -> bool:
+        # the environment takes what is not finite where there is no box
+        reals = (actions[name] for name in self._box if name in actions)
+        if not all(np.all(np.isfinite(value)) for value in reals):
+            return False
         sampler = self._env.sampler
         prepared = sampler.prepare_actions_for_sim(actions)
         try:

@@ -9,7 +9,7 @@ from mdpo_rddl.session.kept import KeptPair
 from mdpo_rddl.session.requests import FindTerms
 from mdpo_rddl.session.unfinished import TRAINING_FILES
 
-_FORMAT = "mdpo-rddl checkpoint 1"
+_FORMAT = "mdpo-rddl checkpoint 2"
 
 
 def training_checkpoints(folder: Path, terms: FindTerms, seconds: float) -> Checkpoints:

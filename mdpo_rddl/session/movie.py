@@ -1,8 +1,10 @@
 """An episode as a movie."""
 
+import io
 import logging
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 from PIL import Image
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.problem.episode import Policy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
@@ -35,9 +38,11 @@ def check_movie(path: Path) -> None:
 
 
 def draw_movie(path: Path, policy: Policy, problem: Problem, seed: int) -> None:
-    """`write_movie` for a run that is done: a visualizer's mistake costs the movie alone."""
+    """`write_movie` for a run that is done: a mistake or an interrupt costs the movie alone."""
     try:
         write_movie(path, policy, problem, seed)
+    except KeyboardInterrupt:
+        logger.warning("no movie: stopped while it was drawn")
     except Exception as error:  # whatever somebody's visualizer raises
         logger.warning("no movie: %s", " ".join(f"{error}".split()) or type(error).__name__)
 
@@ -87,20 +92,25 @@ def _small(frame: Image.Image) -> Image.Image:
 def _write_gif(path: Path, frames: Sequence[Image.Image]) -> None:
     first, *rest = (frame.quantize(64) for frame in _same_size(frames))
     duration = 1000 // _FRAMES_A_SECOND
-    first.save(path, save_all=True, append_images=rest, duration=duration, loop=0)
+    film, options = io.BytesIO(), {"append_images": rest, "duration": duration, "loop": 0}
+    first.save(film, format="GIF", save_all=True, **options)
+    write_atomically(path, film.getvalue())
 
 
 def _write_mp4(path: Path, frames: Sequence[Image.Image]) -> None:
     frames = _same_size(frames)
     width, height = frames[0].size
     pixels = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
-    into = ["-r", str(_FRAMES_A_SECOND), "-i", "-", "-pix_fmt", "yuv420p", str(path)]
-    command = ["ffmpeg", "-y", "-loglevel", "error", *pixels, *into]
+    into = ["-r", str(_FRAMES_A_SECOND), "-i", "-", "-pix_fmt", "yuv420p"]
     content = b"".join(frame.tobytes() for frame in frames)
-    done = subprocess.run(command, input=content, capture_output=True, check=False)
-    if done.returncode:
-        cause = " ".join(done.stderr.decode(errors="replace").split())
-        raise InputError(f"{path}: ffmpeg cannot write it: {cause}")
+    with tempfile.TemporaryDirectory(prefix=".", dir=path.parent) as folder:
+        film = Path(folder) / path.name
+        command = ["ffmpeg", "-y", "-loglevel", "error", *pixels, *into, str(film)]
+        done = subprocess.run(command, input=content, capture_output=True, check=False)
+        if done.returncode:
+            cause = " ".join(done.stderr.decode(errors="replace").split())
+            raise InputError(f"{path}: ffmpeg cannot write it: {cause}")
+        film.replace(path)
 
 
 def _same_size(frames: Sequence[Image.Image]) -> list[Image.Image]:

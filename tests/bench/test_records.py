@@ -1,5 +1,9 @@
 """Records of measurements: rows as they come, read again, and other files left alone."""
 
+import itertools
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -93,3 +97,31 @@ def test_a_file_that_can_only_be_read_is_refused_before_anything_is_trained(tmp_
     monkeypatch.setattr(Path, "open", read_only)
     message = one_line(lambda: Records(path, COLUMNS, COLUMNS[:2]))
     assert message == f"{path}: cannot be written: Permission denied"
+
+
+WRITER = """
+import itertools, os, sys
+from pathlib import Path
+from mdpo_rddl.bench.common.records import Records
+
+records = Records(Path(sys.argv[1]), ("name", "seed", "value"), ("name", "seed"))
+for number in itertools.count(len(records.rows)):
+    records.add(number, 0, "x" * 50_000)
+    os.write(1, b"%d\\n" % number)
+"""
+
+
+def test_a_kill_in_the_middle_of_a_row_loses_no_finished_one(tmp_path):
+    path, variables = tmp_path / "rows.csv", {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    for more in (1, 7, 20):
+        with subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, env=variables
+        ) as writer:
+            told = [int(line) for line in itertools.islice(writer.stdout, more)]
+            writer.kill()
+            told += [int(line) for line in writer.stdout]
+        rows = Records(path, COLUMNS, COLUMNS[:2]).rows
+        assert [int(row["name"]) for row in rows] == list(range(len(rows)))
+        # the one that was being told may be there
+        assert told[-1] + 1 <= len(rows) <= told[-1] + 2
+        assert {len(row["value"]) for row in rows} == {50_000}

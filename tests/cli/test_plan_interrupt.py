@@ -16,6 +16,7 @@ from safetensors.numpy import load_file
 
 from mdpo_rddl.cli import plan as command
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.session import movie
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.report.run_folder import POLICY, RunFolder
 
@@ -59,6 +60,18 @@ def test_an_interrupt_before_that_leaves_nothing(
     outcome = run(f"{OPTIONS} --json", capsys)
     assert outcome == Outcome(130, "", "mdpo-plan: interrupted, nothing was written\n")
     assert contents(workplace) == before
+
+
+def test_an_interrupt_while_the_movie_is_drawn_leaves_the_run(
+    workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(movie, "write_movie", lambda *_: signal.raise_signal(signal.SIGINT))
+    outcome = run(f"{OPTIONS} --iterations 2 --out run --movie a.gif --quiet --json", capsys)
+    assert outcome.status == 130
+    assert outcome.err == "mdpo-plan: stopped after the run was done: run\n"
+    assert json.loads(outcome.out)["status"] == "iter_budget_reached"
+    assert {path.name for path in (workplace / "run").iterdir()} == RUN_FILES
+    assert not (workplace / "run.unfinished").exists()
 
 
 # the progress bar shows nothing in time where standard error is no terminal

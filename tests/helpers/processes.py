@@ -45,7 +45,7 @@ def parent_of_two(messages: Messages) -> None:
 
 def leaves_by_itself(messages: Messages) -> None:
     """Ends before it answers, with a process that still holds its end of the line."""
-    os.set_inheritable(messages.connection.fileno(), True)
+    os.set_inheritable(messages.line.fileno(), True)
     process = subprocess.Popen(["sleep", "600"], close_fds=False)
     messages.send(process.pid)
     sys.stderr.write("a check failed:\n  no such kernel\n")

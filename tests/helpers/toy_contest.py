@@ -21,8 +21,8 @@ def tiny_instance(folder: Path, spread: float = 0.3) -> Instance:
 
 
 def entry(problem: Instance, planner: type | str) -> Entry:
-    """An entry of one of the planners below, or of a known one."""
-    name = planner if isinstance(planner, str) else f"{__name__}:{planner.__name__}"
+    """An entry of one of the planners below, or of a known one, or of another module's."""
+    name = planner if isinstance(planner, str) else f"{planner.__module__}:{planner.__name__}"
     return Entry(problem, name)
 
 

@@ -1,5 +1,9 @@
 """Whole runs in processes of their own: what fails is recorded, what was stopped goes on."""
 
+import os
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -100,6 +104,27 @@ def test_a_finished_run_is_not_played_again(mishaps, monkeypatch):
     run(folder / "out", entries, QUICK, LocalExecutor())
     run_entry(EntryTask(entries[-1], QUICK, folder / "out"))
     assert results(folder / "out", entries) == found
+
+
+@pytest.mark.long
+def test_a_killed_run_keeps_the_trials_that_were_played(tmp_path):
+    problem, out = tiny_instance(tmp_path / "tiny"), tmp_path / "out"
+    each = entry(problem, toy_contest.Pausing)
+    command = [sys.executable, "-m", "mdpo_rddl.cli.ipc", "run", "--out", str(out), "--quiet"]
+    command += ["--problems", f"{problem.domain}:{problem.instance}", "--planners", each.planner]
+    command += ["--trials", "40", "--plan-seconds", "60", "--memory-gb", "8"]
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    until, before = time.monotonic() + 90.0, ()
+    with subprocess.Popen(command, env=variables, stdout=subprocess.DEVNULL) as process:
+        while len(before) < 3 and time.monotonic() < until:
+            time.sleep(0.05)
+            before = load_result(out, each, 40).trials
+        process.kill()
+    kept = load_result(out, each, 40)
+    assert 3 <= len(kept.trials) < 40
+    assert kept.trials[: len(before)] == before
+    assert statuses(kept) == ["ok"] * len(kept.trials)
+    assert running.Contestant(each, RULES, out).prepared_folder.is_dir()
 
 
 @pytest.mark.parametrize("kind", ["Remembering", "Erratic"])

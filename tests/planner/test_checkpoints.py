@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from helpers.problems import assert_same_bits, tiny_files
@@ -14,8 +15,10 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.found import Found
 from mdpo_rddl.planner.loop_state import can_be_resumed
 from mdpo_rddl.planner.training import TrainingResult, train
+from mdpo_rddl.planner.upstream import JaxPlannerStatus
 from mdpo_rddl.problem.load import load_problem
 
 CONFIGS = {
@@ -94,6 +97,57 @@ def test_what_does_not_fit_is_refused(built):
             trained(built, Checkpoints(1.0, states.append, TrainingState(tensors, state.numbers)))
     with pytest.raises(InputError, match="the checkpoint does not fit the planner"):
         trained(built, Checkpoints(1.0, states.append, TrainingState(state.tensors, {})))
+
+
+def _damaged(state: TrainingState, name: str, value: np.ndarray) -> TrainingState:
+    return TrainingState({**state.tensors, name: value}, state.numbers)
+
+
+def test_tensors_of_other_shapes_and_types_are_refused_before_use(built):
+    states: list[TrainingState] = []
+    trained(built, Checkpoints(0.0, states.append))
+    state = states[1]
+    mistakes = {
+        name: np.stack([value] * 3)
+        for name, value in state.tensors.items()
+        if name.endswith(("/0", "sigma", "_return", "key", "losses_sum")) and value.ndim
+    }
+    assert {"loop/params/0", "loop/opt_state/0", "found/kept/sigma"} <= set(mistakes)
+    mistakes["loop/opt_state/0"] = state.tensors["loop/opt_state/0"].astype(np.complex64)
+    for name, value in mistakes.items():
+        broken, part = _damaged(state, name, value), name.partition("/")[2]
+        with pytest.raises(InputError, match=f"does not fit the planner: its {part}"):
+            trained(built, Checkpoints(1.0, states.append, broken))
+    for name in ("found/restart", "found/best_restart"):
+        broken = _damaged(state, name, np.asarray(99))
+        with pytest.raises(InputError, match="names a restart"):
+            trained(built, Checkpoints(1.0, states.append, broken))
+
+
+def test_what_was_not_finite_is_counted_over_a_resumption():
+    def callback(iteration: int, returns: list[float]) -> dict[str, Any]:
+        return {
+            "iteration": iteration,
+            "status": JaxPlannerStatus.NO_PROGRESS,
+            "train_return": np.zeros(2),
+            "test_return": np.asarray(returns),
+            "params": {"w": np.asarray([iteration, iteration + 0.5], np.float32)},
+            "sigma": np.zeros((2, 3)),
+        }
+
+    whole = Found(in_calls=False)
+    rows = [[1.0, 2.0], [np.nan, 3.0], [4.0, np.inf], [5.0, 6.0]]
+    for i, returns in enumerate(rows):
+        whole.add(callback(i, returns))
+        if i == 1:
+            structure = {"w": jax.ShapeDtypeStruct((), np.float32)}
+            resumed = Found.resumed(False, whole.tensors(), structure, (2, 3))
+        elif i > 1:
+            resumed.add(callback(i, returns))
+    assert resumed.not_finite == whole.not_finite == 2
+    assert resumed.first_not_finite == whole.first_not_finite == 1
+    assert float(resumed.suspect["w"]) == float(whole.suspect["w"]) == 0.0
+    assert resumed.is_flat is whole.is_flat is True
 
 
 def test_what_the_loop_keeps_elsewhere_too_leaves_no_checkpoints():

@@ -73,3 +73,11 @@ def test_where_nothing_legal_is_found_the_proposal_stands(tmp_path):
     ruled = verdict(tmp_path, "(sum_{?i : item} [pick(?i)]) == 2", pick=np.array([True] * 3))
     assert (ruled.illegal, ruled.fallback) == (True, False)
     assert ruled.actions["pick"].tolist() == [True] * 3
+
+
+@pytest.mark.parametrize("number", [np.nan, -np.inf])
+def test_what_is_not_finite_is_illegal_where_there_is_no_box_too(tmp_path, number):
+    rule = "(sum_{?i : item} [pick(?i)]) <= 1"
+    ruled = verdict(tmp_path, rule, pick=np.array([0, 1, 0], bool), push=number)
+    assert (ruled.illegal, ruled.fallback) == (True, True)
+    assert ruled.actions["push"] == 0.0

@@ -97,3 +97,34 @@ def test_a_visualizer_that_fails_costs_the_movie_alone(tanks, tmp_path, monkeypa
     monkeypatch.setattr(movie, "write_movie", broken)
     movie.draw_movie(tmp_path / "episode.gif", noop, tanks, 0)
     assert caplog.messages == ["no movie: no picture"]
+
+
+def test_an_interrupt_costs_the_movie_alone_and_leaves_no_half_of_it(
+    tanks, tmp_path, monkeypatch, caplog
+):
+    class Impatient(Colours):
+        def render(self, state):
+            if self.frames == 2:
+                raise KeyboardInterrupt
+            return super().render(state)
+
+    monkeypatch.setattr(visualizer, "_own_visualizer", lambda problem: Impatient)
+    movie.draw_movie(tmp_path / "episode.gif", noop, tanks, 0)
+    assert caplog.messages == ["no movie: stopped while it was drawn"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_film_that_cannot_be_written_whole_leaves_the_earlier_one(tanks, tmp_path, monkeypatch):
+    path = tmp_path / "episode.gif"
+    path.write_bytes(b"earlier")
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(visualizer, "_own_visualizer", lambda problem: Colours)
+    monkeypatch.setattr("os.fsync", full)
+    said = one_line(lambda: write_movie(path, noop, tanks, seed=0))
+    assert said == f"{path}: cannot be written: No space left on device"
+    assert [(each.name, each.read_bytes()) for each in tmp_path.iterdir()] == [
+        ("episode.gif", b"earlier")
+    ]

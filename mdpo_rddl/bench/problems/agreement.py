@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -61,7 +61,7 @@ def compare(problem: Problem) -> Agreement:
     Rollouts that are all the same must agree step by step; others in the means of return and
     length.
     """
-    planner = _make_planner(problem)
+    planner = make_planner(problem)
     chance, differences = False, []
     compiled = _compile_sequences(planner)
     for number in range(_SEQUENCES):
@@ -70,7 +70,7 @@ def compare(problem: Problem) -> Agreement:
         chance |= is_random(ours)
         theirs = _environment_episodes(problem, actions, _EPISODES if chance else 1)
         differences.append(difference(ours, theirs))
-    policies = _random_policies(planner, len(_SPREADS))
+    policies = random_policies(planner, _SPREADS)
     returns = compile_exact_returns(planner, _ROLLOUTS)(jax.random.PRNGKey(1), policies)
     illegal = steps = 0
     env = make_environment(problem)
@@ -91,9 +91,9 @@ def steps_per_second(problem: Problem) -> float:
 
     The seconds are those that all threads have computed: what one core would take on its own.
     """
-    planner = _make_planner(problem)
+    planner = make_planner(problem)
     play = compile_exact_returns(planner, _SIDE_ROLLOUTS)
-    policies = _random_policies(planner, _SIDE_BY_SIDE)
+    policies = random_policies(planner, np.resize(_SPREADS, _SIDE_BY_SIDE))
     jax.block_until_ready(play(jax.random.PRNGKey(0), policies))
     calls, started, used = 0, time.perf_counter(), time.process_time()
     while time.perf_counter() - started < _SPEED_SECONDS:
@@ -154,7 +154,8 @@ def random_actions(problem: Problem, random: np.random.Generator) -> dict[str, n
     return {name: np.stack([actions[name] for actions in steps]) for name in noop}
 
 
-def _make_planner(problem: Problem) -> MDPOPlanner:
+def make_planner(problem: Problem) -> MDPOPlanner:
+    """A planner of the feedback policy, with a plan beside it; nothing is trained."""
     plan = FeedbackPlan(FeedbackShape(topology=(), plan=True))
     quiet = {"print_warnings": False}
     return MDPOPlanner(
@@ -219,14 +220,20 @@ def _environment_episodes(
     return Episodes(rewards, lengths)
 
 
-def _random_policies(planner: MDPOPlanner, count: int) -> Any:
+def random_policies(planner: MDPOPlanner, spreads: Sequence[float] | np.ndarray) -> Any:
+    """Parameters of one policy for each spread, the standard deviation of its normal weights.
+
+    Returns:
+      A tree with a leading axis of policies; weights beyond the largest number of 32 bits are it.
+    """
     random = np.random.default_rng(0)
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
-    spreads = np.resize(_SPREADS, count)
+    largest = float(np.finfo(np.float32).max)
 
     def draw(leaf: Array) -> np.ndarray:
-        values = random.normal(size=(count, *leaf.shape))
-        return (values * spreads.reshape(-1, *[1] * leaf.ndim)).astype(np.float32)
+        values = random.normal(size=(len(spreads), *leaf.shape))
+        values = values * np.reshape(spreads, (-1, *[1] * leaf.ndim))
+        return np.clip(values, -largest, largest).astype(np.float32)
 
     return jax.tree.map(draw, params)
 
