@@ -34,6 +34,7 @@ class FeedbackShape:
       cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
         then that of the open-loop plan that the policy has played. That is biased, since later
         reactions are left out, but it does not explode along them.
+      memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
     """
 
     topology: Sequence[int] | None = (64, 64)
@@ -94,7 +95,7 @@ class Feedback:
         self.shape, self.horizon, self.dtype = shape, horizon, dtype
         self._scales = dict(shape.state_scales or {})
         seen = observed_fluents(rddl)
-        self._memory = Memory(rddl, seen, MemoryShape(**(shape.memory or {})))
+        self._memory = Memory(rddl, seen, MemoryShape.of(shape.memory))
         self.fluents = [*seen, *self._memory.entries]
         self.action_shapes = {name: tuple(np.shape(values[name])) for name in rddl.action_fluents}
         self.features: dict[str, ActionFeatures] = {}

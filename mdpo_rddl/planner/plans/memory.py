@@ -7,7 +7,7 @@ the fluent that it is about, so that a policy reads it as it reads a fluent.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -35,6 +35,30 @@ class MemoryShape:
     actions: Sequence[float] = ()
     observation_traces: Sequence[float] = ()
     action_traces: Sequence[float] = ()
+
+    @classmethod
+    def of(cls, values: Any) -> "MemoryShape":
+        """What a configuration says.
+
+        Args:
+          values: the attributes by name; None for nothing.
+
+        Raises:
+          ValueError: if there are others, or an entry is no list of steps of at least 1.
+        """
+        values = {} if values is None else values
+        if not isinstance(values, Mapping):
+            raise ValueError(f"memory: must be a dictionary, got {values!r}")
+        known = [field.name for field in fields(cls)]
+        for name, steps in values.items():
+            if name not in known:
+                raise ValueError(f"memory: unknown key {name!r}, known are {', '.join(known)}")
+            if not isinstance(steps, list | tuple):
+                raise ValueError(f"memory: {name} must be a list of steps, got {steps!r}")
+            for each in steps:
+                if not isinstance(each, int | float) or not each >= 1:
+                    raise ValueError(f"memory: {name} must be steps of at least 1, got {each!r}")
+        return cls(**values)
 
 
 class Mean(NamedTuple):
