@@ -134,6 +134,7 @@ def test_the_rule_in_words_names_what_is_remembered(policy):
     text = str(policy.explain(seconds=0.0))
     for name in ("(last seen - 0.5)", "mean of brake over 3 steps", "trace of far over 2 steps"):
         assert name in text
+    assert "'last f'" in text
 
 
 def test_the_same_rule_is_carried_over_whole(policy):

@@ -211,11 +211,8 @@ def legal_policy(plan: Any, compiled: Any, limits: Sequence[GroupLimit]) -> Call
     if not legal.is_needed:
         return policy
     probabilities_of = getattr(plan, "probabilities", None) or plan.train_policy
-    hidden = set(compiled.rddl.state_fluents) if compiled.rddl.observ_fluents else set()
 
     def legalised(key, params, hyperparams, step, state, history):
-        # play does not know what is hidden, so neither does a rollout
-        state = {name: value for name, value in state.items() if name not in hidden}
         arguments = key, params, hyperparams, step, state, history
         return legal(policy(*arguments), probabilities_of(*arguments), state)
 
