@@ -4,6 +4,10 @@ import numpy as np
 
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.problem.load import Problem
+
+MEMORY = {"observations": [4.0], "actions": [1.0]}
+"""What is remembered where the state is not observed, as a `MemoryShape` takes it."""
 
 
 def without_scales(config: PlannerConfig) -> PlannerConfig:
@@ -33,6 +37,13 @@ def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
     }
     units = {name: _short(value) for name, value in probe.units.items()}
     return config.with_policy_arguments(state_scales=scales, units=units)
+
+
+def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:
+    """The configuration with a memory, where the state is not observed and none is given."""
+    if not problem.model.observ_fluents or "memory" in config.policy_arguments:
+        return config
+    return config.with_policy_arguments(memory=dict(MEMORY))
 
 
 def _short(value: float) -> float:

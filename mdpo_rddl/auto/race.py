@@ -13,8 +13,14 @@ from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.earlier import EarlierIncumbent
+from mdpo_rddl.auto.fitting import (
+    scaled,
+    simplified,
+    with_memory,
+    without_plan,
+    without_scales,
+)
 from mdpo_rddl.auto.first_policy import first_policy
-from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe
@@ -222,7 +228,7 @@ def _arena(
     # the same for all seeds, whose programs then are the same too
     bare = build_planner(problem, without_scales(config)).planner
     seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
-    config = scaled(config, seen)
+    config = with_memory(scaled(config, seen), problem)
     large = seen.policy_seconds is not None
     if large:
         config = simplified(config)

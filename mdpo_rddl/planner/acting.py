@@ -10,6 +10,8 @@ import numpy as np
 from jax import Array, random
 
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.opened import open_plan
+from mdpo_rddl.planner.rollouts.plan_memory import Entries, PlanMemory
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
@@ -35,7 +37,8 @@ class ActingPlanner(JaxBackpropPlanner):
 
         A bound rounded to 32 bit can lie outside the box, which an environment with
         `enforce_action_constraints=True` refuses. Policy hyperparameters that are not given
-        are 1, as in `optimize`.
+        are 1, as in `optimize`. A policy that remembers takes its memory as the history; without
+        one it remembers nothing.
         """
         hyperparams = self._complete_hyperparams(policy_hyperparams)
         with self._precision():
@@ -49,6 +52,7 @@ class ActingPlanner(JaxBackpropPlanner):
         step: int,
         states: Mapping[str, Any],
         policy_hyperparams: Any = None,
+        memories: Entries | None = None,
     ) -> dict[str, Any]:
         """`get_action` for many states in one call, all with the same key.
 
@@ -58,6 +62,7 @@ class ActingPlanner(JaxBackpropPlanner):
           step: number of decisions before.
           states: per fluent its values [batch, *shape]: numbers, bools or objects' names.
           policy_hyperparams: as `get_action` takes them.
+          memories: of a policy that remembers, per entry [batch, *shape].
 
         Returns:
           Per action fluent [batch, *shape].
@@ -65,12 +70,41 @@ class ActingPlanner(JaxBackpropPlanner):
         hyperparams = self._complete_hyperparams(policy_hyperparams)
         numbers = {name: self.numbers(name, values) for name, values in states.items()}
         with self._precision():
-            actions = self._batched_policy(key, params, hyperparams, step, numbers, {})
+            given = key, params, hyperparams, step, numbers, memories or {}
+            actions = self._batched_policy(*given)
         return self._clipped({name: np.asarray(values) for name, values in actions.items()})
 
     @cached_property
     def _batched_policy(self) -> Callable[..., Mapping[str, Array]]:
-        return jax.jit(jax.vmap(self.test_policy, in_axes=(None, None, None, None, 0, None)))
+        return jax.jit(jax.vmap(self.test_policy, in_axes=(None, None, None, None, 0, 0)))
+
+    @property
+    def memory(self) -> PlanMemory:
+        """What the policy remembers."""
+        return open_plan(self.plan).memory
+
+    def remember(
+        self,
+        memories: Entries,
+        step: int,
+        states: Mapping[str, Any],
+        actions: Mapping[str, Any],
+    ) -> Entries:
+        """The memories of some episodes after a step.
+
+        Args:
+          memories: before it, per entry [batch, *shape].
+          step: number of decisions before.
+          states: per fluent its values [batch, *shape], as the environment shows them.
+          actions: per action fluent [batch, *shape].
+        """
+        numbers = {name: self.numbers(name, values) for name, values in states.items()}
+        with self._precision():
+            return self._batched_update(memories, step, numbers, dict(actions))
+
+    @cached_property
+    def _batched_update(self) -> Callable[..., Entries]:
+        return jax.jit(jax.vmap(self.memory.update, in_axes=(0, None, 0, 0)))
 
     def numbers(self, name: str, values: Any) -> np.ndarray:
         """What an environment shows of a fluent as numbers: places of objects for their names."""

@@ -11,6 +11,7 @@ from jax import Array, lax
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
+from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
@@ -84,7 +85,10 @@ def _compile_play(
     stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
     fluents, nonfluents = initial_values(planner).test
     options = RolloutOptions(
-        check_constraints=stopping, cache_path_info=with_states, differentiated=False
+        check_constraints=stopping,
+        cache_path_info=with_states,
+        differentiated=False,
+        memory=open_plan(planner.plan).memory,
     )
     rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
     if stopping:

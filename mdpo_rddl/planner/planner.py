@@ -14,6 +14,7 @@ from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
 from mdpo_rddl.planner.calling import CallingPlanner
 from mdpo_rddl.planner.plans.legal import legal_policy
+from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.update.action_scales import specs_in_unit
@@ -168,7 +169,7 @@ class MDPOPlanner(CallingPlanner):
     def _jax_compile_rollouts(self) -> None:
         super()._jax_compile_rollouts()
         stopping = self.stop_at_termination and bool(self.rddl.terminations)
-        watched = self.dashboard is not None
+        watched, memory = self.dashboard is not None, open_plan(self.plan).memory
         training = (self.compiled, self.batch_size_train, self.preprocessor is not None or watched)
         testing = (self.test_compiled, self.batch_size_test, watched)
 
@@ -179,11 +180,13 @@ class MDPOPlanner(CallingPlanner):
                 check_constraints=stopping,
                 cache_path_info=cache_path_info,
                 differentiated=differentiated,
+                memory=memory,
             )
             rollouts = compile_rollouts(model, policy, self.horizon, batch_size, options)
             return stop_at_termination(rollouts) if stopping else rollouts
 
-        if stopping or self.in_calls:  # JaxPlan's rollouts, bit for bit, are not needed
+        # else JaxPlan's rollouts, bit for bit
+        if stopping or self.in_calls or memory.initial:
             self.train_rollouts = compiled_rollouts(self.plan.train_policy, *training)
             tested = compiled_rollouts(self.plan.test_policy, *testing, differentiated=False)
             self.test_rollouts = jax.jit(tested)

@@ -7,27 +7,75 @@ import jax
 import numpy as np
 
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.problem.evaluation import Policy
+from mdpo_rddl.planner.rollouts.plan_memory import Entries
+from mdpo_rddl.policy.recall import Recall
+
+
+class Playable:
+    """The policy with the given parameters, as `mdpo_rddl.problem.evaluation` plays it.
+
+    A policy that remembers plays one episode after the other, each from step 0 on.
+    """
+
+    def __init__(
+        self, planner: MDPOPlanner, params: Any, policy_hyperparams: Mapping[str, Any], seed: int
+    ) -> None:
+        """Remembers nothing yet.
+
+        Args:
+          planner: the planner that the parameters belong to.
+          params: parameters of one policy.
+          policy_hyperparams: JaxPlan's policy hyperparameters.
+          seed: of a policy that draws random numbers; step t uses the t-th key.
+        """
+        self._planner, self._params = planner, params
+        self._hyperparams = dict(policy_hyperparams)
+        self._keys = step_keys(planner, seed)
+        self._one, self._many = Recall(planner), Recall(planner)
+
+    def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action tensor per fluent at a step, for an observation per fluent."""
+        memory = self.memory_at(step)
+        given = self._keys[step], self._params, step, dict(state), self._hyperparams
+        actions = self._planner.get_action(*given, *([memory] if memory else []))
+        if memory:
+            seen = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
+            played = {name: np.asarray(value)[np.newaxis] for name, value in actions.items()}
+            self._one.note(self._one.shown(seen, 1), played)
+        return actions
+
+    def memory_at(self, step: int) -> Entries:
+        """What is remembered when a step's action is chosen, per entry [*shape]."""
+        return jax.tree.map(lambda leaf: leaf[0], self._one.at(step, 1))
+
+    def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """The actions for the observations of several episodes at one step, in one call.
+
+        Args:
+          step: number of decisions before.
+          observations: per fluent its values [batch, *shape].
+
+        Raises:
+          InputError: if a policy that remembers is given another number than at the step before.
+        """
+        count = len(next(iter(observations.values())))
+        memories, seen = self._many.at(step, count), self._many.shown(observations, count)
+        given = self._keys[step], self._params, step, seen, self._hyperparams
+        actions = self._planner.get_actions(*given, memories)
+        self._many.note(seen, actions)
+        return actions
+
+    def reset(self) -> None:
+        """Forgets the episodes."""
+        self._one.reset()
+        self._many.reset()
 
 
 def playable(
     planner: MDPOPlanner, params: Any, policy_hyperparams: Mapping[str, Any], seed: int
-) -> Policy:
-    """The policy with the given parameters, as `mdpo_rddl.problem.evaluation` plays it.
-
-    Args:
-      planner: the planner that the parameters belong to.
-      params: parameters of one policy.
-      policy_hyperparams: JaxPlan's policy hyperparameters.
-      seed: of a policy that draws random numbers; step t uses the t-th key.
-    """
-    keys = step_keys(planner, seed)
-    hyperparams = dict(policy_hyperparams)
-
-    def policy(step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
-        return planner.get_action(keys[step], params, step, dict(state), hyperparams)
-
-    return policy
+) -> Playable:
+    """`Playable` with these arguments."""
+    return Playable(planner, params, policy_hyperparams, seed)
 
 
 def step_keys(planner: MDPOPlanner, seed: int) -> np.ndarray:

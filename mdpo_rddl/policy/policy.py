@@ -19,12 +19,10 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
 from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
-from mdpo_rddl.policy.playable import playable, step_keys
+from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
-from mdpo_rddl.problem import evaluation
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
-from mdpo_rddl.problem.observation import is_observed
 from mdpo_rddl.problem.source import ProblemSource
 
 
@@ -121,6 +119,8 @@ class Policy(PolicyAgent):
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step.
 
+        A policy with a memory takes part in one episode at a time: step 0 begins one.
+
         Args:
           step: number of decisions before.
           observation: per fluent an array, or per ground fluent a scalar.
@@ -136,6 +136,11 @@ class Policy(PolicyAgent):
             return grounded(model, self._play(step, lifted(model, observation)))
         return self._play(step, observation)
 
+    def reset(self) -> None:
+        """Begins an episode; what the policy remembers is forgotten."""
+        super().reset()
+        self._play.reset()
+
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The actions for many observations of one step, in one call.
 
@@ -145,19 +150,15 @@ class Policy(PolicyAgent):
 
         Returns:
           Per action fluent [batch, *shape].
+
+        Raises:
+          InputError: if a policy that remembers is given another number than at the step before.
         """
-        if not all(is_observed(values) for values in observations.values()):
-            return super().batch(step, observations)
-        key, hyperparams = self._keys[step], dict(self.policy_hyperparams)
-        return self.planner.get_actions(key, self.params, step, observations, hyperparams)
+        return self._play.batch(step, observations)
 
     @cached_property
-    def _play(self) -> evaluation.Policy:
+    def _play(self) -> Playable:
         return playable(self.planner, self.params, self.policy_hyperparams, self.seed)
-
-    @cached_property
-    def _keys(self) -> np.ndarray:
-        return step_keys(self.planner, self.seed)
 
     def explain(self, seconds: float = math.inf) -> Explanation:
         """The lifted rule in words: an equation for each action fluent, the largest terms first.

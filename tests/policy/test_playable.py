@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY
 from mdpo_rddl.policy.playable import playable
 
 
@@ -17,7 +18,8 @@ def test_a_policy_takes_the_step_th_key_of_its_seed_to_the_end_of_the_episode():
         return {"push": len(calls)}
 
     # plans over two steps, plays five
-    planner = SimpleNamespace(horizon=2, rddl=SimpleNamespace(horizon=5), get_action=get_action)
+    rddl = SimpleNamespace(horizon=5)
+    planner = SimpleNamespace(horizon=2, rddl=rddl, get_action=get_action, memory=NO_MEMORY)
     policy = playable(planner, "params", {"push": 1.0}, seed=9)
     state = {"x": np.array([1.0])}
     assert [policy(step, state) for step in range(5)] == [{"push": n} for n in range(1, 6)]

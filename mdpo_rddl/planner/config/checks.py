@@ -22,6 +22,7 @@ from mdpo_rddl.planner.config.values import (
     parameters,
     relaxation_weights,
 )
+from mdpo_rddl.planner.plans.memory import MemoryShape
 from mdpo_rddl.planner.upstream import (
     JaxBackpropPlanner,
     JaxOfflineController,
@@ -118,6 +119,10 @@ class _Checks:
                     f"[Planner] method_kwargs: unknown key {key!r}, known are {known_keys}"
                 )
         modules = (planner.initializers, planner.nn.initializers)
+        try:
+            MemoryShape.of(plan_values.get("memory"))
+        except ValueError as error:
+            raise self._error(f"[Planner] method_kwargs: {error}") from error
         self._check_function("method_kwargs: initializer", plan_values.get("initializer"), modules)
         modules = (jax.nn, jax.numpy)
         self._check_function("method_kwargs: activation", plan_values.get("activation"), modules)

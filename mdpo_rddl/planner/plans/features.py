@@ -51,7 +51,12 @@ def observed_fluents(rddl: Any) -> list[str]:
     return list(rddl.observ_fluents or rddl.state_fluents)
 
 
-def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> ActionFeatures:
+def action_features(
+    rddl: Any,
+    values: Mapping[str, Any],
+    action: str,
+    remembered: Mapping[str, Sequence[str]] | None = None,
+) -> ActionFeatures:
     """Finds the features of an action fluent.
 
     A state fluent counts with its value at the action's own objects where the types match, and
@@ -63,12 +68,13 @@ def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> Action
       rddl: pyRDDLGym's lifted model.
       values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
       action: the action fluent's name.
+      remembered: the types of what the policy remembers, which is read as fluents are.
     """
     types = list(rddl.variable_params[action])
     shape = tuple(np.shape(values[action]))
     features = []
-    for fluent in observed_fluents(rddl):
-        own = list(rddl.variable_params[fluent])
+    readable = {name: list(rddl.variable_params[name]) for name in observed_fluents(rddl)}
+    for fluent, own in {**readable, **(remembered or {})}.items():
         if len(own) == 1:
             features.extend(_at_each_end(fluent, fluent, own[0], types, shape, lambda v: v))
             features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))

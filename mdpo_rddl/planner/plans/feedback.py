@@ -10,6 +10,8 @@ import numpy as np
 from jax import Array, lax, random
 
 from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, observed_fluents
+from mdpo_rddl.planner.plans.memory import Memory, MemoryShape
+from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
@@ -32,6 +34,7 @@ class FeedbackShape:
       cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
         then that of the open-loop plan that the policy has played. That is biased, since later
         reactions are left out, but it does not explode along them.
+      memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
     """
 
     topology: Sequence[int] | None = (64, 64)
@@ -40,6 +43,7 @@ class FeedbackShape:
     plan: bool = False
     state_scales: Mapping[str, Sequence[float]] | None = None
     cut_feedback: bool = True
+    memory: Mapping[str, Sequence[float]] | None = None
 
     @property
     def layers(self) -> tuple[int, ...]:
@@ -58,9 +62,17 @@ class Feedback:
     objects, b and k are each object's own, p is an open-loop plan, the net sees
     the whole state.
 
+    A memory's entries are read as fluents are.
+
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
     "gain on " + fluent: [*shape]}}, "plan": {action: [H, *shape]}, "net": {...}}, the last two
     only if there is a plan or a net.
+
+    Attributes:
+      fluents: what the policy reads: observed fluents, then the entries of its memory.
+      shapes: of each of them.
+      action_shapes: of each action fluent.
+      features: of each action fluent.
     """
 
     def __init__(
@@ -82,16 +94,20 @@ class Feedback:
         """
         self.shape, self.horizon, self.dtype = shape, horizon, dtype
         self._scales = dict(shape.state_scales or {})
-        self.fluents = observed_fluents(rddl)
+        seen = observed_fluents(rddl)
+        self._memory = Memory(rddl, seen, MemoryShape.of(shape.memory))
+        self.fluents = [*seen, *self._memory.entries]
         self.action_shapes = {name: tuple(np.shape(values[name])) for name in rddl.action_fluents}
         self.features: dict[str, ActionFeatures] = {}
         self._own: dict[str, list[str]] = {}
-        params = rddl.variable_params
+        remembered = self._memory.types
+        params = {**rddl.variable_params, **remembered}
         for name in self.action_shapes:
-            self.features[name] = action_features(rddl, values, name)
+            self.features[name] = action_features(rddl, values, name, remembered)
             self._own[name] = [f for f in self.fluents if params[f] == params[name]]
-        self._shapes = {name: tuple(np.shape(values[name])) for name in self.fluents}
-        self._inputs = sum(math.prod(shape) for shape in self._shapes.values())
+        sources = {name: entry.source for name, entry in self._memory.entries.items()}
+        self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.fluents}
+        self._inputs = sum(math.prod(shape) for shape in self.shapes.values())
 
     def names(self, action: str) -> list[str]:
         """Names of an action fluent's shared features, in the order of its weights."""
@@ -133,16 +149,36 @@ class Feedback:
         }
 
     def scale(self, fluent: str) -> tuple[float, float]:
-        """Centre and scale in which the policy reads a fluent."""
+        """Centre and scale in which the policy reads a fluent, or an entry of its memory."""
+        if fluent in self._memory.entries:
+            entry = self._memory.entries[fluent]
+            return self.scale(entry.source) if entry.is_scaled else (0.0, 1.0)
         center, scale = self._scales.get(fluent, (0.0, 1.0))
         return float(center), float(scale)
+
+    def empty_memory(self) -> Entries:
+        """The memory before the first step, per entry [*shape]."""
+        return {
+            name: jnp.full(self.shapes[name], entry.start(self.scale(name)[0]), self.dtype)
+            for name, entry in self._memory.entries.items()
+        }
+
+    def updated(self, memory: Entries, step: Any, values: Mapping[str, Array]) -> Entries:
+        """The memory after a step.
+
+        Args:
+          memory: before it.
+          step: of the rollout, from 0.
+          values: of the observed fluents, and of the actions in units from the no-op [*shape].
+        """
+        return self._memory.updated(memory, step, values)
 
     def raw(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
         """The raw actions, per fluent [*shape].
 
         Args:
           params: as `initial` makes them.
-          state: per observed fluent its value [*shape].
+          state: per observed fluent its value [*shape], and the entries of the memory.
           step: of the rollout, from 0.
         """
         scaled = {name: self._scaled(name, state[name]) for name in self.fluents}
@@ -164,7 +200,7 @@ class Feedback:
     def _scaled(self, name: str, value: Any) -> Array:
         center, scale = self.scale(name)
         # the environment gives a fluent without parameters as an array of one
-        value = jnp.reshape(jnp.asarray(value, self.dtype), self._shapes[name])
+        value = jnp.reshape(jnp.asarray(value, self.dtype), self.shapes[name])
         scaled = (value - center) / scale
         scaled = lax.stop_gradient(scaled) if self.shape.cut_feedback else scaled
         return jnp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)

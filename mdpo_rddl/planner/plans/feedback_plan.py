@@ -11,6 +11,7 @@ from jax import Array
 from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape, Params
 from mdpo_rddl.planner.plans.limited_bools import Shift, limited_bools
 from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
+from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, Entries, PlanMemory
 from mdpo_rddl.planner.upstream import JaxPlan
 from mdpo_rddl.problem.limits import GroupLimit
 
@@ -49,6 +50,8 @@ class FeedbackPlan(JaxPlan):
         # at most so many bools that are not at their default, all fluents together
         self.concurrency: list[GroupLimit] = []
         self.probabilities: Callable[..., dict[str, Array]] = _not_compiled
+        # the policies' last argument has its entries
+        self.memory: PlanMemory = NO_MEMORY
         # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
         self.action_gradients: Callable[[Params], dict[str, Array]] | None = None
 
@@ -84,9 +87,14 @@ class FeedbackPlan(JaxPlan):
         if not any(np.any(noop[name]) for limit in limits for name in limit.groups):
             self.concurrency = limits
 
-        def relaxed(params: Params, step: Any, state: Mapping[str, Array]) -> dict[str, Array]:
+        memory = self.memory = self._compile_memory(noop)
+
+        def relaxed(
+            params: Params, step: Any, state: Mapping[str, Array], entries: Entries
+        ) -> dict[str, Array]:
             """Numbers in their box, and of bools the probability of not being at the no-op."""
-            raw = feedback.raw(params, state, step)
+            # who knows no memory, as JaxPlan's own controllers, gives none
+            raw = feedback.raw(params, {**state, **(entries or memory.initial)}, step)
             actions = {name: jax.nn.sigmoid(_BOOL_SCALE * raw[name]) for name in bools}
             for name in numbers:
                 action = noop[name] + self.units[name] * raw[name]
@@ -94,17 +102,17 @@ class FeedbackPlan(JaxPlan):
             return actions
 
         def probabilities(key, params, hyperparams, step, state, history):
-            del key, hyperparams, history
-            return _flipped(relaxed(params, step, state), noop, bools)
+            del key, hyperparams
+            return _flipped(relaxed(params, step, state, history), noop, bools)
 
         def train_policy(key, params, hyperparams, step, state, history):
-            del key, hyperparams, history
-            actions = scale_to_limits(relaxed(params, step, state), limits)
+            del key, hyperparams
+            actions = scale_to_limits(relaxed(params, step, state, history), limits)
             return _flipped(actions, noop, bools)
 
         def test_policy(key, params, hyperparams, step, state, history):
-            del key, hyperparams, history
-            actions = relaxed(params, step, state)
+            del key, hyperparams
+            actions = relaxed(params, step, state, history)
             chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
             true = {name: chosen[name] ^ noop[name] for name in bools}
             whole = [name for name in numbers if ranges[name] != "real"]
@@ -120,6 +128,25 @@ class FeedbackPlan(JaxPlan):
                 for name, value in gradient["plan"].items()
             }
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
+
+    def _compile_memory(self, noop: Mapping[str, np.ndarray]) -> PlanMemory:
+        """The policy's memory, told of actions as they are played."""
+        feedback, initial = self.feedback, self.feedback.empty_memory()
+        if not initial:
+            return NO_MEMORY
+
+        def update(
+            memory: Entries, step: Any, state: Mapping[str, Array], actions: Mapping[str, Array]
+        ) -> Entries:
+            given = {name: jnp.asarray(a, feedback.dtype) for name, a in actions.items()}
+            moved = {name: value - noop[name] for name, value in given.items()}
+            units = {
+                name: value / self.units[name] if name in self.units else jnp.abs(value)
+                for name, value in moved.items()
+            }
+            return feedback.updated(memory, step, {**state, **units})
+
+        return PlanMemory(initial, update)
 
     def guess_next_epoch(self, params: Params) -> Params:
         """A policy of the state is a warm start as it is; a plan has one step less to go."""

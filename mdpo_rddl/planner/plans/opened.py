@@ -7,6 +7,7 @@ import numpy as np
 from jax import Array
 
 from mdpo_rddl.planner.plans.limited_bools import Shift, shift_jaxplan
+from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory
 from mdpo_rddl.planner.upstream import JaxDeepReactivePolicy, JaxPlan, JaxStraightLinePlan
 from mdpo_rddl.problem.limits import GroupLimit
 
@@ -26,6 +27,7 @@ class OpenedPlan(Protocol):
         those of JaxPlan's policies.
       action_gradients: takes from the gradient of the parameters that with respect to the raw
         actions; None where a plan cannot.
+      memory: what rollouts and play carry from step to step for the policy.
     """
 
     squashes: bool
@@ -34,6 +36,7 @@ class OpenedPlan(Protocol):
     concurrency: Sequence[GroupLimit]
     probabilities: Callable[..., dict[str, Array]]
     action_gradients: Callable[[Any], dict[str, Array]] | None
+    memory: PlanMemory
 
     def shift_for(self, names: Sequence[str]) -> Shift | None:
         """How to perturb the limited bools of these names; None where nobody knows."""
@@ -45,6 +48,7 @@ class _OpenedJaxPlan:
     units: Mapping[str, np.ndarray] = {}
     concurrency: Sequence[GroupLimit] = ()
     action_gradients: Callable[[Any], dict[str, Array]] | None = None
+    memory: PlanMemory = NO_MEMORY
 
     def __init__(self, plan: JaxPlan) -> None:
         is_network = isinstance(plan, JaxDeepReactivePolicy)

@@ -13,6 +13,7 @@ from jax import Array, lax, random
 
 from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
+from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory, initial_memories
 
 logger = logging.getLogger(__name__)
 
@@ -46,6 +47,7 @@ class RolloutOptions:
       check_constraints: whether the log tells preconditions, invariants and termination.
       cache_path_info: whether the log keeps every fluent at every step.
       differentiated: whether a gradient is taken, for which a large model keeps little.
+      memory: what a policy that does not read the history remembers.
     """
 
     copies: int = 1
@@ -53,6 +55,7 @@ class RolloutOptions:
     check_constraints: bool = False
     cache_path_info: bool = False
     differentiated: bool = True
+    memory: PlanMemory = NO_MEMORY
 
 
 def compile_rollouts(
@@ -91,10 +94,13 @@ def compile_rollouts(
     def step(shared, early, late):
         hyperparams, nonfluents, model = shared
         key, number, extra = early
-        params, fluents, history = late
+        params, (fluents, memory), history = late
         key, model_key = random.split(key)
-        actions = policy(key, params, hyperparams, number, fluents, history, *extra)
-        return transition(model_key, actions, fluents, nonfluents, model)
+        past = history if options.history_dependent else memory
+        actions = policy(key, params, hyperparams, number, fluents, past, *extra)
+        after, log, model = transition(model_key, actions, fluents, nonfluents, model)
+        memory = options.memory.update(memory, number, fluents, actions)
+        return (after, memory), log, model
 
     def rollout(key, params, hyperparams, fluents, nonfluents, model):
         extra, size = (), batch_size
@@ -103,6 +109,7 @@ def compile_rollouts(
             extra = (jax.tree.map(lambda p: jnp.swapaxes(p, 0, 1), model.perturbation),)
             model = model.params
         history = _empty_history(fluents, horizon) if options.history_dependent else {}
+        memory = initial_memories(options.memory, size)
 
         shared = (hyperparams, nonfluents, model)
         early = (_step_keys(key, horizon, size), jnp.arange(horizon), extra)
@@ -110,7 +117,7 @@ def compile_rollouts(
             step,
             shared,
             (early[0][0, 0], early[1][0], jax.tree.map(lambda e: e[0, 0], extra)),
-            (params, _one(fluents, axis=0), _one(history, axis=1)),
+            (params, _one((fluents, memory), axis=0), _one(history, axis=1)),
         )
         passes = stages.passes_through()
         if not all(passes[len(passes) - len(jax.tree.leaves(model)) :]):
@@ -121,19 +128,21 @@ def compile_rollouts(
         inputs = (jax.vmap(draw)(*early) if ahead else early, jnp.arange(horizon))
 
         @partial(jax.vmap, in_axes=(0, 0, 1))
-        def late_step(drawn, fluents, history):
-            fluents, log, _ = stages.run(_LATE, [common, drawn], (params, fluents, history))
-            return fluents, log
+        def late_step(drawn, state, history):
+            state, log, _ = stages.run(_LATE, [common, drawn], (params, state, history))
+            return state, log
 
         def scanned_step(carry, inputs):
-            fluents, history = carry
+            state, history = carry
             drawn, number = inputs
             if options.history_dependent:
-                history = jax.tree.map(lambda past, now: past.at[number].set(now), history, fluents)
-            fluents, log = late_step(drawn if ahead else draw(*drawn), fluents, history)
-            return (fluents, history), log
+                history = jax.tree.map(
+                    lambda past, now: past.at[number].set(now), history, state[0]
+                )
+            state, log = late_step(drawn if ahead else draw(*drawn), state, history)
+            return (state, history), log
 
-        start = (fluents, history)
+        start = ((fluents, memory), history)
         if options.differentiated:
             end, log = bounded_scan(scanned_step, start, inputs, options.copies)
         else:
@@ -141,7 +150,7 @@ def compile_rollouts(
         log = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), log)
         if not log["fluents"]:
             # JaxPlan's critic reads the last state even where no path is kept
-            log["fluents"] = {name: value[:, jnp.newaxis] for name, value in end[0].items()}
+            log["fluents"] = {name: value[:, jnp.newaxis] for name, value in end[0][0].items()}
         return log, model
 
     return rollout

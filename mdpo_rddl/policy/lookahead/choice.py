@@ -142,6 +142,8 @@ def _unsuitable(policy: Prepared) -> str:
     """Why rollouts from the state at hand cannot be made; empty if they can."""
     if policy.planner.rddl.observ_fluents:
         return "the state is not observed"
+    if policy.planner.memory.initial:
+        return "the policy remembers"
     if policy.planner.plan.history_dependent:
         return "the policy reads the history"
     if policy.planner.preprocessor is not None:

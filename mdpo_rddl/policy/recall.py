@@ -1,0 +1,86 @@
+"""The memory of a policy while it plays: of one episode, or of several side by side."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.rollouts.plan_memory import Entries, initial_memories
+from mdpo_rddl.problem.observation import is_observed
+
+
+class Recall:
+    """Follows episodes that are played step by step, all at the same one.
+
+    The memory is empty at step 0, and at a step that does not follow the last. A step that is
+    asked for again is the same decision again.
+    """
+
+    def __init__(self, planner: MDPOPlanner) -> None:
+        """Remembers nothing yet.
+
+        Args:
+          planner: whose policy is played; it need not have a memory.
+        """
+        self._planner = planner
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the episodes."""
+        self._step = -1
+        self._before: Entries = {}
+        self._after: Entries = {}
+
+    def at(self, step: int, count: int) -> Entries:
+        """The memories before a step's decision, per entry [count, *shape].
+
+        Args:
+          step: number of decisions before.
+          count: of the episodes.
+
+        Raises:
+          InputError: if the step follows the last one, which was of another number of episodes.
+        """
+        if not self._planner.memory.initial:
+            return {}
+        if step > 0 and step == self._step + 1:
+            self._before = self._after
+        elif step == 0 or step != self._step:
+            self._before = self._after = initial_memories(self._planner.memory, count)
+        known = len(jax.tree.leaves(self._before)[0])
+        if known != count:
+            raise InputError(
+                f"there are {count} observations at step {step}, and {known} at the one before: "
+                "a policy that remembers plays the same episodes from step 0 on"
+            )
+        self._step = step
+        return self._before
+
+    def note(self, observations: Mapping[str, Any], actions: Mapping[str, Any]) -> None:
+        """Takes in what was seen and played at the step that was asked for last.
+
+        Args:
+          observations: per fluent [count, *shape].
+          actions: per action fluent [count, *shape].
+        """
+        if self._before:
+            step = self._step
+            self._after = self._planner.remember(self._before, step, observations, actions)
+
+    def shown(self, observations: Mapping[str, Any], count: int) -> dict[str, Any]:
+        """What is seen of several episodes, with initial values where nothing is shown yet.
+
+        Args:
+          observations: per fluent [count, *shape].
+          count: of the episodes.
+        """
+        known = self._planner.test_compiled.init_values
+        return {
+            name: values
+            if is_observed(values)
+            else np.repeat(np.asarray(known[name])[np.newaxis], count, axis=0)
+            for name, values in observations.items()
+        }
