@@ -3,12 +3,12 @@
 import contextlib
 import logging
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.ipc.contestant import PREPARE, RESTORE, Contestant
+from mdpo_rddl.ipc.contestant import IMPROVE, PREPARE, RESTORE, Contestant
 from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_result
 from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.trial import OK
@@ -16,6 +16,9 @@ from mdpo_rddl.machine.executors import Executor
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 
 logger = logging.getLogger(__name__)
+
+# for a planner with nothing to improve to say so
+_LEAST_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -79,27 +82,36 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     """Plays the missing trials; returns an empty result if nothing can be restored."""
     rules = contestant.rules
     first = PREPARE if result.preparation is None else RESTORE
-    phases = [first, *range(len(result.trials), rules.trials)]
-    with contextlib.closing(run_guarded(contestant, phases, _limits(rules))) as outcomes:
+    improving = [IMPROVE] if contestant.improves else []
+    phases = [first, *improving, *range(len(result.trials), rules.trials)]
+    prepared = 0.0
+
+    def limits(phase: int) -> Limits:
+        seconds = rules.plan_seconds if phase < 0 else rules.trial_seconds
+        if phase == IMPROVE:
+            seconds = max(seconds - prepared, _LEAST_SECONDS)
+        return Limits(seconds, rules.memory_gb)
+
+    with contextlib.closing(run_guarded(contestant, phases, limits)) as outcomes:
         for phase, outcome in outcomes:
             if phase == RESTORE:
                 if isinstance(outcome, ProcessFailure) or outcome["status"] != OK:
                     return EntryResult(result.entry, result.wanted)
                 continue
+            if phase == IMPROVE:
+                if isinstance(outcome, ProcessFailure) and contestant.prepared_folder.is_dir():
+                    contestant.improves = False
+                    return result
+                continue
             if phase == PREPARE:
                 result = replace(result, preparation=_preparation(outcome))
+                prepared = result.preparation.seconds if result.preparation else 0.0
             else:
                 result = result.with_trial(_trial(phase, outcome))
             result.save(contestant.root)
             if result.is_complete:
                 break
     return result
-
-
-def _limits(rules: Rules) -> Callable[[int], Limits]:
-    planning = Limits(rules.plan_seconds, rules.memory_gb)
-    playing = Limits(rules.trial_seconds, rules.memory_gb)
-    return lambda phase: planning if phase < 0 else playing
 
 
 def _preparation(outcome: dict[str, Any] | ProcessFailure) -> Preparation:

@@ -8,7 +8,6 @@ import numpy as np
 
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import can_think, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.policy import Policy
@@ -36,7 +35,6 @@ class ThinkingMDPO(MDPO):
         self._trial_seconds, self._trial_began = 0.0, 0.0
         # when the last action was given, and the longest that the environment has taken since
         self._acted, self._between = 0.0, 0.0
-        self._choice_seconds: float | None = None
         self._thinker: LookaheadPolicy | None = None
 
     def play_within(self, seconds: float) -> None:
@@ -45,9 +43,17 @@ class ThinkingMDPO(MDPO):
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy, and in a part of the time for whether to think."""
-        self._choice_seconds = _CHOICE_SHARE * training_seconds(seconds)
-        kept = self._choice_seconds if can_think(problem) else 0.0
+        kept = _CHOICE_SHARE * training_seconds(seconds) if can_think(problem) else 0.0
         super().prepare(problem, seconds - kept, seed)
+
+    def improve(self, seconds: float) -> None:
+        """Tries whether to think, and how, now that the policy is kept."""
+        policy, decision = self._policy, self._decision_seconds
+        # a table plays its optimum already
+        if not isinstance(policy, Policy) or decision < _SHORTEST_SECONDS or seconds <= 0.0:
+            return
+        within = min(longest_choice(decision), training_seconds(seconds))
+        self._thinker = choose(policy, decision, within, self._clock).policy
 
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
@@ -73,13 +79,3 @@ class ThinkingMDPO(MDPO):
     def _decision_seconds(self) -> float:
         """What a decision is prepared for."""
         return min(_SHARE * self._trial_seconds / self._policy.problem.horizon, _LONGEST_SECONDS)
-
-    def _take_up(self, policy: AnyPolicy) -> None:
-        super()._take_up(policy)
-        seconds = self._decision_seconds
-        # a table plays its optimum already
-        if not isinstance(policy, Policy) or seconds < _SHORTEST_SECONDS:
-            return
-        longest = longest_choice(seconds)
-        within = longest if self._choice_seconds is None else min(longest, self._choice_seconds)
-        self._thinker = choose(policy, seconds, within, self._clock).policy
