@@ -35,7 +35,17 @@ class ThinkingMDPO(MDPO):
         self._trial_seconds, self._trial_began = 0.0, 0.0
         # when the last action was given, and the longest that the environment has taken since
         self._acted, self._between = 0.0, 0.0
+        self._each_seconds: float | None = None
         self._thinker: LookaheadPolicy | None = None
+
+    @property
+    def thinker(self) -> LookaheadPolicy | None:
+        """What makes the decisions; None where the policy plays alone."""
+        return self._thinker
+
+    def decide_within(self, seconds: float) -> None:
+        """Has each decision take so long, whatever a trial's time; is called before `prepare`."""
+        self._each_seconds = seconds
 
     def play_within(self, seconds: float) -> None:
         """Is told the time of a trial."""
@@ -67,15 +77,22 @@ class ThinkingMDPO(MDPO):
             self._thinker.method.reset()
         else:
             self._between = max(self._between, now - self._acted)
-        left = _SHARE * self._trial_seconds - (now - self._trial_began)
-        share = left / (self._policy.problem.horizon - step) - self._between
-        seconds = min(max(0.0, share), _BANKED * self._decision_seconds)
-        action = self._thinker.decide(step, state, seconds)[0]
+        action = self._thinker.decide(step, state, self._seconds_at(step, now))[0]
         legal = self._moves.rule(action, state).actions
         self._acted = self._clock()
         return legal
 
+    def _seconds_at(self, step: int, now: float) -> float:
+        """For the decision at a step."""
+        if self._each_seconds is not None:
+            return self._each_seconds
+        left = _SHARE * self._trial_seconds - (now - self._trial_began)
+        share = left / (self._policy.problem.horizon - step) - self._between
+        return min(max(0.0, share), _BANKED * self._decision_seconds)
+
     @property
     def _decision_seconds(self) -> float:
         """What a decision is prepared for."""
+        if self._each_seconds is not None:
+            return self._each_seconds
         return min(_SHARE * self._trial_seconds / self._policy.problem.horizon, _LONGEST_SECONDS)
