@@ -13,6 +13,7 @@ from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.earlier import EarlierIncumbent
+from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
     scaled,
     simplified,
@@ -20,7 +21,6 @@ from mdpo_rddl.auto.fitting import (
     without_plan,
     without_scales,
 )
-from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe

@@ -2,18 +2,23 @@
 
 import argparse
 
-from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
-from mdpo_rddl.bench.tasks.published import published_table, run_published
+from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
-from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions
+from mdpo_rddl.bench.tasks.trial import Conditions
+from mdpo_rddl.cli.bench_tasks_parser import PUBLISHED, PUBLISHED_THINKING
 from mdpo_rddl.errors import InputError
 
 PUBLISHED_PICTURE = "published.png"
 
 
 def _conditions(options: argparse.Namespace) -> Conditions:
-    return Conditions(options.seconds, options.episodes, options.memory_gb)
+    return Conditions(
+        options.seconds,
+        options.episodes,
+        options.memory_gb,
+        getattr(options, "decision_seconds", 0.0),
+    )
 
 
 def _everywhere(options: argparse.Namespace) -> str:
@@ -27,6 +32,8 @@ def _published(options: argparse.Namespace) -> str:
     first, slash, count = options.shard.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and int(first) < int(count)):
         raise InputError(f"--shard: must be I/N with 0 <= I < N, got {options.shard!r}")
+    if options.decision_seconds and options.out == PUBLISHED:
+        options.out = PUBLISHED_THINKING
     records = run_published(
         options.out,
         options.problems,
@@ -39,10 +46,7 @@ def _published(options: argparse.Namespace) -> str:
 
 
 def _published_report(options: argparse.Namespace) -> str:
-    path = options.out / "rows.csv"
-    if not path.is_file():
-        raise InputError(f"{path}: no such results; mdpo-bench published makes them")
-    records = Records(path, COLUMNS, KEYS)
+    records = read_published(options.out / "rows.csv")
     draw_published(options.out / PUBLISHED_PICTURE, records)
     return published_table(records)
 

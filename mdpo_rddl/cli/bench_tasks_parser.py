@@ -6,6 +6,9 @@ from typing import Any
 from mdpo_rddl.bench.tasks.names import PLANNERS
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
+PUBLISHED = Path("results/published")
+PUBLISHED_THINKING = Path("results/published_thinking")
+
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
     """Adds `everywhere`, `published` and `published-report`."""
@@ -18,11 +21,17 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     published.add_argument(
         "--shard", metavar="I/N", default="0/1", help="every N-th task, from the I-th on, from 0"
     )
-    published.set_defaults(run="published", out=Path("results/published"))
+    published.add_argument(
+        "--decision-seconds",
+        type=number(at_least=0),
+        default=0.0,
+        help=f"of each decision; the default folder is then {PUBLISHED_THINKING} (default: 0)",
+    )
+    published.set_defaults(run="published", out=PUBLISHED)
     report = commands.add_parser(
         "published-report", help="the table and the picture of published, from its rows alone"
     )
-    report.set_defaults(run="published-report", out=Path("results/published"))
+    report.set_defaults(run="published-report", out=PUBLISHED)
     for command, seconds, episodes in ((everywhere, 30.0, 20), (published, 60.0, 20)):
         command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
         command.add_argument("--seconds", type=number(above=0), default=seconds)

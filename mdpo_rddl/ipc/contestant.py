@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.ipc.planner import Planner, Restorable, Timed
+from mdpo_rddl.ipc.planner import Improving, Planner, Restorable, Timed
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.results import Preparation, Trial
 from mdpo_rddl.ipc.rules import Entry, Rules
@@ -20,7 +20,7 @@ from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.load import load_problem, make_environment
 
-PREPARE, RESTORE = -2, -1
+IMPROVE, PREPARE, RESTORE = -3, -2, -1
 """The phases that are no trials; those are named by their numbers, from 0."""
 
 _PREPARED = "prepared"
@@ -34,6 +34,7 @@ class Contestant:
       entry: which planner and instance.
       rules: of the run.
       root: the run's folder; what was prepared and the traces are written there.
+      improves: whether a planner that can is to use the rest of its time.
     """
 
     def __init__(self, entry: Entry, rules: Rules, root: Path) -> None:
@@ -41,6 +42,7 @@ class Contestant:
         self.entry, self.rules, self.root = entry, rules, root
         self._planner: Planner | None = None
         self._env: Any = None
+        self._began, self.improves = 0.0, True
 
     @property
     def prepared_folder(self) -> Path:
@@ -48,7 +50,7 @@ class Contestant:
         return self.entry.folder(self.root / _PREPARED)
 
     def __call__(self, phase: int) -> dict[str, Any]:
-        """`PREPARE` or `RESTORE`, or a trial.
+        """`PREPARE` or `RESTORE`, then `IMPROVE`, or a trial.
 
         Returns:
           A `Preparation` or a `Trial`, as a dictionary.
@@ -58,7 +60,11 @@ class Contestant:
             return asdict(self._trial(phase, started))
         status, cause = OK, ""
         try:
-            self._get_ready(phase, started)
+            if phase == IMPROVE:
+                self._improve()
+            else:
+                self._began = started
+                self._get_ready(phase, started)
         except Exception as error:  # whatever a planner raises fails the instance, not the run
             status, cause = ERROR, f"{type(error).__name__}: {one_line_cause(error)}"
         seconds = time.perf_counter() - started
@@ -78,6 +84,10 @@ class Contestant:
         planner.prepare(problem, left, self.rules.seed)
         if isinstance(planner, Restorable):
             self._keep(planner)
+
+    def _improve(self) -> None:
+        if isinstance(self._planner, Improving):
+            self._planner.improve(self.rules.plan_seconds - (time.perf_counter() - self._began))
 
     def _keep(self, planner: Restorable) -> None:
         folder = self.prepared_folder

@@ -55,6 +55,21 @@ class Restorable(Planner, Protocol):
 
 
 @runtime_checkable
+class Improving(Planner, Protocol):
+    """A planner that uses the rest of its time when its preparation is kept already.
+
+    Where that takes too long or fails, the trials are played with what was kept.
+    """
+
+    def improve(self, seconds: float) -> None:
+        """Follows `prepare` or `restore`.
+
+        Args:
+          seconds: what is left of the preparation time; the process is ended after it.
+        """
+
+
+@runtime_checkable
 class Timed(Planner, Protocol):
     """A planner that uses what time there is for a trial."""
 

@@ -3,13 +3,13 @@
 import contextlib
 import logging
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.ipc.contestant import PREPARE, RESTORE, Contestant
+from mdpo_rddl.ipc.contestant import IMPROVE, PREPARE, RESTORE, Contestant
 from mdpo_rddl.ipc.results import (
     CRASH,
     EntryResult,
@@ -27,6 +27,8 @@ from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 logger = logging.getLogger(__name__)
 
 _NO_RESULT = "its process sent no result"
+# for a planner with nothing to improve to say so
+_LEAST_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -89,26 +91,55 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     """Plays the missing trials; returns an empty result if nothing can be restored."""
     rules = contestant.rules
     first = PREPARE if result.preparation is None else RESTORE
-    phases = [first, *range(len(result.trials), rules.trials)]
-    with contextlib.closing(run_guarded(contestant, phases, _limits(rules))) as outcomes:
+    improving = [IMPROVE] if contestant.improves else []
+    phases = [first, *improving, *range(len(result.trials), rules.trials)]
+    prepared = 0.0
+
+    def limits(phase: int) -> Limits:
+        seconds = rules.plan_seconds if phase < 0 else rules.trial_seconds
+        if phase == IMPROVE:
+            seconds = max(seconds - prepared, _LEAST_SECONDS)
+        return Limits(seconds, rules.memory_gb)
+
+    with contextlib.closing(run_guarded(contestant, phases, limits)) as outcomes:
         for phase, outcome in outcomes:
             if phase == RESTORE:
-                if isinstance(outcome, ProcessFailure) or outcome.get("status") != OK:
+                if _failed(outcome):
                     return EntryResult(result.entry, result.wanted)
                 continue
-            before, result = result, _with_outcome(result, phase, outcome)
-            if result.is_complete:
-                break
-            try:
-                result.save(contestant.root)
-            except InputError as error:
-                # the planner may have filled the disk: without it there is room again
-                failure = ProcessFailure(CRASH, one_line_cause(error), 0.0, 0.0)
-                result = _with_outcome(before, phase, failure)
+            if phase == IMPROVE:
+                if isinstance(outcome, ProcessFailure) and contestant.prepared_folder.is_dir():
+                    contestant.improves = False
+                    return result
+                continue
+            result, is_last = _recorded(result, phase, outcome, contestant.root)
+            if phase == PREPARE and result.preparation is not None:
+                prepared = result.preparation.seconds
+            if is_last:
                 break
     if result.is_complete:  # the process has ended, and its temporary files are gone
         _finish(result, contestant)
     return result
+
+
+def _failed(outcome: dict[str, Any] | ProcessFailure) -> bool:
+    return isinstance(outcome, ProcessFailure) or outcome.get("status") != OK
+
+
+def _recorded(
+    result: EntryResult, phase: int, outcome: dict[str, Any] | ProcessFailure, root: Path
+) -> tuple[EntryResult, bool]:
+    """The result with an outcome, saved, and whether the process is to end now."""
+    found = _with_outcome(result, phase, outcome)
+    if found.is_complete:
+        return found, True
+    try:
+        found.save(root)
+    except InputError as error:
+        # the planner may have filled the disk: without it there is room again
+        failure = ProcessFailure(CRASH, one_line_cause(error), 0.0, 0.0)
+        return _with_outcome(result, phase, failure), True
+    return found, False
 
 
 def _finish(result: EntryResult, contestant: Contestant) -> None:
@@ -128,12 +159,6 @@ def _with_outcome(
     if phase == PREPARE:
         return replace(result, preparation=_preparation(outcome))
     return result.with_trial(_trial(phase, outcome))
-
-
-def _limits(rules: Rules) -> Callable[[int], Limits]:
-    planning = Limits(rules.plan_seconds, rules.memory_gb)
-    playing = Limits(rules.trial_seconds, rules.memory_gb)
-    return lambda phase: planning if phase < 0 else playing
 
 
 def _preparation(outcome: dict[str, Any] | ProcessFailure) -> Preparation:

@@ -8,7 +8,6 @@ import numpy as np
 
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import can_think, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.policy import Policy
@@ -36,8 +35,17 @@ class ThinkingMDPO(MDPO):
         self._trial_seconds, self._trial_began = 0.0, 0.0
         # when the last action was given, and the longest that the environment has taken since
         self._acted, self._between = 0.0, 0.0
-        self._choice_seconds: float | None = None
+        self._each_seconds: float | None = None
         self._thinker: LookaheadPolicy | None = None
+
+    @property
+    def thinker(self) -> LookaheadPolicy | None:
+        """What makes the decisions; None where the policy plays alone."""
+        return self._thinker
+
+    def decide_within(self, seconds: float) -> None:
+        """Has each decision take so long, whatever a trial's time; is called before `prepare`."""
+        self._each_seconds = seconds
 
     def play_within(self, seconds: float) -> None:
         """Is told the time of a trial."""
@@ -45,9 +53,17 @@ class ThinkingMDPO(MDPO):
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy, and in a part of the time for whether to think."""
-        self._choice_seconds = _CHOICE_SHARE * training_seconds(seconds)
-        kept = self._choice_seconds if can_think(problem) else 0.0
+        kept = _CHOICE_SHARE * training_seconds(seconds) if can_think(problem) else 0.0
         super().prepare(problem, seconds - kept, seed)
+
+    def improve(self, seconds: float) -> None:
+        """Tries whether to think, and how, now that the policy is kept."""
+        policy, decision = self._policy, self._decision_seconds
+        # a table plays its optimum already
+        if not isinstance(policy, Policy) or decision < _SHORTEST_SECONDS or seconds <= 0.0:
+            return
+        within = min(longest_choice(decision), training_seconds(seconds))
+        self._thinker = choose(policy, decision, within, self._clock).policy
 
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
@@ -61,25 +77,22 @@ class ThinkingMDPO(MDPO):
             self._thinker.method.reset()
         else:
             self._between = max(self._between, now - self._acted)
-        left = _SHARE * self._trial_seconds - (now - self._trial_began)
-        share = left / (self._policy.problem.horizon - step) - self._between
-        seconds = min(max(0.0, share), _BANKED * self._decision_seconds)
-        action = self._thinker.decide(step, state, seconds)[0]
+        action = self._thinker.decide(step, state, self._seconds_at(step, now))[0]
         legal = self._moves.rule(action, state).actions
         self._acted = self._clock()
         return legal
 
+    def _seconds_at(self, step: int, now: float) -> float:
+        """For the decision at a step."""
+        if self._each_seconds is not None:
+            return self._each_seconds
+        left = _SHARE * self._trial_seconds - (now - self._trial_began)
+        share = left / (self._policy.problem.horizon - step) - self._between
+        return min(max(0.0, share), _BANKED * self._decision_seconds)
+
     @property
     def _decision_seconds(self) -> float:
         """What a decision is prepared for."""
+        if self._each_seconds is not None:
+            return self._each_seconds
         return min(_SHARE * self._trial_seconds / self._policy.problem.horizon, _LONGEST_SECONDS)
-
-    def _take_up(self, policy: AnyPolicy) -> None:
-        super()._take_up(policy)
-        seconds = self._decision_seconds
-        # a table plays its optimum already
-        if not isinstance(policy, Policy) or seconds < _SHORTEST_SECONDS:
-            return
-        longest = longest_choice(seconds)
-        within = longest if self._choice_seconds is None else min(longest, self._choice_seconds)
-        self._thinker = choose(policy, seconds, within, self._clock).policy

@@ -1,17 +1,27 @@
 """Planners on many tasks: the rows of real trials, the scores and tables worked by hand."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from helpers.clocks import Stopped
+from helpers.levers import NONE, lever_policy
+from helpers.slow_simulator import SlowSimulator
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.tasks import everywhere
+from mdpo_rddl.bench.tasks import everywhere, trial
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.published import published, published_table, score
 from mdpo_rddl.bench.tasks.published_figure import OURS, published_scores
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.ipc.thinking import ThinkingMDPO
+from mdpo_rddl.policy.lookahead.choice import Choice
+from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
 
 QUICK = Conditions(seconds=1.0, episodes=3, memory_gb=4.0)
 
@@ -48,6 +58,47 @@ def test_a_planner_that_fails_has_a_row_that_says_so(tmp_path):
     assert row["status"] == "error"
     assert row["cause"]
     assert row["mean"] == ""
+
+
+def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, monkeypatch, capsys):
+    """On the toy with three arms, in this process, with the method as if trials had chosen it."""
+    policy, clock = lever_policy(NONE), Stopped()
+    simulator = SlowSimulator(policy, clock, {WIDE: 0.01, NARROW: 0.01})
+    method = FirstActions()
+    method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 0.5, 0, clock)
+    monkeypatch.setattr("mdpo_rddl.ipc.thinking.choose", lambda *_: Choice(thinker, [], "", 0.0))
+    monkeypatch.setattr(ThinkingMDPO, "_find", lambda *_: policy)
+    monkeypatch.setattr(trial, "load_problem", lambda *_: policy.problem)
+    monkeypatch.setattr(trial, "run_guarded", lambda work, items, _: [(i, work(i)) for i in items])
+    tasks = [Task("Navigation_MDP_ippc2011", "1")]
+    conditions = replace(QUICK, decision_seconds=0.5)
+    (row,) = run_tasks(tmp_path, tasks, ["mdpo-thinking"], 1, conditions).rows
+    assert (row["status"], row["decision_seconds"], row["method"]) == ("ok", "0.5", "first actions")
+    assert (float(row["decisions"]), float(row["within_budget"])) == (3 * 4, 1.0)
+    # the third arm pays 3, and no decision takes an arm for nothing
+    assert float(row["mean"]) > 0.0
+    assert 0.0 < float(row["p99_seconds"]) <= float(row["max_seconds"]) <= 0.5
+    assert conditions.limits.seconds > QUICK.limits.seconds
+    # the report reads them, and rows without thinking are others
+    assert bench.main(["published-report", "--out", str(tmp_path)]) == 0
+    assert "| Navigation_MDP_ippc2011 | 1 |" in capsys.readouterr().out
+    with pytest.raises(InputError, match="holds other results"):
+        run_tasks(tmp_path, tasks, ["mdpo"], 1, QUICK)
+
+
+def test_thinking_has_a_folder_of_its_own(monkeypatch, tmp_path):
+    asked = []
+
+    def run(out, problems, seeds, conditions, shard):
+        asked.append((out, conditions.decision_seconds))
+        raise InputError("enough")
+
+    monkeypatch.setattr("mdpo_rddl.cli.bench_tasks.run_published", run)
+    for words in ([], ["--decision-seconds", "0.2"], ["--decision-seconds", "1", "--out", "x"]):
+        assert bench.main(["published", *words]) == 2
+    folders = [Path("results/published"), Path("results/published_thinking"), Path("x")]
+    assert asked == list(zip(folders, [0.0, 0.2, 1.0], strict=True))
 
 
 def test_unknown_names_are_told_before_anything_is_run(tmp_path):

@@ -24,8 +24,9 @@ class SlowSimulator:
     def __post_init__(self):
         self.components = Components.of(self.policy.planner)
 
-    def prepare(self, state, seconds):
+    def prepare(self, state, seconds, until):
         self.clock.now += self.preparation
+        return True
 
     def seconds(self, kind, step):
         return self.durations[kind]

@@ -117,6 +117,13 @@ class Remembering(Erratic):
         self.share = float((folder / "share").read_text())
 
 
+class Improver(Remembering):
+    """Uses the time that its preparation has left."""
+
+    def improve(self, seconds: float) -> None:
+        assert 0 < seconds < 60
+
+
 class NoActs:
     """Is no planner."""
 

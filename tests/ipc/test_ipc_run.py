@@ -15,6 +15,7 @@ from mdpo_rddl.ipc import run as running
 from mdpo_rddl.ipc.results import load_result
 from mdpo_rddl.ipc.run import EntryTask, run, run_entry
 from mdpo_rddl.machine.executors import LocalExecutor
+from mdpo_rddl.machine.guarded import ProcessFailure
 
 QUICK = replace(RULES, plan_seconds=15.0, trial_seconds=1.0)
 
@@ -170,6 +171,31 @@ def test_what_cannot_be_taken_up_is_prepared_anew(tmp_path, monkeypatch):
     assert result.preparation is not None
     assert result.preparation.peak_mb > 1.0
     assert not contestant.prepared_folder.exists()
+
+
+def test_who_improves_for_too_long_plays_what_was_kept(tmp_path, monkeypatch):
+    began, phases = [], []
+
+    def guarded(work, items, limits):
+        began.append(work.improves)
+        for item in items:
+            phases.append((item, limits(item).seconds))
+            if item == running.IMPROVE:
+                work(item)
+                yield item, ProcessFailure("timeout", "over 1 s", 1.0, 1.0)
+                return
+            yield item, work(item)
+
+    monkeypatch.setattr(running, "run_guarded", guarded)
+    each = entry(tiny_instance(tmp_path), toy_contest.Improver)
+    task = EntryTask(each, replace(RULES, trials=1), tmp_path / "out")
+    run_entry(task)
+    assert statuses(task.result) == ["ok"]
+    assert task.result.preparation.status == "ok"
+    assert began == [True, False]
+    assert [phase for phase, _ in phases] == [running.PREPARE, running.IMPROVE, running.RESTORE, 0]
+    # it has what the preparation has left
+    assert RULES.plan_seconds - 5.0 < phases[1][1] < RULES.plan_seconds
 
 
 def test_the_trials_of_all_planners_meet_the_same_chance(tmp_path):

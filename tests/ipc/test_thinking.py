@@ -7,7 +7,7 @@ from helpers.levers import NONE, lever_policy
 from helpers.slow_simulator import SlowSimulator
 
 from mdpo_rddl.ipc import thinking
-from mdpo_rddl.ipc.planner import Restorable, Timed
+from mdpo_rddl.ipc.planner import Improving, Restorable, Timed
 from mdpo_rddl.ipc.thinking import ThinkingMDPO
 from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -36,6 +36,7 @@ def ready(monkeypatch):
         planner = ThinkingMDPO(clock)
         planner.play_within(trial_seconds)
         planner.prepare(policy.problem, 60.0, 0)
+        planner.improve(15.0)
         return planner, clock
 
     return make
@@ -53,6 +54,28 @@ def play(planner, clock, between=0.0):
 def test_it_can_be_kept_and_wants_to_know_a_trials_time():
     assert isinstance(ThinkingMDPO(), Restorable)
     assert isinstance(ThinkingMDPO(), Timed)
+
+
+def test_whether_to_think_is_tried_when_the_policy_can_be_kept(monkeypatch, tmp_path):
+    policy, asked = lever_policy(NONE), list[float]()
+
+    def choose(policy, seconds, within, clock):
+        asked.append(within)
+        return Choice(None, [], "", 0.0)
+
+    monkeypatch.setattr(thinking, "choose", choose)
+    monkeypatch.setattr(ThinkingMDPO, "_find", lambda *_: policy)
+    planner = ThinkingMDPO(Stopped())
+    assert isinstance(planner, Improving)
+    planner.play_within(10.0)
+    planner.prepare(policy.problem, 60.0, 0)
+    planner.save(tmp_path)
+    assert asked == []
+    planner.improve(-1.0)
+    assert asked == []
+    planner.improve(10.0)
+    # less a margin, since the process is ended then
+    assert asked == [pytest.approx(8.5)]
 
 
 def test_no_trial_runs_out_of_time(ready):

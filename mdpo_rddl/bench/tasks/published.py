@@ -13,8 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.tasks.names import OURS
-from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
+from mdpo_rddl.bench.tasks.names import OURS, THINKING
+from mdpo_rddl.bench.tasks.trial import (
+    COLUMNS,
+    KEYS,
+    OK,
+    THINKING_COLUMNS,
+    Conditions,
+    Task,
+    run_tasks,
+)
 from mdpo_rddl.errors import InputError
 
 AT_THE_BEST = 0.99
@@ -61,7 +69,23 @@ def run_published(
             raise InputError(f"there are no published returns of {unknown[0]!r}")
         tasks = chosen
     number, count = shard
-    return run_tasks(out, tasks[number::count], [OURS], seeds, conditions)
+    planner = THINKING if conditions.decision_seconds else OURS
+    return run_tasks(out, tasks[number::count], [planner], seeds, conditions)
+
+
+def read_published(path: Path) -> Records:
+    """The rows of `run_published`, with time to think or without.
+
+    Raises:
+      InputError: naming the file, if it holds anything else.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            header = file.readline().rstrip("\n").split(",")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: no such results; mdpo-bench published makes them") from error
+    is_thinking = tuple(header) == THINKING_COLUMNS
+    return Records(path, THINKING_COLUMNS if is_thinking else COLUMNS, KEYS)
 
 
 def score(mean: float, row: Mapping[str, str]) -> float:

@@ -12,10 +12,14 @@ import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.ipc.planner import Improving
 from mdpo_rddl.ipc.registry import check_planner, make_planner
+from mdpo_rddl.ipc.thinking import ThinkingMDPO
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import commit, versions
+from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 
@@ -34,11 +38,16 @@ FIGURES = (
     "returns",
 )
 COLUMNS = (*KEYS, "status", "cause", *FIGURES)
+# of decisions with time to think, as `decision_figures` names most of them
+_DECISIONS = ("decisions", "left_base", "p99_seconds", "max_seconds", "within_budget")
+THINKING_COLUMNS = (*COLUMNS, "decision_seconds", "method", *_DECISIONS)
 OK = "ok"
 # of the episodes, far from any training seed
 _EVALUATION_SEED = 2024
 # beside the preparation: the process's start, what is late, and the episodes
 _PLAY_SECONDS = 900.0
+# no task has more steps
+_MOST_STEPS = 500
 _DIGITS = 10
 
 
@@ -58,11 +67,24 @@ class Conditions:
       seconds: of preparation, compilation included.
       episodes: on the exact environment, the same for all planners.
       memory_gb: of a trial's processes.
+      decision_seconds: for `mdpo-thinking` at each decision; 0 where planners do not think.
     """
 
     seconds: float
     episodes: int
     memory_gb: float
+    decision_seconds: float = 0.0
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of the rows."""
+        return THINKING_COLUMNS if self.decision_seconds else COLUMNS
+
+    @property
+    def limits(self) -> Limits:
+        """Of a trial's process."""
+        thinking = self.episodes * _MOST_STEPS * self.decision_seconds
+        return Limits(self.seconds + _PLAY_SECONDS + thinking, self.memory_gb)
 
 
 @dataclass(frozen=True)
@@ -98,7 +120,10 @@ def run_tasks(
     for name in names:
         check_planner(name)
     kept = {"seconds": conditions.seconds, "episodes": conditions.episodes, **versions()}
-    records = Records(out / "rows.csv", COLUMNS, KEYS, kept)
+    if conditions.decision_seconds:
+        kept["decision_seconds"] = conditions.decision_seconds
+    columns = conditions.columns
+    records = Records(out / "rows.csv", columns, KEYS, kept)
     trials = [
         TaskTrial(task, planner, seed, conditions)
         for task in tasks
@@ -106,12 +131,11 @@ def run_tasks(
         for seed in range(seeds)
         if not records.has(task.problem, task.instance, planner, seed)
     ]
-    limits = Limits(conditions.seconds + _PLAY_SECONDS, conditions.memory_gb)
     for trial in trials:
-        for _, outcome in run_guarded(run_trial, [trial], limits):
+        for _, outcome in run_guarded(run_trial, [trial], conditions.limits):
             row = _of_failure(outcome) if isinstance(outcome, ProcessFailure) else outcome
             key = (trial.task.problem, trial.task.instance, trial.planner, trial.seed)
-            records.add(*key, *(row.get(name, "") for name in COLUMNS[len(KEYS) :]))
+            records.add(*key, *(row.get(name, "") for name in columns[len(KEYS) :]))
             logger.info("%s %s, %s, seed %d: %s %s", *key, row["status"], row.get("mean", ""))
     return records
 
@@ -141,8 +165,15 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     problem = load_problem(trial.task.problem, trial.task.instance)
     row["horizon"] = problem.horizon
     planner = make_planner(trial.planner)
-    left = trial.conditions.seconds - (time.perf_counter() - started)
-    planner.prepare(problem, left, trial.seed)
+
+    def left() -> float:
+        return trial.conditions.seconds - (time.perf_counter() - started)
+
+    if isinstance(planner, ThinkingMDPO):
+        planner.decide_within(trial.conditions.decision_seconds)
+    planner.prepare(problem, left(), trial.seed)
+    if isinstance(planner, Improving):
+        planner.improve(left())
     prepared = time.perf_counter()
     row["prepare_seconds"] = round(prepared - started, 2)
     random = np.random.default_rng(trial.seed)
@@ -153,7 +184,19 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
         _EVALUATION_SEED,
     )
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
+    if isinstance(planner, ThinkingMDPO):
+        row |= _decisions(planner.thinker, trial.conditions)
     return evaluation
+
+
+def _decisions(thinker: LookaheadPolicy | None, conditions: Conditions) -> dict[str, Any]:
+    """How decisions were made; no method where the policy played alone."""
+    seconds = conditions.decision_seconds
+    if thinker is None:
+        return {"decision_seconds": seconds}
+    figures = decision_figures(thinker.decisions, seconds, conditions.episodes)
+    kept = {name: float(f"{figures[name]:.4g}") for name in _DECISIONS}
+    return {"decision_seconds": seconds, "method": thinker.method.name, **kept}
 
 
 def _of_failure(failure: ProcessFailure) -> dict[str, Any]:

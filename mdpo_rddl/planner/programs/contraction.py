@@ -3,6 +3,7 @@
 RDDL writes what happens between objects as a sum over all pairs, `sum_{?j} [A(?i, ?j) * x(?j)]`,
 which is compiled into two matrices that are broadcast, multiplied and summed. Here whatever is
 constant along an axis is computed without that axis, and what is summed of it by `einsum`.
+Truth values are numbers 0 and 1 there: "exists" is a sum above 0, "for all" one that is complete.
 """
 
 from collections.abc import Callable, Sequence
@@ -66,6 +67,10 @@ _ELEMENTWISE = frozenset(
 )
 # smaller arrays are computed as they are written
 _WORTH_ELEMENTS = 4096
+# of truth values
+_WORTH_TRUTHS = 1024
+# so many are counted exactly in single precision
+_MOST_COUNTED = 2**24
 _MAX_TERMS = 4
 _LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
@@ -91,6 +96,9 @@ class _View:
         return jnp.broadcast_to(jnp.reshape(base, sizes), [shape[axis] for axis in axes])
 
 
+_Terms = tuple[tuple[float, tuple[_View, ...]], ...]
+
+
 @dataclass(frozen=True)
 class _Factored:
     """A large array, known as a sum of products of views; written out only if it must be.
@@ -102,7 +110,7 @@ class _Factored:
     """
 
     shape: tuple[int, ...]
-    terms: tuple[tuple[float, tuple[_View, ...]], ...]
+    terms: _Terms
     recipe: Callable[[], Array]
 
     @property
@@ -138,7 +146,7 @@ def _has_large_broadcasts(jaxpr: Any) -> bool:
                 return True
         elif equation.primitive.name == "broadcast_in_dim":
             (operand, *_), (result,) = equation.invars, equation.outvars
-            if operand.aval.size not in (1, result.aval.size) and _is_large(result.aval.shape):
+            if operand.aval.size not in (1, result.aval.size) and _is_large(result.aval):
                 return True
     return False
 
@@ -149,22 +157,30 @@ def _apply(equation: Any, operands: list[Any]) -> list[Any]:
     def plain() -> list[Any]:
         return bind(equation.primitive, params, [_whole(operand) for operand in operands])
 
-    if name == "broadcast_in_dim" and _is_large(params["shape"]):
+    result = equation.outvars[0].aval
+    if name == "broadcast_in_dim" and _is_large(result):
         return [_broadcast(operands[0], params, lambda: plain()[0])]
     if not any(isinstance(operand, _Factored) for operand in operands):
         return plain()
-    shape = equation.outvars[0].aval.shape
+    shape = result.shape
     if name == "transpose":
         return [_transpose(operands[0], params["permutation"], shape, lambda: plain()[0])]
-    if name == "reduce_sum" and jnp.issubdtype(equation.outvars[0].aval.dtype, jnp.floating):
-        return [_sum(operands[0], params["axes"], shape)]
+    if name == "reduce_sum" and jnp.issubdtype(result.dtype, jnp.floating):
+        return [_sum(operands[0], params["axes"], shape, result.dtype)]
+    if name in ("reduce_or", "reduce_and") and _is_truth(result):
+        return [_quantified(name, operands[0], params["axes"], shape)]
     if name in _ELEMENTWISE:
         return [_elementwise(equation, operands, shape, lambda: plain()[0])]
     return plain()
 
 
-def _is_large(shape: Sequence[int]) -> bool:
-    return len(shape) > 1 and int(np.prod(shape)) >= _WORTH_ELEMENTS
+def _is_truth(value: Any) -> bool:
+    return bool(value.dtype == np.bool_)
+
+
+def _is_large(value: Any) -> bool:
+    worth = _WORTH_TRUTHS if _is_truth(value) else _WORTH_ELEMENTS
+    return value.ndim > 1 and value.size >= worth
 
 
 def _whole(value: Any) -> Any:
@@ -177,7 +193,7 @@ def _view_of(value: Any) -> _View | None:
     return _View(value, tuple(range(np.ndim(value))))
 
 
-def _terms_of(value: Any, shape: Sequence[int]) -> tuple[tuple[float, tuple[_View, ...]], ...]:
+def _terms_of(value: Any, shape: Sequence[int]) -> _Terms:
     if isinstance(value, _Factored):
         return value.terms
     axes = tuple(range(len(shape))) if np.ndim(value) else ()
@@ -240,30 +256,68 @@ def _elementwise(
         aligned = [v.aligned(axes, shape) if v.axes else v.base for v in views if v is not None]
         base = bind(equation.primitive, equation.params, aligned)[0]
         return _Factored(shape, ((1.0, (_View(base, tuple(axes)),)),), recipe)
-    terms = None
-    if name in ("add", "sub", "mul"):
-        left, right = (_terms_of(operand, shape) for operand in operands)
-        if name == "mul":
-            terms = tuple((s * t, _product(f, g)) for s, f in left for t, g in right)
-        else:
-            direction = 1.0 if name == "add" else -1.0
-            terms = left + tuple((direction * sign, factors) for sign, factors in right)
+    given = [_terms_of(operand, shape) for operand in operands]
+    terms = _truths(equation, given) if _is_truth(equation.invars[0].aval) else None
+    if name == "add":
+        terms = _plus(*given)
+    elif name == "sub":
+        terms = _plus(given[0], _negative(given[1]))
+    elif name == "mul":
+        terms = _times(*given)
     elif name == "neg":
-        terms = tuple((-sign, factors) for sign, factors in _terms_of(operands[0], shape))
+        terms = _negative(given[0])
     if terms is None or len(terms) > _MAX_TERMS or max(len(f) for _, f in terms) > _MAX_TERMS:
         return recipe()
     return _Factored(shape, terms, recipe)
 
 
-def _sum(operand: _Factored, axes: Sequence[int], shape: tuple[int, ...]) -> Array:
+def _truths(equation: Any, given: Sequence[_Terms]) -> _Terms | None:
+    """An operation on truth values as one on numbers; None if it is none of those known."""
+    name, result = equation.primitive.name, equation.outvars[0].aval
+    if name == "and":
+        return _times(*given)
+    if name == "or":
+        return _plus(_plus(*given), _negative(_times(*given)))
+    if name == "not":
+        return _plus(((1.0, (_View(True, ()),)),), _negative(given[0]))
+    if name == "convert_element_type" and jnp.issubdtype(result.dtype, jnp.floating):
+        return given[0]
+    return None
+
+
+def _plus(left: _Terms, right: _Terms) -> _Terms:
+    return left + right
+
+
+def _negative(terms: _Terms) -> _Terms:
+    return tuple((-sign, factors) for sign, factors in terms)
+
+
+def _times(left: _Terms, right: _Terms) -> _Terms:
+    return tuple((s * t, _product(f, g)) for s, f in left for t, g in right)
+
+
+def _quantified(
+    name: str, operand: _Factored, axes: Sequence[int], shape: tuple[int, ...]
+) -> Array:
+    """Whether any of the values along some axes is true, or all are."""
+    counted = int(np.prod([operand.shape[axis] for axis in axes]))
+    if counted > _MOST_COUNTED:
+        reduce = jnp.any if name == "reduce_or" else jnp.all
+        return reduce(operand.whole, axis=tuple(axes))
+    true = _sum(operand, axes, shape, jnp.float32)
+    return true > (0.5 if name == "reduce_or" else counted - 0.5)
+
+
+def _sum(operand: _Factored, axes: Sequence[int], shape: tuple[int, ...], dtype: Any) -> Array:
     left = [axis for axis in range(len(operand.shape)) if axis not in axes]
-    total = jnp.zeros((), operand.terms[0][1][0].base.dtype)
+    total = jnp.zeros((), dtype)
     for sign, factors in operand.terms:
         covered = {axis for factor in factors for axis in factor.axes}
         letters = ["".join(_LETTERS[axis] for axis in factor.axes) for factor in factors]
         result = [axis for axis in left if axis in covered]
         subscripts = ",".join(letters) + "->" + "".join(_LETTERS[axis] for axis in result)
-        bases = [factor.base for factor in factors]
+        bases = [jnp.asarray(factor.base, dtype) for factor in factors]
         value = jnp.einsum(subscripts, *bases, precision=lax.Precision.HIGHEST)
         repeats = np.prod([operand.shape[axis] for axis in axes if axis not in covered])
         sizes = [operand.shape[axis] if axis in covered else 1 for axis in left]

@@ -30,6 +30,8 @@ _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # the fractional parts of its multiples are spread evenly
 # a gain must be so many standard errors: the best of several methods is taken
 _ERRORS = 2.0
+# of the time for the choice, the episodes that give the states may take
+_VISITING_SHARE = 0.25
 _GOLDEN = 0.618033988749895
 
 
@@ -102,8 +104,9 @@ def choose(
     Args:
       policy: the prepared policy.
       seconds: of a decision.
-      within: seconds for the choice, shared by the methods. A compilation or a decision that has
-        begun goes on to its end; a method for which it has left no time may go a tenth beyond.
+      within: seconds for the choice, shared by the methods. The first compilation tells how long
+        others take; none is begun that would end later. A decision that has begun goes on to its
+        end; a method for which no time is left may go a tenth beyond.
       clock: tells the seconds.
     """
     started = clock()
@@ -115,11 +118,15 @@ def choose(
         applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
         if applying:
-            visited = _visited(policy)
+            now = clock()
+            visited = _visited(policy, lambda: clock() < now + _VISITING_SHARE * within)
             simulator = Simulator(policy, max(method.depth for method in applying), clock)
-            simulator.prepare(visited[0][1], seconds)
-            if any(method.climbs for method in applying):
-                simulator.prepare_climbing(visited[0][1])
+            until = started + within
+            if not simulator.prepare(visited[0][1], seconds, until):
+                trials = [Trial(method.name, None, None, NO_TIME) for method in applying]
+                applying = []
+            elif any(method.climbs for method in applying):
+                simulator.prepare_climbing(visited[0][1], until)
         for number, method in enumerate(applying):
             now = clock()
             share = (started + within - now) / (len(applying) - number)
@@ -151,16 +158,20 @@ def _unsuitable(policy: Prepared) -> str:
     return ""
 
 
-def _visited(policy: Prepared) -> list[tuple[int, State]]:
+def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
     """Steps and states of a few episodes, as many as there are trials.
 
     The first is a start; the others are in an order in which the first few are far apart.
+
+    Args:
+      policy: plays.
+      has_time: whether to play on.
     """
     env = make_environment(policy.problem)
     found: list[tuple[int, State]] = []
     for episode in range(_EPISODES):
         state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
-        while not done:
+        while not done and (has_time() or not found):
             found.append((step, state))
             state, _, terminated, truncated, _ = env.step(policy(step, state))
             step, done = step + 1, terminated or truncated

@@ -44,8 +44,8 @@ class Coordinate:
             return np.zeros((0, 1, len(self._base)), np.float32)
         centre = better[0].candidate[0] if better else self._base
         together = self._together([gain.candidate[0] for gain in better])
-        near = random.permutation(np.array(self._neighbours(centre)))
-        proposals = np.concatenate([together, near])[:_MOST_PROPOSALS]
+        near = self._neighbours(centre, _MOST_PROPOSALS - len(together), random)
+        proposals = np.concatenate([together, near])
         _, first = np.unique(proposals, axis=0, return_index=True)
         kept = proposals[np.sort(first)]
         return kept[np.any(kept != self._base, axis=1)][:, np.newaxis].astype(np.float32)
@@ -62,28 +62,39 @@ class Coordinate:
             found.append(action)
         return np.array(found)
 
-    def _neighbours(self, centre: np.ndarray) -> list[np.ndarray]:
-        """Single changes, and exchanges of one that is off its default for one that is not."""
+    def _neighbours(self, centre: np.ndarray, most: int, random: np.random.Generator) -> np.ndarray:
+        """Single changes, and exchanges of one that is off its default for one that is not.
+
+        The no-op and the centre first, then as many others as are wanted, drawn before they are
+        built: of many components there are far more exchanges than can be tried.
+        """
         parts = self._components
         assert parts is not None  # `applies` was asked first
-        found = [parts.noop, centre]
-        for place in parts.discrete:
-            for value in parts.values[place]:
-                found.append(_with(centre, place, value))
+        values = [(place, value) for place in parts.discrete for value in parts.values[place]]
         on = [place for place in parts.discrete if centre[place] != parts.noop[place]]
-        off = [place for place in parts.discrete if centre[place] == parts.noop[place]]
-        for leaving in on:
-            without = _with(centre, leaving, float(parts.noop[leaving]))
-            for place in off:
-                for value in parts.values[place]:
-                    found.append(_with(without, place, value))
-        return found
+        leaving = [None, *on]
+        drawn = _some(len(values) * len(leaving), most - 2, random)
+        found = [parts.noop, centre]
+        for number in drawn:
+            back, (place, value) = leaving[number // len(values)], values[number % len(values)]
+            # an exchange is for one at its default
+            if back is None or centre[place] == parts.noop[place]:
+                start = centre if back is None else _with(centre, back, float(parts.noop[back]))
+                found.append(_with(start, place, value))
+        return np.array(found)
 
     def shift(self, chosen: np.ndarray) -> None:
         """Nothing is known for the next step."""
 
     def reset(self) -> None:
         """Nothing is known for the next episode."""
+
+
+def _some(count: int, most: int, random: np.random.Generator) -> list[int]:
+    """At most so many of the numbers below `count`, in random order."""
+    if count <= 4 * most:
+        return random.permutation(count)[:most].tolist()
+    return list(dict.fromkeys(random.integers(count, size=most).tolist()))
 
 
 def _with(action: np.ndarray, place: int, value: float) -> np.ndarray:

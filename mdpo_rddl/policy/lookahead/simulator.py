@@ -1,5 +1,6 @@
 """Paired rollouts of candidates, compiled, in calls whose duration is known."""
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -34,6 +35,8 @@ _SHARE, _LONGEST_SECONDS = 0.1, 0.05
 _MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 # of the time of a step as it was measured first: no step is expected to be faster
 _LEAST_SHARE = 0.5
+# a program with gradients takes so many times as long to compile as one without
+_CLIMB_COMPILATION = 2.0
 _LEGALITY_BATCH = 64
 # a return that is not finite must not look like a gain
 _NOT_FINITE = -1e30
@@ -65,31 +68,48 @@ class Simulator:
         hyperparams = dict(policy.policy_hyperparams)
         self._climb: Callable[..., Any] | None = None
         self._climb_seconds = (0.0, 0.0)
-        self._least_climb_seconds = 0.0
+        self._least_climb_seconds, self._compile_seconds = 0.0, 0.0
         self._is_random = has_draws(policy.problem.model)
         self._policy_arguments = jax.device_put((policy.params, hyperparams))
 
-    def prepare(self, state: Mapping[str, Any], seconds: float) -> None:
+    def prepare(self, state: Mapping[str, Any], seconds: float, until: float = math.inf) -> bool:
         """Compiles the calls for a decision of so many seconds, and measures them.
 
         Args:
           state: any state, as the environment shows it.
           seconds: of a decision.
+          until: a compilation that is likely to end later, as long as the first one, is not begun.
+
+        Returns:
+          Whether all that a decision needs is there.
         """
         longest = min(_LONGEST_SECONDS, _SHARE * seconds)
         base = self.components.flat(self.policy(0, state))
         self.legal(state, base[np.newaxis])
-        rollouts = _ROLLOUTS
+        rollouts, started = _ROLLOUTS, self._clock()
         self._compile(WIDE, rollouts, state, base)
+        self._compile_seconds = self._clock() - started
         self._is_random = self._is_random and self._differs(state)
         took = self.seconds(WIDE, 0)
         if not self._is_random or not longest / 3 < took < longest * 1.5:
+            if not self._can_compile(2.0, until):
+                return False
             rollouts = int(np.clip(rollouts * longest / took, _FEWEST, _MOST))
             self._compile(WIDE, rollouts, state, base)
+        if not self._can_compile(1.0, until):
+            return False
         self._compile(NARROW, rollouts, state, base)
+        return True
 
-    def prepare_climbing(self, state: Mapping[str, Any]) -> None:
-        """Compiles the gradient steps and measures them, after `prepare`."""
+    def prepare_climbing(self, state: Mapping[str, Any], until: float = math.inf) -> None:
+        """Compiles the gradient steps and measures them, after `prepare`.
+
+        Args:
+          state: any state, as the environment shows it.
+          until: nothing is compiled if that is likely to end later; `climb` returns None then.
+        """
+        if not self._can_compile(_CLIMB_COMPILATION, until):
+            return
         count = _CLIMB_SCENARIOS if self._is_random else 1
         size = ClimbSize(CLIMBERS, count, min(self.horizon, _CLIMB_WINDOW))
         climbing = Climbing(self.policy.planner)
@@ -140,6 +160,10 @@ class Simulator:
             return None
         reached = np.where(np.isfinite(ascent.candidates), ascent.candidates, padded)
         return Climbed(reached[:count], first_sigma[:count])
+
+    def _can_compile(self, programs: float, until: float) -> bool:
+        """Whether compiling so much, in units of the first program, is likely to end in time."""
+        return self._clock() + programs * self._compile_seconds <= until
 
     def _climbs_until(self, until: float) -> int:
         """How many gradient steps to make in a call that is to end then, or earlier."""
@@ -270,11 +294,16 @@ class Simulator:
         return np.asarray(self._programs[kind](key, *self._policy_arguments, *arguments))
 
     def _numbers(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """The state with objects as their numbers."""
-        rddl, numbers = self.policy.planner.rddl, {}
+        """The state with objects as their numbers, in the model's types.
+
+        Environments show some fluents in other types after a step than after a reset, for which
+        all would be compiled again.
+        """
+        planner, numbers = self.policy.planner, {}
+        rddl, known = planner.rddl, planner.test_compiled.init_values
         for name, value in state.items():
             array = np.asarray(value)
             if array.dtype.kind in "UO":
                 array = rddl.object_string_to_index_array(rddl.variable_ranges[name], array)
-            numbers[name] = array
+            numbers[name] = array.astype(np.asarray(known[name]).dtype)
         return numbers

@@ -43,6 +43,13 @@ def products(a, b, x, y):
             * jax.lax.broadcast_in_dim(b[:, :5], (N, M, 5), (1, 2)),
             axis=(0, 1),
         ),
+        "exists": jnp.any((a > 1.0) & (columns > 0.0), axis=1),
+        "exists in both": jnp.any((a > 0.0) & (columns > 1.5) & (rows > 1.5), axis=(0, 1)),
+        "for all": jnp.all((a < 0.0) | (columns < 1.0), axis=1),
+        "no pair": jnp.all(~((a > 2.0) & (columns > 1.0)), axis=1),
+        "counted": jnp.sum(((a > 1.0) & (columns > 0.0)) * 1.0 * rows, axis=0),
+        "exactly one": jnp.any((a > 1.0) ^ (columns > 0.0), axis=1),
+        "truths": (a > 1.0) & (columns > 0.0),
         "whole": rows * columns,
         "integers": jnp.sum(jnp.broadcast_to(jnp.arange(M), pairs) * 2, axis=1),
     }
@@ -61,7 +68,13 @@ def test_the_results_are_the_same():
 
 
 @pytest.mark.parametrize(
-    "name", ["matrix times vector", "over the other axis", "difference", "constant along an axis"]
+    "name",
+    [
+        "matrix times vector",
+        "over the other axis",
+        "difference",
+        "constant along an axis",
+    ],
 )
 def test_no_matrix_of_pairs_is_computed(name):
     program = contract(jax.make_jaxpr(lambda *v: products(*v)[name])(A, B, X, Y))

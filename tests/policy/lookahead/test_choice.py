@@ -78,6 +78,15 @@ def test_methods_share_the_time(slow):
     assert {trial.note for trial in choice.trials} == {""}
 
 
+def test_no_compilation_begins_that_would_end_late():
+    """By a clock that ticks, a program takes some twenty ticks."""
+    clock = Ticking(1.0)
+    choice = choose(lever_policy(NONE), SECONDS, within=50.0, clock=clock)
+    assert choice.policy is None
+    assert {trial.note for trial in choice.trials} == {NO_TIME}
+    assert choice.seconds <= 50.0
+
+
 def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeypatch):
     policy = lever_policy(NONE)
     clock = slow(call=0.01)

@@ -1,5 +1,7 @@
 """What the methods propose, and how an action's components are laid side by side."""
 
+import time
+
 import numpy as np
 import pytest
 from helpers.levers import NONE, lever_policy
@@ -61,3 +63,28 @@ def test_coordinate_changes_go_on_from_what_gained():
     # an exchange of the third for another
     assert (1, 0, 0) in proposed(method, gains)
     assert proposed(method, gains[2:]) == []
+
+
+def test_of_many_components_only_what_is_proposed_is_built():
+    count = 2000
+    many = Components(
+        parts={"pull": slice(0, count)},
+        values=((0.0, 1.0),) * count,
+        is_real=np.zeros(count, bool),
+        noop=np.zeros(count),
+        lower=np.full(count, -np.inf),
+        upper=np.full(count, np.inf),
+        units=np.zeros(count),
+        most=count,
+    )
+    method = Coordinate()
+    method.applies(many)
+    base = np.arange(count) % 2.0
+    method.begin(situation(base))
+    started = time.process_time()
+    candidates = method.propose((), RANDOM)[:, 0]
+    # two million exchanges would take seconds
+    assert time.process_time() - started < 1.0
+    assert 300 < len(candidates) <= 600
+    changed = np.sum(candidates[1:] != base, axis=1)
+    assert {1, 2} <= set(changed.tolist())
