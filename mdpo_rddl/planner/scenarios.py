@@ -114,13 +114,16 @@ class Scenarios:
     ) -> Callable[[Array, Plans], Array]:
         """A function of the key and of plans [N, H, *shape] that gives returns [N]."""
 
-        def policy(*arguments):
-            *_, state, _, given = arguments
-            return clean(given, state)
-
-        rollouts = self._rollouts(model, policy, path=False, differentiated=differentiated)
         values = initial_values(self._planner)
         start = self._start(values.training if differentiated else values.test)
+
+        def policy(*arguments):
+            *_, state, _, given = arguments
+            # the relaxed model knows no bools
+            actions = clean(given, state)
+            return {name: each.astype(start.fluents[name].dtype) for name, each in actions.items()}
+
+        rollouts = self._rollouts(model, policy, path=False, differentiated=differentiated)
 
         def play(key: Array, plans: Plans) -> Array:
             perturbed = PerturbedModel(model.model_aux["params"], plans)

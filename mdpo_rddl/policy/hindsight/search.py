@@ -41,7 +41,7 @@ class Estimate:
 
 
 @dataclass
-class _Incumbents:
+class Incumbents:
     """The best plan of each scenario so far [N, H, *shape], and its return [N]."""
 
     plans: Plans
@@ -82,7 +82,7 @@ def find_plans(
     key, rng = jax.random.PRNGKey(seed), np.random.default_rng(seed)
     played = compiled.compile_policy()(key, *policy)
     own = np.array(played.returns, float)
-    best = _Incumbents(
+    best = Incumbents(
         {name: np.array(value) for name, value in played.plans.items()},
         np.where(np.isfinite(own), own, -np.inf),
     )
@@ -111,13 +111,13 @@ class _Search:
         self._returns, self._gradient = compiled.compile_returns(), compiled.compile_gradient()
         self._units: Plans = {}
 
-    def judge(self, best: _Incumbents, plans: Plans) -> None:
+    def judge(self, best: Incumbents, plans: Plans) -> None:
         """Plays plans [C, N, ...], or [N, ...] in all lanes, and keeps the better ones."""
         if next(iter(plans.values())).ndim == next(iter(best.plans.values())).ndim:
             plans = _in_lanes(plans)
         best.take(plans, np.asarray(self._returns(self._key, plans), float))
 
-    def climb(self, best: _Incumbents, has_time: Callable[[], bool]) -> None:
+    def climb(self, best: Incumbents, has_time: Callable[[], bool]) -> None:
         """Follows the gradient with Adam, in each lane with a step size of its own."""
         units = self._units_of(best.plans)
         rates = np.geomspace(_SMALLEST, _LARGEST, _LANES) * self._rng.uniform(0.3, 1.0)
