@@ -118,7 +118,8 @@ class _Finder:
         draws = simulator.draws
         unrolled = unroll(self._step, self._env, draws, self._check)
         written = self._clock()
-        left = seconds - (written - began)
+        # without it there is nothing to tell of the episode
+        left = self._until - written
         found = unrolled.program.maximise(unrolled.objective, left, relaxed=True)
         result = self._with(returned, np.inf, unrolled, found, draws)
         solved = self._clock()
@@ -129,7 +130,7 @@ class _Finder:
             found = unrolled.program.maximise(unrolled.objective, left, relaxed=False)
             result = self._with(result.plan, result.bound, unrolled, found, draws)
         if not np.isfinite(result.bound):
-            raise NotLinearError("the solver has found no bound")
+            raise NotLinearError("the solver has found no bound in time")
         return EpisodeBound(returned, result.plan, result.bound)
 
     def _check(self) -> None:
