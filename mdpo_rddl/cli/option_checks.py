@@ -83,6 +83,8 @@ def check_plan_options(options: argparse.Namespace) -> None:
         raise InputError("which problem? Such as: mdpo-plan hvac10; mdpo-plan --list shows all")
     if options.replan and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
+    if options.replan and options.hindsight:
+        raise InputError("--hindsight does not go with --replan, which has no policy")
     _check_files(options)
     _check_resume(options)
     if options.load is not None:

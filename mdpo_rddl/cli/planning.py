@@ -94,6 +94,8 @@ def run(
         is_online = options.replan or str(options.config) == "replan"
         if is_online and options.decision_seconds:
             raise InputError("--decision-seconds does not go with replanning, which plans anew")
+        if is_online and options.hindsight:
+            raise InputError("--hindsight does not go with replanning, which has no policy")
         do = replan if is_online else plan
         return do(request, bar), request.out
 
@@ -118,6 +120,7 @@ def _load_request(options: argparse.Namespace, command: str | None) -> LoadReque
         decision_seconds=options.decision_seconds,
         command=command,
         movie=options.movie,
+        hindsight=options.hindsight,
     )
 
 
@@ -147,6 +150,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         start_from=None if options.start_from is None else load_policy(options.start_from),
         resume=options.resume,
         checkpoint_seconds=options.checkpoint_seconds,
+        hindsight=options.hindsight,
     )
 
 

@@ -93,14 +93,7 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     first = PREPARE if result.preparation is None else RESTORE
     improving = [IMPROVE] if contestant.improves else []
     phases = [first, *improving, *range(len(result.trials), rules.trials)]
-    prepared = 0.0
-
-    def limits(phase: int) -> Limits:
-        seconds = rules.plan_seconds if phase < 0 else rules.trial_seconds
-        if phase == IMPROVE:
-            seconds = max(seconds - prepared, _LEAST_SECONDS)
-        return Limits(seconds, rules.memory_gb)
-
+    limits = _PhaseLimits(rules)
     with contextlib.closing(run_guarded(contestant, phases, limits)) as outcomes:
         for phase, outcome in outcomes:
             if phase == RESTORE:
@@ -114,12 +107,26 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
                 continue
             result, is_last = _recorded(result, phase, outcome, contestant.root)
             if phase == PREPARE and result.preparation is not None:
-                prepared = result.preparation.seconds
+                limits.prepared = result.preparation.seconds
             if is_last:
                 break
     if result.is_complete:  # the process has ended, and its temporary files are gone
         _finish(result, contestant)
     return result
+
+
+class _PhaseLimits:
+    """Of each phase; `IMPROVE` has what `prepared`, in seconds, has left."""
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules, self.prepared = rules, 0.0
+
+    def __call__(self, phase: int) -> Limits:
+        rules = self._rules
+        seconds = rules.plan_seconds if phase < 0 else rules.trial_seconds
+        if phase == IMPROVE:
+            seconds = max(seconds - self.prepared, _LEAST_SECONDS)
+        return Limits(seconds, rules.memory_gb)
 
 
 def _failed(outcome: dict[str, Any] | ProcessFailure) -> bool:

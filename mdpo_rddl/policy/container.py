@@ -14,14 +14,14 @@ from mdpo_rddl.machine.files import read_bounded, write_atomically
 MOST_POLICY_BYTES = 2**29
 """Of a file; its tensors take as many bytes as they have in it."""
 
-_LENGTH_BYTES, _MOST_HEADER_BYTES = 8, 2**26
+_LENGTH_BYTES, _MOST_HEADER_BYTES, _ALIGNMENT = 8, 2**26, 8
 
 Tensors = dict[str, np.ndarray]
 Metadata = dict[str, str]
 
 
 def write_container(path: Path, tensors: Tensors, metadata: Metadata) -> None:
-    """Writes tensors and text.
+    """Writes tensors and text: the same ones as the same bytes.
 
     Args:
       path: of the file.
@@ -32,7 +32,7 @@ def write_container(path: Path, tensors: Tensors, metadata: Metadata) -> None:
       InputError: if the file cannot be written.
     """
     metadata = {**metadata, "digest": _digest(tensors, metadata)}
-    write_atomically(path, save(tensors, metadata=metadata))
+    write_atomically(path, _ordered(save(tensors, metadata=metadata)))
 
 
 def read_container(
@@ -71,6 +71,17 @@ def read_container(
     if metadata.pop("digest", None) != _digest(tensors, metadata):
         raise InputError(f"{path}: damaged policy file: its contents do not match their digest")
     return metadata, tensors
+
+
+def _ordered(content: bytes) -> bytes:
+    """A file's content with its header in the order of the names, which the library leaves open."""
+    length = int.from_bytes(content[:_LENGTH_BYTES], "little")
+    end = _LENGTH_BYTES + length
+    header = json.loads(content[_LENGTH_BYTES:end])
+    ordered = json.dumps(header, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
+    # the tensors stay aligned
+    ordered += b" " * (-len(ordered) % _ALIGNMENT)
+    return len(ordered).to_bytes(_LENGTH_BYTES, "little") + ordered + content[end:]
 
 
 def _metadata(content: bytes) -> Metadata:

@@ -204,8 +204,9 @@ def _candidates(metadata: Metadata) -> tuple[Mapping[str, Any], ...]:
     for each in candidates:
         _require(isinstance(each["candidate"], str), "candidates")
         _require(isinstance(each["became_incumbent"], bool), "candidates")
-        for name in ("seconds", "mean_return"):
-            _require(isinstance(each[name], int | float | None), "candidates")
+        _require(isinstance(each["mean_return"], int | float | None), "candidates")
+        # files of version 0.2.0 have the time
+        _require(isinstance(each.get("seconds"), int | float | None), "candidates")
     return candidates
 
 

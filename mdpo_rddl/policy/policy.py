@@ -18,6 +18,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
+from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
@@ -39,6 +40,7 @@ class Policy(PolicyAgent):
       seed: of the run that found it, and of a policy that draws random numbers.
       candidates: what planning judged on the way, in its order: `seconds` since it began, `arm`,
         `candidate` (a label), `mean_return` and `error` on the exact model, `became_incumbent`.
+        One that was loaded does not know the seconds.
     """
 
     problem: Problem
@@ -71,7 +73,10 @@ class Policy(PolicyAgent):
         return cls(problem, config, planner, saved.params, hyperparams, saved.seed, candidates)
 
     def to_saved(self) -> SavedPolicy:
-        """The policy as a file holds it, without the compiled planner."""
+        """The policy as a file holds it: without the compiled planner, and without times.
+
+        The same parameters found in another time are the same file.
+        """
         return SavedPolicy(
             params=self.params,
             policy_hyperparams=dict(self.policy_hyperparams),
@@ -79,7 +84,10 @@ class Policy(PolicyAgent):
             problem=problem_identity(self.problem),
             seed=self.seed,
             source=ProblemSource.of(self.problem).without_folders(),
-            candidates=self.candidates,
+            candidates=tuple(
+                {name: value for name, value in each.items() if name != "seconds"}
+                for each in self.candidates
+            ),
         )
 
     def save(self, path: str | Path) -> None:
@@ -168,6 +176,21 @@ class Policy(PolicyAgent):
         """
         return explain(self.problem, self.planner, self.params, seconds)
 
+    def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
+        """What knowing every random number before an episode begins would add to the return.
+
+        Args:
+          episodes: of the environment, for bounds; and scenarios of the compiled model, for which
+            plans are searched.
+          seconds: for both.
+          seed: of the episodes, as `evaluate` has it, and of the scenarios.
+
+        Raises:
+          InputError: if there is no episode or no time.
+        """
+        compiled = self.planner, self.params, dict(self.policy_hyperparams)
+        return find_hindsight(self.problem, self, compiled, (episodes, seed, seconds))
+
     def _repr_html_(self) -> str:
         sizes = [np.size(leaf) for leaf in jax.tree.leaves(self.params)]
         rows = {
@@ -179,9 +202,8 @@ class Policy(PolicyAgent):
         }
         for each in self.candidates:
             if each["became_incumbent"] and each["mean_return"] is not None:
-                rows[f"{each['candidate']}, {each['seconds']:.1f} s"] = (
-                    f"{each['mean_return']:,.2f}"
-                )
+                after = f", {each['seconds']:.1f} s" if "seconds" in each else ""
+                rows[f"{each['candidate']}{after}"] = f"{each['mean_return']:,.2f}"
         return html_table(f"Policy for {self.problem.label}", rows)
 
 

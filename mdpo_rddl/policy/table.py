@@ -48,14 +48,14 @@ class Optimum:
       states: number of reachable states.
       transitions: probabilities that were stored.
       actions: number of joint actions that differ.
-      seconds: that it took.
+      seconds: that it took; None for one that was loaded, a file says nothing of time.
     """
 
     value: float
     states: int
     transitions: int
     actions: int
-    seconds: float
+    seconds: float | None
 
 
 def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
@@ -66,11 +66,12 @@ def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
 
 
 def table_text(table: ActionTable, optimum: Optimum) -> dict[str, str]:
-    """The rest of a table, and the optimum, as JSON."""
+    """The rest of a table, and the optimum without the time that it took, as JSON."""
+    figures = {name: value for name, value in asdict(optimum).items() if name != "seconds"}
     return {
         "fluents": json.dumps(table.fluents),
         "objects": json.dumps(dict(table.objects)),
-        "optimum": json.dumps(asdict(optimum)),
+        "optimum": json.dumps(figures),
     }
 
 
@@ -108,10 +109,10 @@ def _names(values: Iterable[Any]) -> tuple[str, ...]:
 
 
 def _optimum(figures: Mapping[str, Any]) -> Optimum:
-    value, seconds = float(figures["value"]), float(figures["seconds"])
-    _require(bool(np.isfinite([value, seconds]).all()), "figures")
+    value = float(figures["value"])
+    _require(bool(np.isfinite(value)), "figures")
     counts = {name: int(figures[name]) for name in ("states", "transitions", "actions")}
-    return Optimum(value=value, seconds=seconds, **counts)
+    return Optimum(value=value, seconds=None, **counts)
 
 
 def _require(holds: bool, what: str) -> None:

@@ -15,6 +15,7 @@ from mdpo_rddl.policy.file import (
     require_same_problem,
     save_policy,
 )
+from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
@@ -94,6 +95,10 @@ class TablePolicy(PolicyAgent):
           seconds: nothing is measured, however many.
         """
         return Explanation((), "the policy is a table of a proven optimum, not a rule")
+
+    def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
+        """As `Policy.hindsight`, without an estimate: nothing is compiled for a table."""
+        return find_hindsight(self.problem, self, None, (episodes, seed, seconds))
 
     def _repr_html_(self) -> str:
         rows = {

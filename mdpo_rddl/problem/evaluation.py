@@ -76,13 +76,23 @@ class Evaluation(Mapping[str, float]):
     @property
     def ci95(self) -> tuple[float, float] | None:
         """Student's 95% interval of the mean return; None for one episode."""
-        n = len(self.returns)
-        if n < 2:
-            return None
-        from scipy import special  # takes long to import, and can be while training goes on
+        return mean_interval(self.returns)
 
-        half = float(special.stdtrit(n - 1, 0.975) * self.std / np.sqrt(n))
-        return self.mean - half, self.mean + half
+
+def mean_interval(values: np.ndarray) -> tuple[float, float] | None:
+    """Student's 95% interval of a mean; None for one value.
+
+    Args:
+      values: independent ones [n].
+    """
+    n = len(values)
+    if n < 2:
+        return None
+    from scipy import special  # takes long to import, and can be while training goes on
+
+    error = float(np.std(values, ddof=1)) / np.sqrt(n)
+    half, mean = float(special.stdtrit(n - 1, 0.975) * error), float(np.mean(values))
+    return mean - half, mean + half
 
 
 def episode_seeds(seed: int, episodes: int) -> list[int]:

@@ -23,6 +23,7 @@ from pyRDDLGym.core.compiler.model import RDDLLiftedModel
 from pyRDDLGym.core.env import RDDLEnv
 from pyRDDLGym.core.parser.parser import RDDLlex, RDDLParser
 from pyRDDLGym.core.parser.rddl import RDDL
+from pyRDDLGym.core.simulator import RDDLSimulator
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
@@ -118,7 +119,11 @@ def parse_problem(
     return problem
 
 
-def make_environment(problem: Problem, enforce_action_constraints: bool = False) -> RDDLEnv:
+def make_environment(
+    problem: Problem,
+    enforce_action_constraints: bool = False,
+    backend: type[RDDLSimulator] = RDDLSimulator,
+) -> RDDLEnv:
     """Make an environment of its own (numpy simulator, vectorized) for a loaded problem.
 
     Environments of one problem share only its model. Raises `InputError` where the
@@ -130,6 +135,7 @@ def make_environment(problem: Problem, enforce_action_constraints: bool = False)
             instance=None,
             enforce_action_constraints=enforce_action_constraints,
             vectorized=True,
+            backend=backend,
             # The simulator's default generator is one object that all simulators share.
             backend_kwargs={"rng": np.random.default_rng()},
         )

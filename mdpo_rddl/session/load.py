@@ -13,6 +13,7 @@ from mdpo_rddl.policy.lookahead.choice import longest_choice
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.page.write import add_page
@@ -60,6 +61,8 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             seconds = request.decision_seconds
             times = seconds, longest_choice(seconds)
             figures = think(policy, plain, times, terms, reporter, observed)
+        if request.hindsight:
+            figures |= hindsight_figures(policy, terms, reporter)
         summary = {
             **identity(
                 problem,

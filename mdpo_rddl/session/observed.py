@@ -14,8 +14,8 @@ from mdpo_rddl.session.report.page.record import write_play
 from mdpo_rddl.session.report.summary import return_figures
 from mdpo_rddl.session.requests import EvaluationTerms
 
-# the no-op may take as long as the policy did, within limits; random actions half of it
-_SHORTEST, _LONGEST, _RANDOM_SHARE = 1.0, 4.0, 0.5
+# the no-op may take half as long as the policy did, within limits; random actions half of that
+_SHORTEST, _LONGEST, _SHARE, _RANDOM_SHARE = 0.5, 2.0, 0.5, 0.5
 LONGEST_EPISODE_SECONDS = 2.0
 """With longer ones nothing is played only to be shown."""
 _OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns")
@@ -59,7 +59,7 @@ class Observed:
         """Plays the no-op and random actions; JSON of their returns and of the decision times."""
         references: dict[str, Any] = {"noop": None, "random": None}
         if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
-            most = min(max(self._ended - self._began, _SHORTEST), _LONGEST)
+            most = min(max(_SHARE * (self._ended - self._began), _SHORTEST), _LONGEST)
             references["noop"] = _reference(noop_evaluation(self._terms, most, self._noop))
             references["random"] = _reference(random_evaluation(self._terms, _RANDOM_SHARE * most))
         return {"references": references, "decision_times": self._decision_times()}

@@ -16,6 +16,7 @@ from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.checkpoints import training_checkpoints
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
+from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
@@ -125,7 +126,8 @@ def _train_once(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _
 
 def _shortened(request: PlanRequest) -> PlanRequest:
     """What is evaluated of a run that somebody has stopped, and waits for."""
-    return replace(request, episodes=min(request.episodes, _FEW_EPISODES), decision_seconds=0.0)
+    episodes = min(request.episodes, _FEW_EPISODES)
+    return replace(request, episodes=episodes, decision_seconds=0.0, hindsight=False)
 
 
 def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
@@ -182,11 +184,13 @@ def _played(
     reporter: Reporter,
     observed: Observed,
 ) -> dict[str, Any]:
-    """The figures of the evaluation, with thinking at the decisions if that was asked for."""
+    """The figures of the evaluation, with thinking and hindsight if these were asked for."""
+    figures = hindsight_figures(policy, request, reporter) if request.hindsight else {}
     # a table plays its optimum already
     if request.decision_seconds == 0.0 or not isinstance(policy, Policy):
-        return return_figures(plain)
-    return think(policy, plain, choice_times(request), request, reporter, observed)
+        return {**return_figures(plain), **figures}
+    times = choice_times(request)
+    return {**think(policy, plain, times, request, reporter, observed), **figures}
 
 
 def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:

@@ -57,7 +57,7 @@ def test_a_saved_table_is_read_back(policy, tmp_path):
         np.testing.assert_array_equal(table_tensors(again.table)[name], tensor, strict=True)
     assert again.table.fluents == policy.table.fluents
     assert again.table.objects == policy.table.objects
-    assert again.optimum == policy.optimum
+    assert again.optimum == replace(policy.optimum, seconds=None)
     assert again.seed == 5
     for step in range(4):
         for sky in ("dry", "wet"):
@@ -102,7 +102,7 @@ CHANGES = {
 def test_tensors_that_do_not_fit_together_are_refused(policy, change):
     tensors = table_tensors(policy.table)
     text = table_text(policy.table, policy.optimum)
-    assert parse_table(tensors, text)[1] == policy.optimum
+    assert parse_table(tensors, text)[1] == replace(policy.optimum, seconds=None)
     change(tensors)
     with pytest.raises((KeyError, TypeError, ValueError)):
         parse_table(tensors, text)
@@ -114,7 +114,7 @@ def test_tensors_that_do_not_fit_together_are_refused(policy, change):
         ("fluents", "[1, 2]"),
         ("objects", "[]"),
         ("optimum", "{}"),
-        ("optimum", json.dumps({"value": float("nan"), "seconds": 1})),
+        ("optimum", json.dumps({"value": float("nan"), "states": 1})),
     ],
 )
 def test_text_that_says_nothing_useful_is_refused_in_one_line(policy, tmp_path, name, value):

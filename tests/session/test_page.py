@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 from helpers.mistakes import one_line
 
 from mdpo_rddl.problem.trajectories import Fluent, Trajectories
+from mdpo_rddl.session.report.page.panels import quantiles
 from mdpo_rddl.session.report.page.record import read_run, write_play
 from mdpo_rddl.session.report.page.results import compared, result_rows, returns_of
 from mdpo_rddl.session.report.page.write import write_comparison, write_page
@@ -60,6 +62,24 @@ SUMMARY = {
             {"seconds": 1.0, "mean_return": 2.5, "became_incumbent": True},
         ],
     },
+}
+HINDSIGHT = {
+    "estimate": {
+        "scenarios": 5,
+        "policy_mean_return": 2.75,
+        "plan_mean_return": 3.25,
+        "gain": 0.5,
+        "gain_ci95": [0.25, 0.75],
+    },
+    "bound": {
+        "episodes": 2,
+        "attained": 1,
+        "policy_mean_return": 2.5,
+        "bound_mean_return": 6.5,
+        "gain": 4.0,
+        "gain_ci95": None,
+    },
+    "note": "the time is over",
 }
 TERM = {"text": "+ 2 (level - 1)", "size": 1.5, "cost": 12.5, "cost_error": 0.25}
 LAST = {"text": "+ 3", "size": 0.5, "cost": None, "cost_error": None}
@@ -182,6 +202,27 @@ def test_an_earlier_run_has_the_page_without_what_it_lacks(tmp_path):
     assert "Neither the no-op nor random actions were played on these episodes ." not in text
     assert "Neither the no-op nor random actions were played on these episodes." in text
     assert not (folder / "report.html").exists()
+
+
+def test_what_knowing_the_future_adds_is_in_a_table(tmp_path):
+    text = " ".join(Page(write_page(write_run(tmp_path / "a", hindsight=HINDSIGHT))).text.split())
+    assert "no plan returns more 2.50 6.50 4.00 the first 2 episodes" in text
+    assert "found 2.75 3.25 0.5 [0.25, 0.75] 5 scenarios" in text
+    assert "No more bounds: the time is over." in text
+    alone = {"estimate": None, "bound": None, "note": "a product"}
+    text = Page(write_page(write_run(tmp_path / "b", hindsight=alone))).text
+    assert "No bound: a product." in text
+    assert "scenarios" not in text
+
+
+def test_quantiles_are_of_the_episodes_that_have_reached_a_step():
+    values = np.array([[0.0, 2.0, np.nan], [10.0, np.nan, np.nan]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = quantiles(values)
+    np.testing.assert_allclose(found[:, 0], [1.0, 5.0, 9.0])
+    np.testing.assert_allclose(found[:, 1], [2.0, 2.0, 2.0])
+    assert np.isnan(found[:, 2]).all()
 
 
 def test_returns_that_are_not_finite(tmp_path):

@@ -77,7 +77,7 @@ def run_task(task: Task) -> dict[str, Any]:
         problem = load_problem(task.problem, task.instance)
         solution = find_optimum(problem, task.seconds, task.memory_gb)
         row.update({name: getattr(solution.optimum, name) for name in _FIGURES[:3]})
-        row.update(seconds=round(solution.optimum.seconds, 2), optimum=solution.value)
+        row.update(seconds=round(solution.optimum.seconds or 0.0, 2), optimum=solution.value)
         policy = solution.policy()
         evaluation = evaluate(make_environment(problem), policy, task.episodes, 0)
         low, high = evaluation.ci95 or ("", "")

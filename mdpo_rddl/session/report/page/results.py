@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.problem.evaluation import mean_interval
 from mdpo_rddl.session.report.page.charts import Returns
 from mdpo_rddl.session.report.page.record import RunRecord
 from mdpo_rddl.session.report.page.style import NOOP_COLOUR, POLICY_COLOUR, RANDOM_COLOUR
@@ -57,19 +58,7 @@ def compared(first: Returns, other: Returns) -> ResultRow:
     if not len(gains):
         return ResultRow(other)
     mean = float(np.mean(gains))
-    return ResultRow(other, mean, interval(gains), len(gains))
-
-
-def interval(values: np.ndarray) -> tuple[float, float] | None:
-    """Student's 95% interval of a mean; None for one value."""
-    if len(values) < 2:
-        return None
-    from scipy import special  # takes long to import
-
-    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
-    half = float(special.stdtrit(len(values) - 1, 0.975) * error)
-    mean = float(np.mean(values))
-    return mean - half, mean + half
+    return ResultRow(other, mean, mean_interval(gains), len(gains))
 
 
 def are_comparable(runs: Sequence[RunRecord]) -> bool:

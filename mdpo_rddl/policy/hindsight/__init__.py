@@ -1,0 +1,1 @@
+"""How much knowing the future would add to a policy's return."""
