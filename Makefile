@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit licences hardening clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit licences hardening load clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -159,9 +159,10 @@ $(VENV)/.installed-paper: $(VENV)/.installed
 	  --constraint constraints.txt --force-reinstall --no-deps tfp-nightly
 	touch $@
 
-# known vulnerabilities of the pinned versions; asks the service that pip-audit knows
+# known vulnerabilities of the pinned versions; asks the service that pip-audit knows, and fails
+# where that does not answer
 audit: .venv-audit/.installed
-	.venv-audit/bin/pip-audit --no-deps --disable-pip --requirement constraints.txt
+	.venv-audit/bin/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
 
 .venv-audit/.installed: Makefile
 	$(PYTHON) -m venv --clear .venv-audit
@@ -176,6 +177,10 @@ licences: $(VENV)/.installed
 hardening: $(VENV)/.installed
 	$(BIN)/python tools/fuzz.py --inputs 100000
 	$(BIN)/python tools/kill_runs.py --kills 100
+
+# eight planners side by side on two cores with one cache; half an hour
+load: $(VENV)/.installed
+	$(BIN)/python tools/load_test.py --out results/load
 
 clean:
 	rm -rf $(VENV) .venv-lowest .venv-clients .venv-audit build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache

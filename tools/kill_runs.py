@@ -18,28 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
-from safetensors.numpy import load_file
-
-DOMAIN = """
-domain shelves {
-    types { shelf : object; };
-    pvariables {
-        stock(shelf) : { state-fluent, real, default = 4.0 };
-        order(shelf) : { action-fluent, real, default = 0.0 };
-    };
-    cpfs { stock'(?s) = max[0.0, stock(?s) + order(?s) - Uniform(0.0, 2.0)]; };
-    reward = -(sum_{?s : shelf} [abs[stock'(?s) - 3.0]]);
-    action-preconditions { forall_{?s : shelf} [order(?s) >= 0.0 ^ order(?s) <= 2.0]; };
-}
-"""
-INSTANCE = """
-non-fluents nf { domain = shelves; objects { shelf : {s1, s2, s3}; }; }
-instance three {
-    domain = shelves; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 12;
-    discount = 1.0;
-}
-"""
+from shelves import same, write_problem
 
 
 def command(folder: Path, out: str, iterations: int) -> list[str]:
@@ -78,30 +57,6 @@ def kill_once(arguments: list[str], unfinished: Path, chance: random.Random) -> 
     return "finished" if process.returncode == 0 else f"status {process.returncode}: {error}"
 
 
-def same(left: Path, right: Path) -> bool:
-    """Whether two runs found the same, bit for bit.
-
-    Which iterations are recorded depends on how many the machine manages in a second, for unbroken
-    runs too: those that both have recorded are compared, the last one among them.
-    """
-    ours, theirs = (load_file(folder / "policy.safetensors") for folder in (left, right))
-    params = ours.keys() == theirs.keys()
-    params = params and all((ours[name] == theirs[name]).all() for name in ours)
-    one, other = records(left), records(right)
-    common = one.keys() & other.keys()
-    return params and max(one) in common and all(one[each] == other[each] for each in common)
-
-
-def records(folder: Path) -> dict[int, tuple[str, bytes]]:
-    """Per recorded iteration its row of the history and of the noise."""
-    rows = (folder / "history.csv").read_text().splitlines()[1:]
-    noise = np.load(folder / "noise.npy", allow_pickle=False)
-    return {
-        int(row.split(",")[0]): (row, sigma.tobytes())
-        for row, sigma in zip(rows, noise, strict=True)
-    }
-
-
 def main() -> int:
     """Runs the campaign; the exit status is 0 if nothing was lost."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -113,8 +68,7 @@ def main() -> int:
     figures = {"kills": 0, "runs": 0, "same": 0, "failures": []}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "shelves.rddl").write_text(DOMAIN)
-        (folder / "three.rddl").write_text(INSTANCE)
+        write_problem(folder)
         subprocess.run(command(folder, "whole", options.iterations), check=True)
         while figures["kills"] < options.kills:
             out = f"run{figures['runs']}"

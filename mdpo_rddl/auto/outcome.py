@@ -72,6 +72,7 @@ class RaceOutcome:
         probe = self.probe
         return {
             "chosen": self.chosen.label,
+            "seconds": round(self.seconds, 3),
             "arm": self.chosen.arm,
             "parents": list(self.chosen.parents),
             "noop_return": _finite(self.noop_return),

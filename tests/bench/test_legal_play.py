@@ -15,10 +15,11 @@ from mdpo_rddl.problem.load import make_environment
 DOMAIN = """
 domain edges {
     requirements = { reward-deterministic };
-    types { place : object; };
+    types { place : object; colour : { @red, @blue }; };
     pvariables {
         s : { state-fluent, real, default = 0.0 };
         go(place) : { action-fluent, bool, default = false };
+        paint : { action-fluent, colour, default = @red };
         many : { action-fluent, int, default = 0 };
         third : { action-fluent, real, default = 0.2 };
         free : { action-fluent, real, default = 0.0 };
@@ -46,6 +47,7 @@ def problem():
 def action(**changes):
     return {
         "go": np.array([True, False, False]),
+        "paint": np.array(0),
         "many": np.array(3),
         "third": np.array(0.25),
         "free": np.array(0.0),
@@ -74,6 +76,11 @@ def action(**changes):
         ({"go": [1, 0, 0]}, {"type"}),
         ({"go": [True, False]}, {"type"}),
         ({"fly": True}, {"type"}),
+        ({"paint": 1}, set()),
+        ({"paint": "blue"}, set()),
+        ({"paint": 2}, {"type"}),
+        ({"paint": "green"}, {"type"}),
+        ({"paint": 0.0}, {"type"}),
     ],
 )
 def test_what_an_action_breaks(problem, changes, broken):

@@ -64,8 +64,10 @@ class Inspector:
         if name not in self._noop or value.shape != np.shape(self._noop[name]):
             return True
         kind = model.action_ranges[name]
-        if kind in model.type_to_objects:
-            return not np.all(np.isin(value, model.type_to_objects[kind]))
+        if kind in model.type_to_objects:  # by their names or their places
+            objects = model.type_to_objects[kind]
+            among = objects if value.dtype.kind == "U" else range(len(objects))
+            return value.dtype.kind not in "Uiu" or not np.all(np.isin(value, list(among)))
         kinds = {"bool": "b", "int": "iu", "real": "f"}[kind]
         return value.dtype.kind not in kinds or not np.all(np.isfinite(value))
 
