@@ -41,7 +41,7 @@ class Playable:
         if memory:
             seen = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
             played = {name: np.asarray(value)[np.newaxis] for name, value in actions.items()}
-            self._one.note(self._one.shown(seen, 1), played)
+            self._one.note(self._one.shown(step, seen, 1), played)
         return actions
 
     def memory_at(self, step: int) -> Entries:
@@ -59,7 +59,7 @@ class Playable:
           InputError: if a policy that remembers is given another number than at the step before.
         """
         count = len(next(iter(observations.values())))
-        memories, seen = self._many.at(step, count), self._many.shown(observations, count)
+        memories, seen = self._many.at(step, count), self._many.shown(step, observations, count)
         given = self._keys[step], self._params, step, seen, self._hyperparams
         actions = self._planner.get_actions(*given, memories)
         self._many.note(seen, actions)

@@ -70,17 +70,19 @@ class Recall:
             step = self._step
             self._after = self._planner.remember(self._before, step, observations, actions)
 
-    def shown(self, observations: Mapping[str, Any], count: int) -> dict[str, Any]:
-        """What is seen of several episodes, with initial values where nothing is shown yet.
+    def shown(self, step: int, observations: Mapping[str, Any], count: int) -> dict[str, Any]:
+        """What is seen of several episodes, with initial values for what is shown from step 1 on.
 
         Args:
+          step: number of decisions before.
           observations: per fluent [count, *shape].
           count: of the episodes.
         """
-        known = self._planner.test_compiled.init_values
+        initial = self._planner.test_compiled.init_values
+        hidden = self._planner.rddl.observ_fluents if step == 0 else {}
         return {
-            name: values
-            if is_observed(values)
-            else np.repeat(np.asarray(known[name])[np.newaxis], count, axis=0)
+            name: np.repeat(np.asarray(initial[name])[np.newaxis], count, axis=0)
+            if name in hidden and not is_observed(values)
+            else values
             for name, values in observations.items()
         }

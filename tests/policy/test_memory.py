@@ -115,6 +115,13 @@ def test_episodes_side_by_side_are_remembered_each_by_itself(policy):
         policy.batch(8, {name: value[np.newaxis] for name, value in state.items()})
 
 
+def test_nothing_stands_in_for_an_observation_that_is_missing_later(policy):
+    nothing = {"seen": np.array([None]), "far": np.array([None])}
+    policy.batch(0, nothing)
+    with pytest.raises((TypeError, ValueError)):
+        policy.batch(1, nothing)
+
+
 def test_both_kinds_of_environments_are_played_alike(policy):
     returns = []
     for vectorized in (False, True):
