@@ -72,17 +72,19 @@ def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, monkeypatch, cap
     monkeypatch.setattr(trial, "load_problem", lambda *_: policy.problem)
     monkeypatch.setattr(trial, "run_guarded", lambda work, items, _: [(i, work(i)) for i in items])
     tasks = [Task("Navigation_MDP_ippc2011", "1")]
-    conditions = replace(QUICK, decision_seconds=0.5)
+    conditions = replace(QUICK, seconds=600.0, decision_seconds=0.5)
     (row,) = run_tasks(tmp_path, tasks, ["mdpo-thinking"], 1, conditions).rows
     assert (row["status"], row["decision_seconds"], row["method"]) == ("ok", "0.5", "first actions")
     assert (float(row["decisions"]), float(row["within_budget"])) == (3 * 4, 1.0)
     # the third arm pays 3, and no decision takes an arm for nothing
     assert float(row["mean"]) > 0.0
     assert 0.0 < float(row["p99_seconds"]) <= float(row["max_seconds"]) <= 0.5
-    assert conditions.limits.seconds > QUICK.limits.seconds
+    assert conditions.limits.seconds > replace(conditions, decision_seconds=0.0).limits.seconds
     # the report reads them, and rows without thinking are others
     assert bench.main(["published-report", "--out", str(tmp_path)]) == 0
-    assert "| Navigation_MDP_ippc2011 | 1 |" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "| Navigation_MDP_ippc2011 | 1 |" in table
+    assert table.endswith("Ours with 0.5 s a decision, used on 1 tasks.\n")
     with pytest.raises(InputError, match="holds other results"):
         run_tasks(tmp_path, tasks, ["mdpo"], 1, QUICK)
 

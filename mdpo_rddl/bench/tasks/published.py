@@ -135,12 +135,21 @@ def published_table(records: Records) -> str:
         cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
         cells += [_number(row["noop"]), _number(row["random"])]
         lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", _totals(np.array(scores))]
+    lines += ["", " ".join([_totals(np.array(scores)), *_thinking(records)])]
     return "\n".join(lines) + "\n"
 
 
 def _number(text: str) -> str:
     return f"{float(text):,.6g}" if text else ""
+
+
+def _thinking(records: Records) -> list[str]:
+    """How long decisions were, and where trials had chosen to use that; nothing without time."""
+    times = {row["decision_seconds"] for row in records.rows if row.get("decision_seconds")}
+    if not times:
+        return []
+    chosen = {Task(row["problem"], row["instance"]) for row in records.rows if row["method"]}
+    return [f"Ours with {', '.join(sorted(times))} s a decision, used on {len(chosen)} tasks."]
 
 
 def _totals(scores: np.ndarray) -> str:

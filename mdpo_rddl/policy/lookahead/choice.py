@@ -27,11 +27,11 @@ _BEYOND = 0.1
 NO_TIME = "no time"
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
-# the fractional parts of its multiples are spread evenly
 # a gain must be so many standard errors: the best of several methods is taken
 _ERRORS = 2.0
 # of the time for the choice, the episodes that give the states may take
 _VISITING_SHARE = 0.25
+# the fractional parts of its multiples are spread evenly
 _GOLDEN = 0.618033988749895
 
 

@@ -270,10 +270,13 @@ class Simulator:
         self._per_step[kind] = max(0.0, whole - self._overhead[kind]) / steps
 
     def _size(self, kind: str, rollouts: int) -> Size:
-        count = _CANDIDATES[kind]
+        # where there are fewer actions more would be copies of the base
+        most = max(_CANDIDATES[NARROW], self.components.joint_actions)
+        count = int(min(_CANDIDATES[kind], most))
         if self._is_random:
             return Size(count, max(2, rollouts // count))
-        return Size(max(count, rollouts // 4) if kind == WIDE else count, _CERTAIN_SCENARIOS)
+        wide = int(min(max(count, rollouts // 4), most))
+        return Size(wide if kind == WIDE else count, _CERTAIN_SCENARIOS)
 
     def _differs(self, state: Mapping[str, Any]) -> bool:
         """Whether returns differ between scenarios, after actions of many kinds."""

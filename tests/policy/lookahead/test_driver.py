@@ -117,3 +117,11 @@ def test_noise_alone_is_no_reason_to_leave_the_base():
     assert figures["decisions"] == 40
     assert figures["within_budget"] == 1.0
     assert figures["left_base"] == sum(decision.left_base for decision in thinker.decisions)
+
+
+def test_a_call_has_no_more_candidates_than_there_are_actions():
+    simulator = prepared(NONE, LIKELIHOOD="0.75")
+    assert simulator.challengers(WIDE) == 2**3 - 1
+    assert simulator.scenarios(WIDE) >= 128 // 2**3
+    # nothing is random
+    assert prepared((1, 0, 1)).challengers(WIDE) == 2**3 - 1
