@@ -66,7 +66,7 @@ class TablePolicy(PolicyAgent):
 
     def to_saved(self) -> SavedTable:
         """The policy as a file holds it."""
-        source = ProblemSource.of(self.problem)
+        source = ProblemSource.of(self.problem).without_folders()
         identity = problem_identity(self.problem)
         return SavedTable(self.table, self.optimum, identity, self.seed, source)
 

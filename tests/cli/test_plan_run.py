@@ -179,15 +179,8 @@ def test_the_same_seed_gives_the_same_run_and_quiet_json_exactly_one_line(
     theirs = {key: value for key, value in finished.summary.items() if key not in unequal}
     assert ours == theirs
     ours, theirs = contents(tmp_path / "again"), contents(finished.folder)
-    for name in ("history.csv", "noise.npy", "config.json"):
-        assert ours[name] == theirs[name]
-    mine, yours = (
-        load_policy(folder / "policy.safetensors")
-        for folder in (tmp_path / "again", finished.folder)
-    )
-    for layer, tensors in yours.params["params"].items():
-        for name, tensor in tensors.items():
-            np.testing.assert_array_equal(mine.params["params"][layer][name], tensor, strict=True)
+    for name in ("history.csv", "noise.npy", "config.json", "policy.safetensors"):
+        assert ours[name] == theirs[name], name
 
 
 def test_the_search_is_imported_only_by_the_preset_that_searches() -> None:

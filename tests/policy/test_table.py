@@ -125,6 +125,13 @@ def test_text_that_says_nothing_useful_is_refused_in_one_line(policy, tmp_path, 
     assert one_line(lambda: load_policy(path)).startswith(f"{path}: damaged policy file: ")
 
 
+def test_a_table_is_the_same_file_each_time(policy, tmp_path):
+    slower = TablePolicy(policy.problem, policy.table, replace(policy.optimum, seconds=9.0), 5)
+    for name, each in (("one", policy), ("other", slower)):
+        each.save(tmp_path / name)
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "other").read_bytes()
+
+
 def test_a_table_has_no_equation(policy):
     explanation = policy.explain()
     assert explanation.equations == ()
