@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from mdpo_rddl.planner.plans.neighbours import distant_neighbours
+
 
 class Feature(NamedTuple):
     """One feature of one action fluent.
@@ -51,7 +53,9 @@ def observed_fluents(rddl: Any) -> list[str]:
     return list(rddl.observ_fluents or rddl.state_fluents)
 
 
-def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> ActionFeatures:
+def action_features(
+    rddl: Any, values: Mapping[str, Any], action: str, distant: bool = False
+) -> ActionFeatures:
     """Finds the features of an action fluent.
 
     A state fluent counts with its value at the action's own objects where the types match, and
@@ -63,6 +67,7 @@ def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> Action
       rddl: pyRDDLGym's lifted model.
       values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
       action: the action fluent's name.
+      distant: whether those of `distant` are features, too.
     """
     types = list(rddl.variable_params[action])
     shape = tuple(np.shape(values[action]))
@@ -74,6 +79,12 @@ def action_features(rddl: Any, values: Mapping[str, Any], action: str) -> Action
             features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))
         else:
             features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
+        for name, kind, weights in distant_neighbours(rddl, values, own, types) if distant else ():
+            mean, label = partial(_mean_of, weights), f"{fluent} {name}"
+            if kind is None:
+                features.append(Feature(label, fluent, partial(_along, mean, shape)))
+            else:
+                features.extend(_at_each_end(label, fluent, kind, types, shape, mean))
     return ActionFeatures(tuple(features), *_constants(rddl, values, types, shape))
 
 
@@ -123,7 +134,7 @@ def _through_relations(
 
 
 def _mean_of(weights: np.ndarray, value: Array) -> Array:
-    return jnp.asarray(weights, value.dtype) @ value
+    return jnp.asarray(weights, value.dtype) @ jnp.ravel(value)
 
 
 def _at_each_end(

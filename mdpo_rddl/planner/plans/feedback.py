@@ -27,6 +27,7 @@ class FeedbackShape:
       topology: units of the net's hidden layers; none for no net.
       cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
       squares: whether the squares of the state features are features.
+      distant: whether features also go through relations of tuples, and through two relations.
       plan: whether there is a whole one, a value for every step, object and action.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
       cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
@@ -37,6 +38,7 @@ class FeedbackShape:
     topology: Sequence[int] | None = (64, 64)
     cosines: int = 4
     squares: bool = True
+    distant: bool = False
     plan: bool = False
     state_scales: Mapping[str, Sequence[float]] | None = None
     cut_feedback: bool = True
@@ -88,7 +90,7 @@ class Feedback:
         self._own: dict[str, list[str]] = {}
         params = rddl.variable_params
         for name in self.action_shapes:
-            self.features[name] = action_features(rddl, values, name)
+            self.features[name] = action_features(rddl, values, name, shape.distant)
             self._own[name] = [f for f in self.fluents if params[f] == params[name]]
         self._shapes = {name: tuple(np.shape(values[name])) for name in self.fluents}
         self._inputs = sum(math.prod(shape) for shape in self._shapes.values())
