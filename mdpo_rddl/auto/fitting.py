@@ -17,7 +17,9 @@ def without_scales(config: PlannerConfig) -> PlannerConfig:
 
 def simplified(config: PlannerConfig) -> PlannerConfig:
     """The configuration for a problem of many objects: no net, and few features."""
-    return without_plan(config.with_policy_arguments(topology=[], cosines=0, squares=False))
+    return without_plan(
+        config.with_policy_arguments(topology=[], cosines=0, squares=False, distant=False)
+    )
 
 
 def without_plan(config: PlannerConfig) -> PlannerConfig:

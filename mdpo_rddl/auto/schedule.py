@@ -50,6 +50,8 @@ _FEWEST_POLICIES = 60
 # than the rollouts of one population
 _COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
 _GRADIENT_EVALUATIONS = 100.0
+# programs like the judge's: a population's takes longer, and the exploration's comes beside it
+_POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
 # of the time left: what an arm that must compile may need, and how long all of them together are
 # waited for where there is no core on which others could work meanwhile
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
@@ -87,8 +89,7 @@ class Schedule:
           initial: policies to begin with, whoever found them.
         """
         self._arena, self._shares, self._on_stage = arena, shares, on_stage
-        self._initial = initial
-        self._judge = arena.judge
+        self._initial, self._judge = initial, arena.judge
         self.arms: list[Arm] = []
         self.random_return: float | None = None
         self._has_plan = False
@@ -124,9 +125,10 @@ class Schedule:
         else:
             self._improve(shared)
 
-    def _can_compile(self) -> bool:
-        """Whether one more program like the judge's is compiled before the race is over."""
-        return self._arena.deadline - self._arena.clock() > self._judge.usual_seconds
+    def _can_compile(self, programs: float = _POPULATION_PROGRAMS) -> bool:
+        """Whether so many programs like the judge's are compiled before the race is over."""
+        left = self._arena.deadline - self._arena.clock()
+        return left > programs * self._judge.usual_seconds
 
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat
@@ -229,21 +231,22 @@ class Schedule:
         return not is_large and needed <= _AFFORDED[name] * left
 
     def _open_exploration(self, until: float) -> Contender | None:
-        if not self._is_in(PGPE) or self._arena.probe.policy_seconds is not None:
+        is_large = self._arena.probe.policy_seconds is not None
+        if is_large or not self._is_in(PGPE) or not self._can_compile(_EXPLORATION_PROGRAMS):
             return None
         return self._open(ParameterExplorationArm(self._arena), until, self._patience(until))
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
         """Opens those arms with a gradient that are in the race and can be afforded."""
-        patience = self._patience(until)
+        arena, patience = self._arena, self._patience(until)
         for name in filter(self._is_in, names):
-            usual = _COMPILATIONS[name] * self._arena.population.compile_seconds
+            usual = _COMPILATIONS[name] * arena.population.compile_seconds
             if self._affords(name, usual, until):
-                arena, is_ours = self._arena, name == GRADIENT
-                arm = GradientArm(arena, usual) if is_ours else TrainingArm(arena, name, usual)
+                is_plain = name in METHODS
+                arm = TrainingArm(arena, name, usual) if is_plain else GradientArm(arena, usual)
                 self._open(arm, until, patience)
             elif name == GRADIENT:
-                left = until - self._arena.clock()
+                left = until - arena.clock()
                 logger.warning("there is too little time for the gradient: %.0f s are left", left)
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:

@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from mdpo_rddl.planner.plans.neighbours import distant_neighbours
+
 
 class Feature(NamedTuple):
     """One feature of one action fluent.
@@ -55,6 +57,7 @@ def action_features(
     rddl: Any,
     values: Mapping[str, Any],
     action: str,
+    distant: bool = False,
     remembered: Mapping[str, Sequence[str]] | None = None,
 ) -> ActionFeatures:
     """Finds the features of an action fluent.
@@ -68,6 +71,7 @@ def action_features(
       rddl: pyRDDLGym's lifted model.
       values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
       action: the action fluent's name.
+      distant: whether those of `distant_neighbours` are features, too.
       remembered: the types of what the policy remembers, which is read as fluents are.
     """
     types = list(rddl.variable_params[action])
@@ -80,6 +84,12 @@ def action_features(
             features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))
         else:
             features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
+        for name, kind, weights in distant_neighbours(rddl, values, own, types) if distant else ():
+            mean, label = partial(_mean_of, weights), f"{fluent} {name}"
+            if kind is None:
+                features.append(Feature(label, fluent, partial(_along, mean, shape)))
+            else:
+                features.extend(_at_each_end(label, fluent, kind, types, shape, mean))
     return ActionFeatures(tuple(features), *_constants(rddl, values, types, shape))
 
 
@@ -129,7 +139,7 @@ def _through_relations(
 
 
 def _mean_of(weights: np.ndarray, value: Array) -> Array:
-    return jnp.asarray(weights, value.dtype) @ value
+    return jnp.asarray(weights, value.dtype) @ jnp.ravel(value)
 
 
 def _at_each_end(

@@ -29,6 +29,7 @@ class FeedbackShape:
       topology: units of the net's hidden layers; none for no net.
       cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
       squares: whether the squares of the state features are features.
+      distant: whether features also go through relations of tuples, and through two relations.
       plan: whether there is a whole one, a value for every step, object and action.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
       cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
@@ -40,6 +41,7 @@ class FeedbackShape:
     topology: Sequence[int] | None = (64, 64)
     cosines: int = 4
     squares: bool = True
+    distant: bool = False
     plan: bool = False
     state_scales: Mapping[str, Sequence[float]] | None = None
     cut_feedback: bool = True
@@ -103,7 +105,8 @@ class Feedback:
         remembered = self._memory.types
         params = {**rddl.variable_params, **remembered}
         for name in self.action_shapes:
-            self.features[name] = action_features(rddl, values, name, remembered)
+            found = action_features(rddl, values, name, shape.distant, remembered)
+            self.features[name] = found
             self._own[name] = [f for f in self.fluents if params[f] == params[name]]
         sources = {name: entry.source for name, entry in self._memory.entries.items()}
         self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.fluents}

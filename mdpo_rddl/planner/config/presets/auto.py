@@ -25,7 +25,7 @@ def auto_preset(domain_name: str) -> PlannerConfig:
         },
         "Planner": {
             "method": "FeedbackPlan",
-            "method_kwargs": {"topology": [32, 32], "plan": True},
+            "method_kwargs": {"topology": [32, 32], "plan": True, "distant": True},
             "optimizer": "normalized_adam",
             "optimizer_kwargs": {"learning_rate": 0.001},
             "batch_size_train": 8,

@@ -1,0 +1,104 @@
+"""Neighbours that are not related to an action's objects by one relation of two objects.
+
+They are found by types alone. Of a grid, whose places are tuples, neighbours are related by a
+relation of two tuples: NEIGHBOR(?x1, ?y1, ?x2, ?y2). And where a relation leads from an action's
+objects to those of another type, what lies a step before or behind matters as well: the cells
+that flow into the cells that flow into a junction.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+# numbers of a matrix: a larger one takes too long at every step
+_MOST = 10**6
+
+
+class Neighbours(NamedTuple):
+    """Which objects of a fluent are neighbours of an action's objects.
+
+    Attributes:
+      name: of the relations, with their directions.
+      kind: type of the action's argument that they are neighbours of; None if of all arguments.
+      weights: each object's or tuple's mean over its neighbours [objects, values of the fluent].
+    """
+
+    name: str
+    kind: str | None
+    weights: np.ndarray
+
+
+class _Step(NamedTuple):
+    """A relation of two objects in one direction: a mean [here, there]."""
+
+    name: str
+    here: str
+    there: str
+    mean: np.ndarray
+
+
+def distant_neighbours(
+    rddl: Any, values: Mapping[str, Any], own: Sequence[str], types: Sequence[str]
+) -> list[Neighbours]:
+    """Neighbours through a relation of two tuples, or through two relations of objects.
+
+    Args:
+      rddl: pyRDDLGym's lifted model.
+      values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
+      own: types of the fluent's arguments.
+      types: types of the action's arguments.
+    """
+    if len(own) == 1:
+        return [*_in_two_steps(rddl, values, own[0], types)]
+    return [*_of_tuples(rddl, values, list(own), list(types))]
+
+
+def _of_tuples(
+    rddl: Any, values: Mapping[str, Any], own: list[str], types: list[str]
+) -> Iterator[Neighbours]:
+    if not own or own != types:
+        return
+    for relation in _relations(rddl, 2 * len(own)):
+        if rddl.variable_params[relation] != own + types or np.size(values[relation]) > _MOST:
+            continue
+        array = np.asarray(values[relation], float)
+        matrix = array.reshape(int(np.prod(array.shape[: len(own)])), -1)
+        if np.any(matrix):
+            yield Neighbours(f"to {relation}", None, _mean(matrix))
+        if not np.array_equal(matrix, matrix.T):
+            yield Neighbours(f"from {relation}", None, _mean(matrix.T))
+
+
+def _in_two_steps(
+    rddl: Any, values: Mapping[str, Any], kind: str, types: Sequence[str]
+) -> Iterator[Neighbours]:
+    """One step to the fluent's type, and one among objects of one of the two types."""
+    steps = list(_steps(rddl, values))
+    for first in steps:
+        for second in steps:
+            crossing = (first.here != first.there) + (second.here != second.there) == 1
+            if not crossing or first.there != second.here or second.there != kind:
+                continue
+            size = first.mean.shape[0] * second.mean.shape[1]
+            weights = first.mean @ second.mean if first.here in types and size <= _MOST else None
+            if weights is not None and np.any(weights):
+                yield Neighbours(f"{second.name} {first.name}", first.here, weights)
+
+
+def _steps(rddl: Any, values: Mapping[str, Any]) -> Iterator[_Step]:
+    for relation in _relations(rddl, 2):
+        here, there = rddl.variable_params[relation]
+        matrix = np.asarray(values[relation], float)
+        yield _Step(f"from {relation}", here, there, _mean(matrix))
+        yield _Step(f"to {relation}", there, here, _mean(matrix.T))
+
+
+def _relations(rddl: Any, arguments: int) -> list[str]:
+    params, ranges = rddl.variable_params, rddl.variable_ranges
+    names = rddl.non_fluents
+    return [n for n in names if ranges[n] == "bool" and len(params[n]) == arguments]
+
+
+def _mean(weights: np.ndarray) -> np.ndarray:
+    return weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
