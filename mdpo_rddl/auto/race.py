@@ -11,6 +11,7 @@ from mdpo_rddl.auto.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
+from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.earlier import EarlierIncumbent
 from mdpo_rddl.auto.fitting import scaled, simplified, without_plan, without_scales
@@ -27,6 +28,7 @@ from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
@@ -36,6 +38,8 @@ _ROLLOUTS, _FEW_ROLLOUTS = 128, 2
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
+# of the time: the first slices of the trials
+_TRIALS_SHARES = (0.04, 0.06)
 # of the time: the second process may be late
 _LATE_SHARE = 0.05
 
@@ -108,6 +112,7 @@ def plan_automatically(
         exact = _dynamic_programming(problem, config, started, options)
         if exact is not None and exact.solution is not None:
             return _proven(exact, seed, started, clock)
+        trials = _trials(problem, config, seed, exact, options)
         options.on_stage("probing")
         arena = _arena(problem, config, seed, started, options)
         if arena.probe.policy_seconds is not None:
@@ -117,6 +122,7 @@ def plan_automatically(
             initial.append(earlier.candidate(arena))
         schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
         schedule.arms += [] if exact is None else [exact]
+        schedule.early = trials
         try:
             schedule.run()
             late = arena.deadline + _LATE_SHARE * seconds
@@ -144,6 +150,28 @@ def _dynamic_programming(
     options.on_stage("enumerating")
     arm = DynamicProgrammingArm(problem, config, options.clock)
     arm.work(began + share * config.budget().seconds)
+    return arm
+
+
+def _trials(
+    problem: Problem,
+    config: PlannerConfig,
+    seed: int,
+    exact: DynamicProgrammingArm | None,
+    options: RaceOptions,
+) -> TrialsArm | None:
+    """Searches by trials where states are too many; needs no compilation and thus comes before.
+
+    Two slices, of which the second is given only to what promises something.
+    """
+    if exact is None or exact.model is None or TRIALS in _shares(config).without:
+        return None
+    options.on_stage("searching")
+    clock, seconds = options.clock, config.budget().seconds
+    arm = TrialsArm(problem, config, seed, clock, exact.model)
+    for share in _TRIALS_SHARES:
+        if not arm.is_exhausted:
+            arm.work(clock() + share * seconds)
     return arm
 
 
@@ -207,9 +235,11 @@ def _outcome(schedule: Schedule, arena: Arena, seconds: float, interrupted: bool
     noop = arena.judge.latest(NOOP)
     logs = [arm.log for arm in schedule.arms]
     policy = policy_of(chosen, arena.problem, arena.seed)
-    candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
+    if isinstance(policy, Policy):
+        candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
+        policy = replace(policy, candidates=candidates)
     return RaceOutcome(
-        policy=replace(policy, candidates=candidates),
+        policy=policy,
         chosen=chosen,
         judged=arena.judge.judged,
         arms=logs,

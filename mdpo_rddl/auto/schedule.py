@@ -55,6 +55,8 @@ _PATIENCE = 0.3
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 _LESS = 0.5
+# of the time left, at most, for an arm that needs no compilation, before the others
+_EARLY_SHARE = 0.3
 # of all the time: a slice
 _SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
 # of a slice: each of an arm's first ones
@@ -66,6 +68,7 @@ class Schedule:
 
     Attributes:
       arms: those that were given any time, in the order in which they began.
+      early: an arm that needs no compilation, to be tried before those that do.
       random_return: mean return of random actions; None if it was not measured.
     """
 
@@ -88,6 +91,7 @@ class Schedule:
         self._initial = initial
         self._judge = arena.judge
         self.arms: list[Arm] = []
+        self.early: Arm | None = None
         self.random_return: float | None = None
         self._has_plan = False
         self._contenders: list[Contender] = []
@@ -99,11 +103,15 @@ class Schedule:
             logger.warning("there is too little time to search: a rollout takes so long")
             constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
             judge.record(dataclasses.replace(constant, mean=arena.probe.start_return))
+            if self.early is not None:
+                self._try_early(self.early, arena.deadline)
             return
         simple = SimpleArm(arena)
         self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
+        if self.early is not None:
+            self._try_early(self.early, arena.until(_EARLY_SHARE))
         # before the population, whose program takes longer
         self._open_exploration(arena.until(self._shares.rounds_until))
         self._on_stage("searching")
@@ -115,6 +123,22 @@ class Schedule:
             self._explore(shared)
         else:
             self._improve(shared)
+
+    def _try_early(self, arm: Arm, until: float) -> None:
+        """Slices for an arm as long as each finds a better policy than any before.
+
+        It may have worked already.
+        """
+        arena, judge = self._arena, self._judge
+        self.arms.append(arm)
+        is_better = self._judge_candidates(arm)
+        contender = Contender(arm, lambda: arm.reached)
+        self._contenders.append(contender)
+        self._on_stage("searching")
+        while is_better and not arm.is_exhausted and until - arena.clock() > _SHORTEST_SECONDS:
+            before = judge.best_mean
+            self._give_slice(contender, until)
+            is_better = judge.best_mean > before
 
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat

@@ -1,4 +1,4 @@
-"""A table of actions by state and step, and the optimum that it attains: plain data."""
+"""A table of actions by state and step, and what is known of its return: plain data."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -58,6 +58,29 @@ class Optimum:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """What simulated episodes say of a table that is not proven to be the best.
+
+    Attributes:
+      value: mean return.
+      error: its standard error.
+      episodes: that were simulated.
+      missed: share of the decisions in states that are not in the table.
+      states: number of states in the table.
+    """
+
+    value: float
+    error: float
+    episodes: int
+    missed: float
+    states: int
+
+
+Claim = Optimum | Estimate
+"""What is known of a table's return."""
+
+
 def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
     """The arrays of a table by their names; those of the actions after `actions/`."""
     arrays = {name: getattr(table, name) for name in _ARRAYS}
@@ -65,18 +88,19 @@ def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(values) for name, values in arrays.items()}
 
 
-def table_text(table: ActionTable, optimum: Optimum) -> dict[str, str]:
-    """The rest of a table, and the optimum, as JSON."""
+def table_text(table: ActionTable, claim: Claim) -> dict[str, str]:
+    """The rest of a table, and what is known of its return, as JSON."""
+    name = "optimum" if isinstance(claim, Optimum) else "estimate"
     return {
         "fluents": json.dumps(table.fluents),
         "objects": json.dumps(dict(table.objects)),
-        "optimum": json.dumps(asdict(optimum)),
+        name: json.dumps(asdict(claim)),
     }
 
 
 def parse_table(
     tensors: Mapping[str, np.ndarray], text: Mapping[str, str]
-) -> tuple[ActionTable, Optimum]:
+) -> tuple[ActionTable, Claim]:
     """A table of its tensors and its text, whoever wrote them.
 
     Raises:
@@ -98,6 +122,8 @@ def parse_table(
         objects=objects,
     )
     _check(table)
+    if "estimate" in text:
+        return table, _estimate(json.loads(text["estimate"]))
     return table, _optimum(json.loads(text["optimum"]))
 
 
@@ -112,6 +138,13 @@ def _optimum(figures: Mapping[str, Any]) -> Optimum:
     _require(bool(np.isfinite([value, seconds]).all()), "figures")
     counts = {name: int(figures[name]) for name in ("states", "transitions", "actions")}
     return Optimum(value=value, seconds=seconds, **counts)
+
+
+def _estimate(figures: Mapping[str, Any]) -> Estimate:
+    value, error, missed = (float(figures[name]) for name in ("value", "error", "missed"))
+    _require(bool(np.isfinite([value, error, missed]).all()), "figures")
+    counts = {name: int(figures[name]) for name in ("episodes", "states")}
+    return Estimate(value=value, error=error, missed=missed, **counts)
 
 
 def _require(holds: bool, what: str) -> None:
