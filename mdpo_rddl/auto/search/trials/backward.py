@@ -24,7 +24,7 @@ class Greedy(NamedTuple):
       rows: what to play in each state at each step [H, S], a row; -1 where the episode has ended.
       value: of the initial state.
       popularity: of each action of the model [A]: how often, over the states that trials have
-        visited, it is what to play and worth more than to do nothing.
+        visited, it is what to play and worth more than the no-op for ever.
     """
 
     rows: np.ndarray
@@ -37,7 +37,7 @@ def induct(explored: Explored, trust: float) -> Greedy:
 
     Args:
       explored: with S states.
-      trust: that what was not seen is like what was, rather than like doing nothing: 0 gives a
+      trust: that what was not seen is like what was, rather than like the no-op: 0 gives a
         value that is not too large where no reward is below the default action's, 1 leads
         trials to what is new.
     """
