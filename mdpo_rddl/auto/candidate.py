@@ -7,6 +7,7 @@ from typing import Any
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.policy.table import ActionTable, Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,8 @@ class Candidate:
       policy_hyperparams: JaxPlan's policy hyperparameters.
       parents: names of the arms whose policies it was made from, the earliest first.
       uses_noise: whether it, or what it was made from, was trained with noise on the actions.
+      table: of the actions, with what is known of its return, if the policy is one that trials
+        have found.
       mean, error: of its return on the exact model, by the judge; `mean` is None before that.
     """
 
@@ -34,6 +37,7 @@ class Candidate:
     policy_hyperparams: Mapping[str, Any] = field(default_factory=dict)
     parents: tuple[str, ...] = ()
     uses_noise: bool = False
+    table: tuple[ActionTable, Estimate] | None = None
     mean: float | None = None
     error: float = float("inf")
 

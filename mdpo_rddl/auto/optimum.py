@@ -10,24 +10,29 @@ the same way.
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from mdpo_rddl.auto.tables import Run, action_table
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
-from mdpo_rddl.problem.enumeration.packing import keys
 from mdpo_rddl.problem.enumeration.states import Enumeration, enumerate_states
-from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 
 _BYTES_PER_TRANSITION = 60
 _TIE = 1e-12
+
+
+def _ignore(model: GroundModel) -> None:
+    del model
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,11 @@ def solve(
 
 
 def find_optimum(
-    problem: Problem, seconds: float, memory_gb: float = 4.0, clock: Clock = time.monotonic
+    problem: Problem,
+    seconds: float,
+    memory_gb: float = 4.0,
+    clock: Clock = time.monotonic,
+    on_grounded: Callable[[GroundModel], None] = _ignore,
 ) -> Solution:
     """The optimum.
 
@@ -79,6 +88,7 @@ def find_optimum(
       seconds: limit of the time by the clock.
       memory_gb: limit of the memory that the enumeration takes, roughly.
       clock: what is asked for the time.
+      on_grounded: called with the ground model, with which others may go on.
 
     Raises:
       NotEnumerableError: says why there is none.
@@ -87,13 +97,15 @@ def find_optimum(
     most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
     limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most), clock=clock)
     model = ground_model(problem, limits)
+    on_grounded(model)
     try:
         enumeration = enumerate_factored(model, limits)
     except NotEnumerableError as error:
         logger.debug("not factored: %s", error)
         enumeration = enumerate_states(model, limits)
     value, runs = _induct(enumeration, limits)
-    table = _table(problem, enumeration, runs)
+    merges, states = enumeration.merges, enumeration.states
+    table = action_table(problem, model, merges, states, runs)
     optimum = Optimum(
         value=value,
         states=len(enumeration.states),
@@ -104,11 +116,7 @@ def find_optimum(
     return Solution(problem, optimum, table)
 
 
-_Run = tuple[int, np.ndarray, np.ndarray]
-"""A step, states, and the action played in each up to that step."""
-
-
-def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float, list[_Run]]:
+def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float, list[Run]]:
     """The initial state's value, and where the best action changes, the last step first."""
     model, first = enumeration.model, enumeration.first_row
     decided = np.flatnonzero(np.diff(first))
@@ -133,59 +141,3 @@ def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float,
         runs.append((step, decided[changed], enumeration.action[chosen[changed]]))
         best_row = chosen
     return float(values[0]), runs
-
-
-def _table(problem: Problem, enumeration: Enumeration, runs: list[_Run]) -> ActionTable:
-    model = enumeration.model
-    steps = np.repeat([step for step, _, _ in runs], [len(some) for _, some, _ in runs])
-    states, action = np.zeros((2, 0), np.int64)
-    if runs:
-        states = np.concatenate([some for _, some, _ in runs])
-        action = np.concatenate([played for _, _, played in runs])
-    used = np.unique(states)
-    order = used[np.argsort(keys(enumeration.states[used]))]
-    rank = np.zeros(len(enumeration.states), np.int64)
-    rank[order] = np.arange(len(order))
-    sequence = np.lexsort((steps, rank[states]))
-    counts = np.bincount(rank[states], minlength=len(order))
-    names = [name for name, _ in model.variables]
-    return ActionTable(
-        merges=_merge_array(enumeration),
-        places=np.array(model.packing.places, np.int64),
-        states=enumeration.states[order],
-        first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        until_step=steps[sequence].astype(np.int32),
-        action=action[sequence].astype(np.int32),
-        actions=_action_values(problem, model),
-        fluents=tuple(dict.fromkeys(names)),
-        objects=_object_names(problem, names),
-    )
-
-
-def _merge_array(enumeration: Enumeration) -> np.ndarray:
-    rows = [(m.word, m.mask, m.value, *m.keep.tolist()) for m in enumeration.merges]
-    return np.array(rows, np.uint64).reshape(len(rows), 3 + enumeration.states.shape[1])
-
-
-def _action_values(problem: Problem, model: GroundModel) -> dict[str, np.ndarray]:
-    """Per action fluent its values in every joint action [A, *shape]."""
-    noop = make_environment(problem).sampler.noop_actions
-    found = {}
-    for name, default in noop.items():
-        default = np.asarray(default)
-        values = np.repeat(default[np.newaxis], len(model.actions), axis=0)
-        for number, rules in enumerate(model.actions):
-            for (fluent, place), value in rules.assignment.items():
-                if fluent == name:
-                    values[(number, *place)] = value
-        found[name] = values
-    return found
-
-
-def _object_names(problem: Problem, names: list[str]) -> dict[str, tuple[str, ...]]:
-    rddl = problem.model
-    return {
-        name: tuple(rddl.type_to_objects[rddl.variable_ranges[name]])
-        for name in dict.fromkeys(names)
-        if rddl.variable_ranges[name] in rddl.type_to_objects
-    }

@@ -84,7 +84,7 @@ class RaceOutcome:
         }
 
 
-def policy_of(candidate: Candidate, problem: Problem, seed: int) -> Policy:
+def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
     """A candidate as a policy, whose configuration has noise only if it was trained with it.
 
     Args:
@@ -92,6 +92,8 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> Policy:
       problem: the parsed problem.
       seed: of the run.
     """
+    if candidate.table is not None:
+        return TablePolicy(problem, *candidate.table, seed)
     planner, config = candidate.planner, candidate.config
     if planner is None:
         planner = build_planner(problem, config).planner

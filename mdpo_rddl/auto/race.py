@@ -11,6 +11,7 @@ from mdpo_rddl.auto.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
+from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.earlier import EarlierIncumbent
 from mdpo_rddl.auto.first_policy import first_policy
@@ -34,6 +35,7 @@ from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
@@ -43,6 +45,8 @@ _ROLLOUTS, _FEW_ROLLOUTS = 128, 2
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
+# of the time: the first slices of the trials
+_TRIALS_SHARES = (0.04, 0.06)
 # of the time: the second process may be late
 _LATE_SHARE = 0.05
 
@@ -62,6 +66,10 @@ def _ignore_judged(judged: Judged) -> None:
 def _no_candidates(arena: Arena) -> Sequence[Candidate]:
     del arena
     return ()
+
+
+_Grounded = tuple[DynamicProgrammingArm | None, TrialsArm | None]
+"""The arms that work on the ground model."""
 
 
 @dataclass(frozen=True)
@@ -116,26 +124,31 @@ def plan_automatically(
         first = None if exact is None else first_policy(problem, config, seed)
         if first is not None:
             options.on_judged(Judged(first, clock() - started, became_incumbent=True))
+        trials: TrialsArm | None = None
         try:
             if exact is not None:
                 options.on_stage("enumerating")
                 exact.work(started + shares.optimum_until * seconds)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, clock)
+                trials = _trials_arm(problem, config, seed, exact, clock)
+            if trials is not None:
+                options.on_stage("searching")
+                _begin(trials, config.budget().seconds, clock)
             options.on_stage("probing")
             arena = _arena(problem, config, seed, started, options)
-            return _raced(arena, shares, exact, alternatives, options)
+            return _raced(arena, shares, (exact, trials), alternatives, options)
         except (KeyboardInterrupt, Cancelled):
             if exact is None or first is None:
                 raise
-            logger.warning("interrupted: there is no policy yet but the no-op")
-            return _only(first, exact, problem, seed, clock() - started)
+            logger.warning("interrupted: the best policy so far is kept")
+            return _only(first, (exact, trials), problem, seed, clock() - started)
 
 
 def _raced(
     arena: Arena,
     shares: Shares,
-    exact: DynamicProgrammingArm | None,
+    grounded: _Grounded,
     alternatives: Alternatives,
     options: RaceOptions,
 ) -> RaceOutcome:
@@ -150,6 +163,7 @@ def _raced(
     if options.earlier is not None:
         initial.append(options.earlier.candidate(arena))
     schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
+    exact, schedule.early = grounded
     schedule.arms += [] if exact is None else [exact]
     try:
         schedule.run()
@@ -180,14 +194,17 @@ def _dynamic_programming_arm(
 
 
 def _only(
-    first: Candidate, exact: DynamicProgrammingArm, problem: Problem, seed: int, seconds: float
+    first: Candidate, grounded: _Grounded, problem: Problem, seed: int, seconds: float
 ) -> RaceOutcome:
-    """The outcome of a race that was interrupted before any arm but the exact one began."""
+    """The outcome of a race that was interrupted while there were arms of the ground model only."""
+    arms = [arm for arm in grounded if arm is not None]
+    found = [first, *(each for arm in arms for each in arm.take_candidates())]
+    best = max(found, key=lambda each: each.known_mean)
     return RaceOutcome(
-        policy=policy_of(first, problem, seed),
-        chosen=first,
-        judged=[Judged(first, seconds, became_incumbent=True)],
-        arms=[exact.log],
+        policy=policy_of(best, problem, seed),
+        chosen=best,
+        judged=[Judged(best, seconds, became_incumbent=True)],
+        arms=[arm.log for arm in arms],
         probe=None,
         noop_return=first.known_mean,
         random_return=None,
@@ -195,6 +212,25 @@ def _only(
         seconds=seconds,
         interrupted=True,
     )
+
+
+def _trials_arm(
+    problem: Problem, config: PlannerConfig, seed: int, exact: DynamicProgrammingArm, clock: Clock
+) -> TrialsArm | None:
+    """What searches by trials where states are too many to be enumerated."""
+    if exact.model is None or TRIALS in _shares(config).without:
+        return None
+    return TrialsArm(problem, config, seed, clock, exact.model)
+
+
+def _begin(trials: TrialsArm, seconds: float, clock: Clock) -> None:
+    """Two slices, of which the second is given only to what promises something.
+
+    They need no compilation and thus come before it.
+    """
+    for share in _TRIALS_SHARES:
+        if not trials.is_exhausted:
+            trials.work(clock() + share * seconds)
 
 
 def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -> RaceOutcome:
@@ -257,9 +293,11 @@ def _outcome(schedule: Schedule, arena: Arena, interrupted: bool) -> RaceOutcome
     noop = arena.judge.latest(NOOP)
     logs = [arm.log for arm in schedule.arms]
     policy = policy_of(chosen, arena.problem, arena.seed)
-    candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
+    if isinstance(policy, Policy):
+        candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
+        policy = replace(policy, candidates=candidates)
     return RaceOutcome(
-        policy=replace(policy, candidates=candidates),
+        policy=policy,
         chosen=chosen,
         judged=arena.judge.judged,
         arms=logs,

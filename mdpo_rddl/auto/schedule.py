@@ -23,6 +23,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
+from mdpo_rddl.auto.affording import PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm, CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
@@ -36,7 +37,6 @@ from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, next_contender
 from mdpo_rddl.errors import Cancelled, one_line_cause
-from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -46,19 +46,11 @@ _POLISHED, _POLISHING_SIGMA = "polished", 0.01
 _RULES_SHARE = 0.25
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
-# a gradient's program takes longer to compile than the population's, and an iteration longer
-# than the rollouts of one population
-_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
-_GRADIENT_EVALUATIONS = 100.0
-# programs like the judge's: a population's takes longer, and the exploration's comes beside it
-_POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
-# of the time left: what an arm that must compile may need, and how long all of them together are
-# waited for where there is no core on which others could work meanwhile
-_AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
-_PATIENCE = 0.3
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 _LESS = 0.5
+# of the time left, at most, for an arm that needs no compilation, before the others
+_EARLY_SHARE = 0.3
 # of all the time: a slice
 _SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
 # of a slice: each of an arm's first ones
@@ -70,6 +62,7 @@ class Schedule:
 
     Attributes:
       arms: those that were given any time, in the order in which they began.
+      early: an arm that needs no compilation, to be tried before those that do.
       random_return: mean return of random actions; None if it was not measured.
     """
 
@@ -89,8 +82,9 @@ class Schedule:
           initial: policies to begin with, whoever found them.
         """
         self._arena, self._shares, self._on_stage = arena, shares, on_stage
-        self._initial, self._judge = initial, arena.judge
+        self._initial, self._judge, self._affording = initial, arena.judge, Affording(arena)
         self.arms: list[Arm] = []
+        self.early: Arm | None = None
         self.random_return: float | None = None
         self._has_plan = False
         self._contenders: list[Contender] = []
@@ -102,33 +96,48 @@ class Schedule:
             logger.warning("there is too little time to search: a rollout takes so long")
             constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
             judge.record(dataclasses.replace(constant, mean=arena.probe.start_return))
+            if self.early is not None:
+                self._try_early(self.early, arena.deadline)
             return
         simple = SimpleArm(arena)
         self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
-        if not self._can_compile():
+        if self.early is not None:
+            self._try_early(self.early, arena.until(_EARLY_SHARE))
+        if not self._affording.population():
             logger.warning("there is too little time to search: compilation takes so long")
             return
         # before the population, whose program takes longer
         exploration = self._open_exploration(arena.until(self._shares.rounds_until))
         self._on_stage("searching")
         self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
-        if arena.has_plan and self._can_compile():
+        if arena.has_plan and self._affording.population():
             self.random_return = arena.plans.random_return(arena.noop)
         if exploration is not None and not exploration.slices:
             # what it finds decides what comes first
-            self._first_slice(exploration, arena.until(_PATIENCE))
+            self._first_slice(exploration, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if arena.has_plan and not self._beats_noop(arena.incumbent):
             self._explore(shared)
         else:
             self._improve(shared)
 
-    def _can_compile(self, programs: float = _POPULATION_PROGRAMS) -> bool:
-        """Whether so many programs like the judge's are compiled before the race is over."""
-        left = self._arena.deadline - self._arena.clock()
-        return left > programs * self._judge.usual_seconds
+    def _try_early(self, arm: Arm, until: float) -> None:
+        """Slices for an arm as long as each finds a better policy than any before.
+
+        It may have worked already.
+        """
+        arena, judge = self._arena, self._judge
+        self.arms.append(arm)
+        is_better = self._judge_candidates(arm)
+        contender = Contender(arm, lambda: arm.reached)
+        self._contenders.append(contender)
+        self._on_stage("searching")
+        while is_better and not arm.is_exhausted and until - arena.clock() > _SHORTEST_SECONDS:
+            before = judge.best_mean
+            self._give_slice(contender, until)
+            is_better = judge.best_mean > before
 
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat
@@ -216,32 +225,25 @@ class Schedule:
 
     def _search_plans(self, arm: Arm, until: float) -> None:
         """Whether its plan is the best feedback policy decides what is polished."""
-        if self._arena.plans.is_compiled or self._can_compile():
+        if self._arena.plans.is_compiled or self._affording.population():
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
     def _is_in(self, name: str) -> bool:
         return name not in self._shares.without
 
-    def _affords(self, name: str, compile_seconds: float, until: float) -> bool:
-        """Whether there is time for an arm that compiles for so long."""
-        needed = compile_seconds + _GRADIENT_EVALUATIONS * self._arena.population.seconds
-        left = until - self._arena.clock()
-        is_large = self._arena.probe.policy_seconds is not None
-        return not is_large and needed <= _AFFORDED[name] * left
-
     def _open_exploration(self, until: float) -> Contender | None:
-        is_large = self._arena.probe.policy_seconds is not None
-        if is_large or not self._is_in(PGPE) or not self._can_compile(_EXPLORATION_PROGRAMS):
+        if not self._is_in(PGPE) or not self._affording.exploration():
             return None
-        return self._open(ParameterExplorationArm(self._arena), until, self._patience(until))
+        patience = self._affording.patience(until)
+        return self._open(ParameterExplorationArm(self._arena), until, patience)
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
         """Opens those arms with a gradient that are in the race and can be afforded."""
-        arena, patience = self._arena, self._patience(until)
+        arena, patience = self._arena, self._affording.patience(until)
         for name in filter(self._is_in, names):
-            usual = _COMPILATIONS[name] * arena.population.compile_seconds
-            if self._affords(name, usual, until):
+            usual = self._affording.usual_seconds(name)
+            if self._affording.gradient(name, until):
                 is_plain = name in METHODS
                 arm = TrainingArm(arena, name, usual) if is_plain else GradientArm(arena, usual)
                 self._open(arm, until, patience)
@@ -267,11 +269,6 @@ class Schedule:
         if not arm.is_pending:
             self._give_slice(contender, until)
         return contender
-
-    def _patience(self, until: float) -> float:
-        """How long compilations are waited for: not at all where others can work meanwhile."""
-        now = self._arena.clock()
-        return now if usable_cores() > 1 else now + _PATIENCE * (until - now)
 
     def _first_slice(self, contender: Contender, until: float) -> None:
         """Waits for a compilation, and gives the arm its first slice if that ends in time."""

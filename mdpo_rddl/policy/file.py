@@ -11,13 +11,22 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
-from mdpo_rddl.policy.table import ActionTable, Optimum, parse_table, table_tensors, table_text
+from mdpo_rddl.policy.table import (
+    ActionTable,
+    Claim,
+    Estimate,
+    parse_table,
+    table_tensors,
+    table_text,
+)
 from mdpo_rddl.problem.files import MOST_RDDL_BYTES
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 
 FORMAT = "mdpo-rddl policy 1"
 TABLE_FORMAT = "mdpo-rddl table 2"
+ESTIMATE_FORMAT = "mdpo-rddl table 3"
+"""Of a table whose return is estimated rather than proven."""
 _SEEDS = 2**31
 
 
@@ -50,13 +59,13 @@ class SavedTable:
 
     Attributes:
       table: of actions by state and step.
-      optimum: what is proven of it.
+      claim: what is known of its return.
       problem, source: as in `SavedPolicy`.
       seed: of the run that found it.
     """
 
     table: ActionTable
-    optimum: Optimum
+    claim: Claim
     problem: dict[str, Any]
     seed: int
     source: ProblemSource | None = None
@@ -101,8 +110,9 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
     if policy.source is not None:
         common["source"] = json.dumps(dataclasses.asdict(policy.source))
     if isinstance(policy, SavedTable):
-        text = table_text(policy.table, policy.optimum)
-        metadata = {"format": TABLE_FORMAT, **common, **text}
+        text = table_text(policy.table, policy.claim)
+        is_estimate = isinstance(policy.claim, Estimate)
+        metadata = {"format": ESTIMATE_FORMAT if is_estimate else TABLE_FORMAT, **common, **text}
         write_container(path, table_tensors(policy.table), metadata)
         return
     tensors = {
@@ -125,7 +135,7 @@ def load_policy(path: Path, within: Path | None = None) -> SavedPolicy | SavedTa
       InputError: naming the file, if it is missing, damaged or not such a policy.
     """
     readers: dict[str, Callable[[Metadata, Tensors], SavedPolicy | SavedTable]]
-    readers = {FORMAT: _parameters, TABLE_FORMAT: _table}
+    readers = {FORMAT: _parameters, TABLE_FORMAT: _table, ESTIMATE_FORMAT: _table}
     return _load(path, readers, within)
 
 
@@ -220,8 +230,8 @@ def _require(holds: bool, what: str) -> None:
 
 
 def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
-    table, optimum = parse_table(tensors, metadata)
-    return SavedTable(table, optimum, _identity(metadata), _seed(metadata), _source(metadata))
+    table, claim = parse_table(tensors, metadata)
+    return SavedTable(table, claim, _identity(metadata), _seed(metadata), _source(metadata))
 
 
 def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:

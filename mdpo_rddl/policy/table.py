@@ -1,4 +1,4 @@
-"""A table of actions by state and step, and the optimum that it attains: plain data."""
+"""A table of actions by state and step, and what is known of its return: plain data."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -58,6 +58,29 @@ class Optimum:
     seconds: float | None
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """What simulated episodes say of a table that is not proven to be the best.
+
+    Attributes:
+      value: mean return.
+      error: its standard error.
+      episodes: that were simulated.
+      missed: share of the decisions in states that are not in the table.
+      states: number of states in the table.
+    """
+
+    value: float
+    error: float
+    episodes: int
+    missed: float
+    states: int
+
+
+Claim = Optimum | Estimate
+"""What is known of a table's return."""
+
+
 def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
     """The arrays of a table by their names; those of the actions after `actions/`."""
     arrays = {name: getattr(table, name) for name in _ARRAYS}
@@ -65,19 +88,20 @@ def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(values) for name, values in arrays.items()}
 
 
-def table_text(table: ActionTable, optimum: Optimum) -> dict[str, str]:
-    """The rest of a table, and the optimum without the time that it took, as JSON."""
-    figures = {name: value for name, value in asdict(optimum).items() if name != "seconds"}
+def table_text(table: ActionTable, claim: Claim) -> dict[str, str]:
+    """The rest of a table, and what is known of its return, without the time it took, as JSON."""
+    name = "optimum" if isinstance(claim, Optimum) else "estimate"
+    figures = {key: value for key, value in asdict(claim).items() if key != "seconds"}
     return {
         "fluents": json.dumps(table.fluents),
         "objects": json.dumps(dict(table.objects)),
-        "optimum": json.dumps(figures),
+        name: json.dumps(figures),
     }
 
 
 def parse_table(
     tensors: Mapping[str, np.ndarray], text: Mapping[str, str]
-) -> tuple[ActionTable, Optimum]:
+) -> tuple[ActionTable, Claim]:
     """A table of its tensors and its text, whoever wrote them.
 
     Raises:
@@ -99,6 +123,8 @@ def parse_table(
         objects=objects,
     )
     _check(table)
+    if "estimate" in text:
+        return table, _estimate(json.loads(text["estimate"]))
     return table, _optimum(json.loads(text["optimum"]))
 
 
@@ -113,6 +139,13 @@ def _optimum(figures: Mapping[str, Any]) -> Optimum:
     _require(bool(np.isfinite(value)), "figures")
     counts = {name: int(figures[name]) for name in ("states", "transitions", "actions")}
     return Optimum(value=value, seconds=None, **counts)
+
+
+def _estimate(figures: Mapping[str, Any]) -> Estimate:
+    value, error, missed = (float(figures[name]) for name in ("value", "error", "missed"))
+    _require(bool(np.isfinite([value, error, missed]).all()), "figures")
+    counts = {name: int(figures[name]) for name in ("episodes", "states")}
+    return Estimate(value=value, error=error, missed=missed, **counts)
 
 
 def _require(holds: bool, what: str) -> None:

@@ -17,7 +17,7 @@ from mdpo_rddl.policy.file import (
 )
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.rule.explanation import Explanation
-from mdpo_rddl.policy.table import ActionTable, Optimum
+from mdpo_rddl.policy.table import ActionTable, Claim, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -30,14 +30,14 @@ class TablePolicy(PolicyAgent):
 
     Attributes:
       table: of actions by state and step.
-      optimum: what is proven of the table, for the horizon that it was made for.
+      claim: what is known of its return, for the horizon that it was made for.
       seed: of the run that found it.
       misses: at how many decisions the state was not in the table.
     """
 
-    def __init__(self, problem: Problem, table: ActionTable, optimum: Optimum, seed: int) -> None:
+    def __init__(self, problem: Problem, table: ActionTable, claim: Claim, seed: int) -> None:
         """Makes the keys of the table's states."""
-        self.table, self.optimum, self.seed = table, optimum, seed
+        self.table, self.claim, self.seed = table, claim, seed
         self._problem = problem
         self.misses = 0
         self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
@@ -62,13 +62,13 @@ class TablePolicy(PolicyAgent):
         require_same_problem(saved, problem, source)
         if _fluents(saved.table) != _fluents_of(problem, saved.table.fluents):
             raise InputError(f"{source}: damaged policy file: its fluents are not the problem's")
-        return cls(problem, saved.table, saved.optimum, saved.seed)
+        return cls(problem, saved.table, saved.claim, saved.seed)
 
     def to_saved(self) -> SavedTable:
         """The policy as a file holds it."""
         source = ProblemSource.of(self.problem).without_folders()
         identity = problem_identity(self.problem)
-        return SavedTable(self.table, self.optimum, identity, self.seed, source)
+        return SavedTable(self.table, self.claim, identity, self.seed, source)
 
     def save(self, path: str | Path) -> None:
         """Writes one file that stands alone, which `mdpo_rddl.load_policy` reads.
@@ -84,9 +84,14 @@ class TablePolicy(PolicyAgent):
         return self._problem
 
     @property
+    def optimum(self) -> Optimum | None:
+        """What is proven of the table; None if nothing is."""
+        return self.claim if isinstance(self.claim, Optimum) else None
+
+    @property
     def returns(self) -> np.ndarray:
-        """The proven optimum, the expected return [1]."""
-        return np.array([self.optimum.value])
+        """The expected return [1], proven or estimated."""
+        return np.array([self.claim.value])
 
     def explain(self, seconds: float = 0.0) -> Explanation:
         """Says that there is no rule: a table has an action for each state of its own.
@@ -94,7 +99,15 @@ class TablePolicy(PolicyAgent):
         Args:
           seconds: nothing is measured, however many.
         """
-        return Explanation((), "the policy is a table of a proven optimum, not a rule")
+        return Explanation((), f"the policy is {self._kind}, not a rule")
+
+    @property
+    def _kind(self) -> str:
+        return (
+            "a table that trials have found"
+            if self.optimum is None
+            else "a table of a proven optimum"
+        )
 
     def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
         """As `Policy.hindsight`, without an estimate: nothing is compiled for a table."""
@@ -104,9 +117,9 @@ class TablePolicy(PolicyAgent):
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
-            "plan": "table of a proven optimum",
-            "optimum": f"{self.optimum.value:,.6g}",
-            "states": f"{self.optimum.states:,}",
+            "plan": self._kind.removeprefix("a "),
+            "return" if self.optimum is None else "optimum": f"{self.claim.value:,.6g}",
+            "states": f"{self.claim.states:,}",
             "seed": f"{self.seed}",
         }
         return html_table(f"Policy for {self.problem.label}", rows)

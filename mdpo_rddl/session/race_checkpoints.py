@@ -50,7 +50,8 @@ class RaceCheckpoints:
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
-        if judged.became_incumbent:
+        # tables are found anew sooner than they are read
+        if judged.became_incumbent and judged.candidate.params is not None:
             self._incumbent = judged
         now = time.monotonic()
         if judged.became_incumbent or now - self._saved_at >= self._seconds:
@@ -62,8 +63,8 @@ class RaceCheckpoints:
         self._save(seconds)
 
     def _save(self, seconds: float) -> None:
-        if self._incumbent is None or self._incumbent.candidate.params is None:
-            return  # a table ends its race at once
+        if self._incumbent is None:
+            return
         found = self._incumbent.candidate
         params = jax.tree.map(np.asarray, found.params)
         hyperparams = jax.tree.map(np.asarray, dict(found.policy_hyperparams))

@@ -11,9 +11,15 @@ from helpers.mistakes import one_line
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.container import read_container, write_container
-from mdpo_rddl.policy.file import TABLE_FORMAT, load_parameters, load_policy, save_policy
+from mdpo_rddl.policy.file import (
+    ESTIMATE_FORMAT,
+    TABLE_FORMAT,
+    load_parameters,
+    load_policy,
+    save_policy,
+)
 from mdpo_rddl.policy.kinds import restored
-from mdpo_rddl.policy.table import parse_table, table_tensors, table_text
+from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
 from mdpo_rddl.policy.table_policy import TablePolicy
 
 
@@ -63,6 +69,22 @@ def test_a_saved_table_is_read_back(policy, tmp_path):
         for sky in ("dry", "wet"):
             seen = observation(min(step, 1), sky)
             assert again(step, seen)["go"] == policy(step, seen)["go"]
+
+
+def test_a_table_that_is_not_proven_says_so_and_is_read_back(policy, tmp_path):
+    estimate = Estimate(value=-2.5, error=0.25, episodes=100, missed=0.125, states=7)
+    found = TablePolicy(policy.problem, policy.table, estimate, 5)
+    path = tmp_path / "table"
+    save_policy(path, found.to_saved())
+    assert read_container(path, [ESTIMATE_FORMAT])[0]["format"] == ESTIMATE_FORMAT
+    again = restored(load_policy(path), policy.problem, str(path))
+    assert isinstance(again, TablePolicy)
+    assert again.claim == estimate
+    assert again.optimum is None
+    assert again.returns.tolist() == [-2.5]
+    assert again(0, observation(0, "dry"))["go"] is True
+    assert "trials" in str(again.explain())
+    assert "optimum" not in again._repr_html_()
 
 
 def test_a_table_is_no_planners_parameters(policy, tmp_path):
@@ -115,6 +137,7 @@ def test_tensors_that_do_not_fit_together_are_refused(policy, change):
         ("objects", "[]"),
         ("optimum", "{}"),
         ("optimum", json.dumps({"value": float("nan"), "states": 1})),
+        ("estimate", json.dumps({"value": float("nan"), "error": 1, "missed": 0})),
     ],
 )
 def test_text_that_says_nothing_useful_is_refused_in_one_line(policy, tmp_path, name, value):

@@ -9,6 +9,7 @@ from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -22,6 +23,7 @@ class DynamicProgrammingArm(Arm):
 
     Attributes:
       solution: the optimum, once it is found.
+      model: the ground model, once there is one, whether it was enumerated or not.
     """
 
     def __init__(self, problem: Problem, config: PlannerConfig, clock: Clock) -> None:
@@ -35,11 +37,14 @@ class DynamicProgrammingArm(Arm):
         super().__init__("dynamic programming", clock)
         self._problem, self._config = problem, config
         self.solution: Solution | None = None
+        self.model: GroundModel | None = None
 
     def _work(self, until: float) -> None:
         seconds = until - self._clock()
         try:
-            solution = find_optimum(self._problem, seconds, _MEMORY_GB, self._clock)
+            solution = find_optimum(
+                self._problem, seconds, _MEMORY_GB, self._clock, self._keep_model
+            )
         except NotEnumerableError as error:
             self._give_up(str(error))
             return
@@ -60,6 +65,9 @@ class DynamicProgrammingArm(Arm):
                 error=0.0,
             )
         )
+
+    def _keep_model(self, model: GroundModel) -> None:
+        self.model = model
 
     def _give_up(self, cause: str) -> None:
         logger.info("no exact dynamic programming: %s", cause)

@@ -34,6 +34,7 @@ class Levels:
     def __init__(self) -> None:
         """Starts with none."""
         self._numbers: dict[tuple[float, ...], int] = {}
+        self._tables: tuple[np.ndarray, np.ndarray] | None = None
 
     def of_bools(self, chances: np.ndarray) -> np.ndarray:
         """The level [N] of each chance of true [N]."""
@@ -55,12 +56,15 @@ class Levels:
 
     def tables(self) -> tuple[np.ndarray, np.ndarray]:
         """Values and probabilities of all levels, both [L, B]."""
+        if self._tables is not None and len(self._tables[0]) == len(self._numbers):
+            return self._tables
         widest = max(map(len, self._numbers)) // 2
         values, probabilities = np.zeros((2, len(self._numbers), widest))
         for row, number in self._numbers.items():
             half = len(row) // 2
             values[number, :half], probabilities[number, :half] = row[:half], row[half:]
-        return values, probabilities
+        self._tables = values, probabilities
+        return self._tables
 
 
 class Afterstates:
@@ -147,6 +151,26 @@ class Afterstates:
             self._draw(np.arange(*bounds), fixed, tables)
             for bounds in zip(starts, ends, strict=True)
         ]
+
+    def sample(
+        self, afterstates: np.ndarray, random: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A next state [N, words] of each afterstate [N, words], and its probability [N].
+
+        Raises:
+          NotEnumerableError: if a probability is none.
+        """
+        states, probability = self._fixed(afterstates), np.ones(len(afterstates))
+        for number, is_random in enumerate(self.is_random):
+            if is_random:
+                level = self.packing.decode(number, afterstates)
+                encoded, probabilities = self._checked(number, afterstates)
+                ends = np.cumsum(probabilities[level], axis=1)
+                drawn = random.random(len(level)) * ends[:, -1]
+                branch = np.count_nonzero(ends[:, :-1] <= drawn[:, np.newaxis], axis=1)
+                states[:, self._model.packing.places[number].word] |= encoded[level, branch]
+                probability *= probabilities[level, branch]
+        return states, probability
 
     def chances(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The level of a random bool in afterstates [N], and its chance of true at each [L]."""

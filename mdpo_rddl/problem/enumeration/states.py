@@ -6,12 +6,12 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
+from mdpo_rddl.problem.enumeration.index import StateIndex
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, find_merges, merged
 from mdpo_rddl.problem.enumeration.levels import Afterstates
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.pace import Pace, expected
-from mdpo_rddl.problem.enumeration.packing import keys
 from mdpo_rddl.problem.enumeration.rows import RowMaker
 
 _FIRST_BATCH = 64
@@ -62,47 +62,6 @@ class Enumeration:
     transitions: Transitions
 
 
-class _Index:
-    """Numbers packed states in the order in which they are found."""
-
-    def __init__(self, words: int) -> None:
-        self._states = np.zeros((1024, words), np.uint64)
-        self._keys = np.zeros(0, np.uint64)
-        self._numbers = np.zeros(0, np.int64)
-        self.count = 0
-
-    @property
-    def states(self) -> np.ndarray:
-        return self._states[: self.count]
-
-    def numbers(self, states: np.ndarray) -> np.ndarray:
-        """The number of each state [N], new ones included."""
-        unique, where, inverse = np.unique(keys(states), return_index=True, return_inverse=True)
-        places = np.searchsorted(self._keys, unique)
-        is_new = np.ones(len(unique), bool)
-        inside = places < len(self._keys)
-        is_new[inside] = self._keys[places[inside]] != unique[inside]
-        numbers = np.empty(len(unique), np.int64)
-        numbers[~is_new] = self._numbers[places[~is_new]]
-        numbers[is_new] = self.count + np.arange(np.count_nonzero(is_new))
-        self._append(states[where[is_new]])
-        self._keys = np.insert(self._keys, places[is_new], unique[is_new])
-        self._numbers = np.insert(self._numbers, places[is_new], numbers[is_new])
-        found = numbers[inverse.ravel()]
-        if states.shape[1] > 1 and not np.array_equal(self._states[found], states):
-            raise NotEnumerableError("two states with one key")
-        return found
-
-    def _append(self, states: np.ndarray) -> None:
-        needed = self.count + len(states)
-        if needed > len(self._states):
-            room = np.zeros((max(needed, 2 * len(self._states)), states.shape[1]), np.uint64)
-            room[: self.count] = self.states
-            self._states = room
-        self._states[self.count : needed] = states
-        self.count = needed
-
-
 class Search:
     """What has been found up to now."""
 
@@ -119,8 +78,8 @@ class Search:
         self._follow = follow
         self.afterstates = Afterstates(model, limits)
         self.maker = RowMaker(model, self.afterstates)
-        self.index = _Index(model.packing.words)
-        self.after_index = _Index(self.afterstates.packing.words)
+        self.index = StateIndex(model.packing.words)
+        self.after_index = StateIndex(self.afterstates.packing.words)
         self.row_counts: list[np.ndarray] = []
         self.rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self.transitions: list[sparse.csr_matrix] = []

@@ -77,7 +77,9 @@ def policy_figures(policy: AnyPolicy) -> dict[str, Any]:
 
 def optimum_figures(policy: AnyPolicy) -> dict[str, Any]:
     """The entry `optimum`, of a policy that is proven to be the best; else nothing."""
-    return {"optimum": asdict(policy.optimum)} if isinstance(policy, TablePolicy) else {}
+    if not isinstance(policy, TablePolicy) or policy.optimum is None:
+        return {}
+    return {"optimum": asdict(policy.optimum)}
 
 
 def return_figures(evaluation: Evaluation) -> dict[str, Any]:

@@ -1,0 +1,66 @@
+"""Which programs there is time to compile, and how long their compilation is waited for."""
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.gradient import GRADIENT
+from mdpo_rddl.machine.cores import usable_cores
+
+PATIENCE = 0.3
+"""Share of the time left for which all compilations together are waited for."""
+# a gradient's program takes longer to compile than the population's, and an iteration longer
+# than the rollouts of one population
+_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
+_GRADIENT_EVALUATIONS = 100.0
+# programs like the judge's: a population's takes longer, and the exploration's comes beside it
+_POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
+# of the time left: what an arm that must compile may need
+_AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
+
+
+class Affording:
+    """Asked before anything that must be compiled begins."""
+
+    def __init__(self, arena: Arena) -> None:
+        """Compiles nothing."""
+        self._arena = arena
+
+    def population(self) -> bool:
+        """Whether there is time for what plays many policies at once."""
+        return self._is_ready_in_time(_POPULATION_PROGRAMS)
+
+    def exploration(self) -> bool:
+        """Whether there is time for a net whose parameters are explored."""
+        return not self._is_large and self._is_ready_in_time(_EXPLORATION_PROGRAMS)
+
+    def usual_seconds(self, name: str) -> float:
+        """How long the program of an arm with a gradient is likely to take to compile."""
+        return _COMPILATIONS[name] * self._arena.population.compile_seconds
+
+    def gradient(self, name: str, until: float) -> bool:
+        """Whether there is time for an arm with a gradient.
+
+        Args:
+          name: of the arm.
+          until: how long it may work, by the clock.
+        """
+        seconds = _GRADIENT_EVALUATIONS * self._arena.population.seconds
+        left = until - self._arena.clock()
+        needed = self.usual_seconds(name) + seconds
+        return not self._is_large and needed <= _AFFORDED[name] * left
+
+    def patience(self, until: float) -> float:
+        """Until when compilations are waited for: not at all where others can work meanwhile.
+
+        Args:
+          until: how long the arms may work, by the clock.
+        """
+        now = self._arena.clock()
+        return now if usable_cores() > 1 else now + PATIENCE * (until - now)
+
+    @property
+    def _is_large(self) -> bool:
+        return self._arena.probe.policy_seconds is not None
+
+    def _is_ready_in_time(self, programs: float) -> bool:
+        """Whether so many programs like the judge's are compiled before the race is over."""
+        left = self._arena.deadline - self._arena.clock()
+        return left > programs * self._arena.judge.usual_seconds

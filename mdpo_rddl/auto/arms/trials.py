@@ -1,0 +1,125 @@
+"""The arm that searches by trials where the states are too many to be enumerated."""
+
+import logging
+
+import numpy as np
+
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import mean_and_error
+from mdpo_rddl.auto.search.trials.backward import Greedy
+from mdpo_rddl.auto.search.trials.explored import Explored
+from mdpo_rddl.auto.search.trials.playing import play, runs
+from mdpo_rddl.auto.search.trials.trials import TrialSearch
+from mdpo_rddl.auto.tables import action_table
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.table import Estimate
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import GroundModel
+from mdpo_rddl.problem.load import Problem
+
+logger = logging.getLogger(__name__)
+
+TRIALS = "trials"
+_EPISODES = 512
+# in what was not seen: which is better depends on how much of it is known from elsewhere
+_TRUSTS = (0.0, 0.9)
+# of a first slice: what it may take to see what was found
+_CLOSING_SHARE = 0.25
+# of the decisions: with more of them in unknown states, chance makes every episode a new one
+_MOST_MISSED = 0.5
+# slices without a better table, after which the arm is given up
+_PATIENCE = 3
+
+
+class TrialsArm(Arm):
+    """Offers tables of actions, with their returns in simulated episodes of the ground model."""
+
+    def __init__(
+        self, problem: Problem, config: PlannerConfig, seed: int, clock: Clock, model: GroundModel
+    ) -> None:
+        """Does nothing yet.
+
+        Args:
+          problem: the parsed problem.
+          config: of the race.
+          seed: of everything that is drawn.
+          clock: what is asked for the time.
+          model: of the problem.
+        """
+        super().__init__(TRIALS, clock)
+        self._problem, self._config, self._seed = problem, config, seed
+        self._model = model
+        self._search: TrialSearch | None = None
+        self._best, self._closing = -np.inf, 0.0
+        self._without_gain = 0
+
+    def _work(self, until: float) -> None:
+        left = until - self._clock()
+        closing = self._closing or _CLOSING_SHARE * left
+        if left < 2.0 * closing:
+            self._note_no_gain("its slices are too short")
+            return
+        try:
+            if self._search is None:
+                limits = EnumerationLimits(left, clock=self._clock)
+                self._search = TrialSearch(self._model, limits, self._seed, self._clock)
+            self._search.work(until - closing)
+            started = self._clock()
+            self._close(self._search)
+            self._closing = self._clock() - started
+        except NotEnumerableError as error:
+            self._give_up(str(error))
+        except Exception as error:  # the other arms need no ground model
+            self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
+
+    def _close(self, search: TrialSearch) -> None:
+        """Offers what was found if it is better than before, and sees whether to go on."""
+        explored, missed = search.explored, 1.0
+        before = self._best
+        for trust in _TRUSTS:
+            greedy = search.found(trust)
+            played = play(explored, greedy, _EPISODES, self._seed)
+            missed = min(missed, played.missed)
+            mean, error = mean_and_error(played.returns)
+            if mean > self._best:
+                self._best = mean
+                estimate = Estimate(mean, error, _EPISODES, played.missed, explored.size)
+                self._offer_table(explored, greedy, estimate)
+        self._log.iterations = search.batches
+        self._log.details = {"states": explored.size, "missed": round(missed, 4)}
+        if self._best > before:
+            self._without_gain = 0
+        else:
+            self._note_no_gain("it gains nothing more")
+        if search.is_full:
+            self._give_up("no room for more states")
+        elif missed > _MOST_MISSED:
+            self._give_up("most states are never seen again")
+
+    def _offer_table(self, explored: Explored, greedy: Greedy, estimate: Estimate) -> None:
+        states, changes = explored.index.states, runs(explored, greedy)
+        table = action_table(self._problem, self._model, explored.merges, states, changes)
+        candidate = Candidate(
+            arm=self.name,
+            label=TRIALS,
+            config=self._config,
+            planner=None,
+            params=None,
+            table=(table, estimate),
+            mean=estimate.value,
+            error=estimate.error,
+        )
+        self._offer(candidate)
+
+    def _note_no_gain(self, cause: str) -> None:
+        self._without_gain += 1
+        if self._without_gain >= _PATIENCE:
+            self._give_up(cause)
+
+    def _give_up(self, cause: str) -> None:
+        logger.info("no more trials: %s", cause)
+        self._log.details = {**self._log.details, "cause": cause}
+        self.is_exhausted = True

@@ -1,0 +1,100 @@
+"""Backward induction over what trials have seen.
+
+With horizon H, V_H = 0 and discount g:
+
+    Q_t(s, a) = r(s, a) + g (sum_k P(k) V_{t+1}(k) + (1 - sum_k P(k)) U),   V_t(s) = max_a Q_t(s, a)
+
+The sums are over the next states k that were seen. What was not seen is worth U: a mixture of the
+mean of what was seen, and of the default action's reward there in every step that is left.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.auto.search.trials.explored import Explored
+
+_TIE = 1e-9
+
+
+class Greedy(NamedTuple):
+    """The best policy on what was seen.
+
+    Attributes:
+      rows: what to play in each state at each step [H, S], a row; -1 where the episode has ended.
+      value: of the initial state.
+      popularity: of each action of the model [A]: how often, over the states that trials have
+        visited, it is what to play and worth more than the no-op for ever.
+    """
+
+    rows: np.ndarray
+    value: float
+    popularity: np.ndarray
+
+
+def induct(explored: Explored, trust: float) -> Greedy:
+    """The best policy.
+
+    Args:
+      explored: with S states.
+      trust: that what was not seen is like what was, rather than like the no-op: 0 gives a
+        value that is not too large where no reward is below the default action's, 1 leads
+        trials to what is new.
+    """
+    horizon, discount = explored.model.horizon, explored.model.discount
+    decided = np.flatnonzero(explored.row_count.values)
+    rows = np.full((horizon, explored.size), -1, np.int32)
+    no_action = np.zeros(len(explored.model.actions))
+    if not len(decided):
+        return Greedy(rows, 0.0, no_action)
+    starts = explored.first_row.values[decided]
+    counts = explored.row_count.values[decided]
+    reward, afterstate = explored.reward.values, explored.afterstate.values
+    everything = np.arange(len(reward))
+    values, at_depth = np.zeros((2, explored.size))
+    future = _Future(explored, trust)
+    for step in reversed(range(horizon)):
+        q = reward + discount * future.values(values, horizon - 1 - step)[afterstate]
+        best = np.maximum.reduceat(q, starts)
+        # rounding shall not choose
+        enough = np.repeat(best - _TIE * (1 + np.abs(best)), counts)
+        rows[step, decided] = np.minimum.reduceat(np.where(q >= enough, everything, len(q)), starts)
+        values[decided] = best
+        here = explored.depth.values == step
+        at_depth[here] = values[here]
+    popularity = no_action + _popularity(explored, rows, at_depth)
+    return Greedy(rows, float(values[0]), popularity)
+
+
+class _Future:
+    """Expected values of next states."""
+
+    def __init__(self, explored: Explored, trust: float) -> None:
+        self._origin, self._next = explored.origin.values, explored.next.values
+        self._probability = explored.probability.values
+        self._idle = explored.idle.values
+        self._count = explored.after_index.count
+        seen = np.bincount(self._origin, self._probability, self._count)
+        self._unseen = np.maximum(0.0, 1.0 - seen)
+        self._scale = 1.0 + trust * self._unseen / np.where(seen > 0.0, seen, 1.0)
+        self._doubt = np.where(seen > 0.0, (1.0 - trust) * self._unseen, 1.0)
+
+    def values(self, values: np.ndarray, left: int) -> np.ndarray:
+        """After each afterstate [E], with next states' values [S] and so many steps left."""
+        weighted = self._probability * values[self._next]
+        seen = np.bincount(self._origin, weighted, self._count)
+        return seen * self._scale + self._doubt * left * self._idle
+
+
+def _popularity(explored: Explored, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """See `Greedy`; `values` are those of the states [S] at the steps at which they are reached."""
+    horizon = len(rows)
+    depth, visits = explored.depth.values, explored.visits.values
+    used = np.flatnonzero((visits > 0) & (depth < horizon) & (explored.row_count.values > 0))
+    played = rows[depth[used], used]
+    idle = explored.idle.values[explored.afterstate.values[explored.first_row.values[used]]]
+    nothing = idle * (horizon - depth[used])
+    is_better = values[used] > nothing + _TIE * (1 + np.abs(nothing))
+    chosen = explored.action.values[played[is_better]]
+    weights = np.sqrt(visits[used][is_better])
+    return np.bincount(chosen, weights, len(explored.model.actions))

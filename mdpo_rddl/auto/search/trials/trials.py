@@ -1,0 +1,180 @@
+"""Trials: episodes side by side from the initial state, and backward induction now and then.
+
+After real-time dynamic programming (Barto, Bradtke and Singh 1995) and trial-based heuristic tree
+search (Keller and Helmert 2013), with the known probabilities of what trials have drawn. In place
+of single backups all that was seen is gone through once it has grown by a share. Where the greedy
+policy knows no state, a trial plays the actions that this policy uses elsewhere, or any. Other
+trials begin at a state that has a rare value of some variable, and prefer what was rarely tried.
+"""
+
+import numpy as np
+
+from mdpo_rddl.auto.search.trials.backward import Greedy, induct
+from mdpo_rddl.auto.search.trials.explored import Explored
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.problem.enumeration.model import GroundModel
+
+_TRIALS = 512
+# of the decisions of a trial, at random; and of these, by any action rather than a popular one
+_DEVIATIONS = (0.0, 0.0, 0.0, 0.05, 0.2)
+_ANY_ACTION = (0.05, 0.2, 0.5, 1.0)
+# from one backward induction to the next
+_TRUSTS = (1.0, 0.5, 1.0, 0.9)
+_GROWTH, _INDUCTION_SHARE = 1.25, 0.25
+# of a trial that begins anywhere
+_STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
+_MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
+
+
+class TrialSearch:
+    """Explores a ground model.
+
+    Attributes:
+      explored: what was seen.
+      is_full: whether there is no room for more.
+      batches: of trials, so far.
+    """
+
+    def __init__(
+        self, model: GroundModel, limits: EnumerationLimits, seed: int, clock: Clock
+    ) -> None:
+        """Knows the initial state.
+
+        Args:
+          model: of the problem.
+          limits: for the preparation.
+          seed: of all draws.
+          clock: what is asked for the time.
+
+        Raises:
+          NotEnumerableError: if the model is not understood, or there is too little time.
+        """
+        self.explored = Explored(model, limits)
+        self.batches = 0
+        self.is_full = False
+        self._random = np.random.default_rng(seed)
+        self._clock = clock
+        self._greedy = induct(self.explored, _TRUSTS[0])
+        self._rarity = np.ones(1)
+        self._inductions = 0
+        self._searching = self._inducting = 0.0
+
+    def work(self, until: float) -> None:
+        """Plays trials; the steps of one are not begun after the end.
+
+        Args:
+          until: when to end, by the clock.
+
+        Raises:
+          NotEnumerableError: if a state has no legal action, or a probability is none.
+        """
+        while not self.is_full and self._clock() < until:
+            started = self._clock()
+            self._from_the_start(until)
+            self._from_rare_states(until)
+            self._searching += self._clock() - started
+            self.batches += 1
+            self._induct_if_grown()
+
+    def found(self, trust: float) -> Greedy:
+        """The best policy on what was seen.
+
+        Args:
+          trust: in what was not, see `induct`.
+        """
+        return induct(self.explored, trust)
+
+    def _induct_if_grown(self) -> None:
+        grown = self.explored.size > _GROWTH * self._greedy.rows.shape[1]
+        if self._inducting > _INDUCTION_SHARE * self._searching or not (
+            grown or self.batches % len(_DEVIATIONS) == 0
+        ):
+            return
+        started = self._clock()
+        self._inductions += 1
+        self._greedy = induct(self.explored, _TRUSTS[self._inductions % len(_TRUSTS)])
+        self._rarity = _rarity(self.explored)
+        self._inducting += self._clock() - started
+
+    def _is_over(self, until: float) -> bool:
+        explored, horizon = self.explored, self.explored.model.horizon
+        states = min(_MOST_STATES, _MOST_DECISIONS // horizon)
+        self.is_full = explored.size > states or explored.reward.count > _MOST_ROWS
+        return self.is_full or self._clock() >= until
+
+    def _from_the_start(self, until: float) -> None:
+        """Trials that mostly follow the greedy policy."""
+        explored, random, known = self.explored, self._random, self._greedy.rows.shape[1]
+        states = np.zeros(_TRIALS, np.int64)
+        deviation = random.choice(_DEVIATIONS, _TRIALS)
+        mixture = random.choice(_ANY_ACTION, _TRIALS)
+        for step in range(explored.model.horizon):
+            alive = explored.row_count.values[states] > 0
+            states, deviation, mixture = states[alive], deviation[alive], mixture[alive]
+            if not len(states) or self._is_over(until):
+                return
+            np.add.at(explored.visits.values, states, 1)
+            rows = self._rows_at_random(states, mixture)
+            follows = (states < known) & (random.random(len(states)) >= deviation)
+            rows[follows] = self._greedy.rows[step, states[follows]]
+            states = explored.draw(rows, np.full(len(rows), step), random)
+
+    def _rows_at_random(self, states: np.ndarray, mixture: np.ndarray) -> np.ndarray:
+        """A row for each state [N]: of a popular action, or with a probability [N] of any."""
+        explored = self.explored
+        counts = explored.row_count.values[states]
+        ends = np.cumsum(counts)
+        starts = ends - counts
+        own = np.repeat(np.arange(len(states)), counts)
+        rows = (explored.first_row.values[states] - starts)[own] + np.arange(ends[-1])
+        weights = self._greedy.popularity[explored.action.values[rows]]
+        total = np.bincount(own, weights, len(states))
+        share = np.where(total > 0.0, 1.0 - mixture, 0.0)
+        weights = weights * (share / np.where(total > 0.0, total, 1.0))[own]
+        weights += ((1.0 - share) / counts)[own]
+        reached = np.cumsum(weights)
+        before = np.concatenate([np.zeros(1), reached])[starts]
+        drawn = before + self._random.random(len(states)) * (reached[ends - 1] - before)
+        chosen = np.searchsorted(reached, drawn, side="right")
+        return rows[np.clip(chosen, starts, ends - 1)]
+
+    def _from_rare_states(self, until: float) -> None:
+        """Short trials from anywhere, for what was rarely seen."""
+        explored, random = self.explored, self._random
+        horizon = explored.model.horizon
+        known = len(self._rarity)
+        weights = self._rarity / np.sqrt(1.0 + explored.visits.values[:known])
+        weights *= explored.row_count.values[:known] > 0
+        weights *= explored.depth.values[:known] < horizon - 1
+        if not weights.any():
+            return
+        states = random.choice(known, _TRIALS, p=weights / weights.sum())
+        depth = explored.depth.values[states].astype(np.int64)
+        for _ in range(_STEPS):
+            alive = (explored.row_count.values[states] > 0) & (depth < horizon)
+            states, depth = states[alive], depth[alive]
+            if not len(states) or self._is_over(until):
+                return
+            np.add.at(explored.visits.values, states, 1)
+            counts = explored.row_count.values[states]
+            offsets = (random.random((_CHOICES, len(states))) * counts).astype(np.int64)
+            rows = _least(explored.first_row.values[states] + offsets, explored.tried.values)
+            outcomes = [explored.draw(rows, depth, random) for _ in range(_OUTCOMES)]
+            states, depth = _least(np.array(outcomes), explored.visits.values), depth + 1
+
+
+def _least(choices: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Of each column of choices [C, N] the one of the smallest count, the first of equals [N]."""
+    return np.asarray(choices[np.argmin(counts[choices], axis=0), np.arange(choices.shape[1])])
+
+
+def _rarity(explored: Explored) -> np.ndarray:
+    """Per state [S] how few others have its value of a variable, for the one that is rarest."""
+    states, packing = explored.index.states, explored.model.packing
+    rarest = np.ones(len(states))
+    for number in range(len(explored.model.variables)):
+        values = packing.decode(number, states).astype(np.int64)
+        values -= values.min()
+        np.maximum(rarest, len(states) / np.bincount(values)[values], out=rarest)
+    return rarest

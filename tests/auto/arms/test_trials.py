@@ -1,0 +1,112 @@
+"""The arm that searches by trials: what it offers, and when it gives up."""
+
+from dataclasses import replace
+
+import pytest
+from helpers.clocks import Ticking
+from helpers.lakes import preset
+from helpers.toys import toy
+
+from mdpo_rddl.auto.arms import trials
+from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.outcome import policy_of
+from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import ground_model
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return toy("quest")
+
+
+@pytest.fixture(scope="module")
+def model(problem):
+    return ground_model(problem, EnumerationLimits(seconds=1e9))
+
+
+@pytest.fixture
+def arm(problem, model):
+    return TrialsArm(problem, preset(1.0), 0, Ticking(1.0), model)
+
+
+def test_it_offers_a_table_with_its_simulated_return(arm, problem):
+    arm.work(200.0)
+    candidates = arm.take_candidates()
+    best = candidates[-1]
+    optimum = find_optimum(problem, 60.0).value
+    assert 0.0 < best.error < 0.2
+    assert best.mean == pytest.approx(optimum, abs=4.0 * best.error)
+    # each is better than those before it
+    means = [candidate.mean for candidate in candidates]
+    assert means == sorted(means)
+    assert len(set(means)) == len(means)
+    policy = policy_of(best, problem, 7)
+    assert isinstance(policy, TablePolicy)
+    assert policy.seed == 7
+    assert policy.optimum is None
+    assert policy.claim.value == best.mean
+    assert policy.claim.missed == 0.0
+    assert not arm.is_exhausted
+    assert arm.log.details["states"] == policy.claim.states
+    assert arm.log.iterations > 0
+
+
+def test_another_slice_goes_on_and_then_gains_nothing_more(arm):
+    for end in range(1, 20):
+        if not arm.is_exhausted:
+            arm.work(100.0 * end)
+            arm.take_candidates()
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "it gains nothing more"
+    assert arm.log.slices < 15
+
+
+def test_it_gives_up_where_every_state_is_new(arm, monkeypatch):
+    monkeypatch.setattr(trials, "_MOST_MISSED", -1.0)
+    arm.work(100.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "most states are never seen again"
+    # what it has found is judged all the same
+    assert arm.take_candidates()
+
+
+def test_it_gives_up_where_there_is_no_room(arm, monkeypatch):
+    monkeypatch.setattr("mdpo_rddl.auto.search.trials.trials._MOST_STATES", 10)
+    arm.work(1e5)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "no room for more states"
+
+
+@pytest.mark.parametrize("error", [NotEnumerableError("a law"), MemoryError("much")])
+def test_a_failure_is_the_arms_alone(arm, monkeypatch, error):
+    def broken(*arguments):
+        raise error
+
+    monkeypatch.setattr(trials, "TrialSearch", broken)
+    arm.work(100.0)
+    assert arm.is_exhausted
+    assert str(error) in arm.log.details["cause"]
+    assert arm.take_candidates() == []
+
+
+def test_slices_that_are_too_short_are_not_begun_for_ever(arm):
+    arm.work(100.0)
+    arm.take_candidates()
+    for _ in range(3):
+        arm.work(arm._clock.now)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "its slices are too short"
+
+
+def test_a_judge_takes_the_better_table_of_one_arm(arm):
+    arm.work(100.0)
+    best = arm.take_candidates()[-1]
+    judge = Judge(1, 0, Ticking(), 0.0)
+    worse = replace(best, mean=best.mean - 0.5 * best.error)
+    assert judge.record(worse)
+    assert judge.record(best)
+    assert not judge.record(worse)
+    assert judge.incumbent.label == TRIALS

@@ -1,0 +1,61 @@
+"""An arm that worked before the race: when it goes on before the others."""
+
+from types import SimpleNamespace
+
+import pytest
+from helpers.clocks import Stopped
+from helpers.lakes import preset
+
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.schedule import Schedule
+from mdpo_rddl.planner.config.search_section import Search
+
+
+class Scripted(Arm):
+    """Offers a candidate of the next return in each slice, which it works to the end of."""
+
+    def __init__(self, clock, returns):
+        super().__init__("scripted", clock)
+        self.left = list(returns)
+
+    def _work(self, until):
+        self._clock.now = until
+        if self.left:
+            mean = self.left.pop(0)
+            self._offer(
+                Candidate(self.name, "table", preset(1.0), None, None, mean=mean, error=0.0)
+            )
+
+
+def slices(returns, deadline=160.0):
+    """How many slices the arm has had before the others begin, and the best return."""
+    clock = Stopped()
+    judge = Judge(1, 0, clock, 0.0)
+    judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=0.0, error=0.0))
+    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=deadline)
+    arm = Scripted(clock, returns)
+    arm.work(1.0)
+    schedule = Schedule(arena, Search(), lambda name: None)
+    schedule._try_early(arm, 100.0)
+    assert schedule.arms == [arm]
+    return arm.log.slices, judge.best_mean
+
+
+@pytest.mark.parametrize(
+    ("returns", "expected"),
+    [
+        ([-1.0, 5.0], (1, 0.0)),  # it has found nothing before
+        ([1.0, 2.0, 3.0, 3.0, 9.0], (4, 3.0)),  # as long as it gains
+        ([1.0], (2, 1.0)),
+    ],
+)
+def test_it_goes_on_as_long_as_it_gains(returns, expected):
+    assert slices(returns) == expected
+
+
+def test_it_ends_in_time():
+    count, best = slices(range(1, 100))
+    # slices of 5, 5, and then 10 seconds until 100
+    assert count == best == 1 + 2 + 9
