@@ -1,9 +1,13 @@
 """The entry `hindsight` of a run's summary: what knowing the future would add."""
 
+import logging
 from typing import Any
 
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.session.requests import EvaluationTerms, Reporter
+
+logger = logging.getLogger(__name__)
 
 HINDSIGHT_SECONDS = 60.0
 """For the estimate and for the bounds."""
@@ -14,7 +18,7 @@ _MOST_EPISODES = 10
 def hindsight_figures(
     policy: AnyPolicy, terms: EvaluationTerms, reporter: Reporter
 ) -> dict[str, Any]:
-    """The entry, of the policy without thinking at its decisions.
+    """The entry, of the policy without thinking at its decisions; nothing where that fails.
 
     Args:
       policy: whose episodes they are.
@@ -23,4 +27,9 @@ def hindsight_figures(
     """
     reporter.stage("hindsight")
     episodes = min(terms.episodes, _MOST_EPISODES)
-    return {"hindsight": policy.hindsight(episodes, HINDSIGHT_SECONDS, terms.seed).to_json()}
+    try:
+        found = policy.hindsight(episodes, HINDSIGHT_SECONDS, terms.seed)
+    except Exception as error:  # which must not cost the run
+        logger.warning("no hindsight: %s: %s", type(error).__name__, one_line_cause(error))
+        return {}
+    return {"hindsight": found.to_json()}

@@ -85,7 +85,7 @@ def test_a_loaded_table_returns_the_same_to_the_last_digit(
     assert rows["proven optimum"] == "-2.94"
     assert rows["policy"] == "table"
     other = run(f"{WALK} --load run --episodes 50 --seed 9 --quiet --json", capsys).summary
-    assert (other["seed"], other["optimum"]) == (9, solved.summary["optimum"])
+    assert (other["seed"], other["optimum"]) == (9, outcome.summary["optimum"])
     assert other["returns"] != solved.summary["returns"]
 
 

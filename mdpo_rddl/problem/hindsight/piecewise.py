@@ -108,10 +108,8 @@ def as_functions(
     start, end = program.interval(Affine(0.0, {variable: 1.0}))
     if not -_FAR < start < end < _FAR:
         return None
-    ends = sorted(
-        {start, end} | {p.end for each in arguments if isinstance(each, Piecewise)
-                        for p in each.pieces}
-    )  # fmt: skip
+    divided = [each.pieces for each in arguments if isinstance(each, Piecewise)]
+    ends = sorted({start, end, *(piece.end for pieces in divided for piece in pieces)})
     functions: list[tuple[Piece, ...]] = []
     for each in arguments:
         if isinstance(each, Piecewise):
@@ -164,9 +162,9 @@ def _ruled(
     rule: Callable[..., tuple[float, float]], parts: Sequence[Piece], low: float, high: float
 ) -> Piece:
     constant, slope = rule(*(Piece(low, high, part.constant, part.slope) for part in parts))
-    return Piece(low, high, constant + slope * low, 0.0) if low == high else Piece(
-        low, high, constant, slope
-    )  # fmt: skip
+    if low == high:
+        return Piece(low, high, constant + slope * low, 0.0)
+    return Piece(low, high, constant, slope)
 
 
 def _crossing(first: Piece, second: Piece) -> float:

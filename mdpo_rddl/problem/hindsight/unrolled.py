@@ -143,7 +143,7 @@ class _Values:
 
     def _draw(self, expression: int, place: tuple[int, ...]) -> Value:
         if expression not in self._drawn:
-            raise MissingDrawError("the episode did not draw it")
+            raise MissingDrawError("a random number that the episode did not draw")
         value: Any = np.asarray(self._drawn[expression])
         return (value[place] if value.ndim else value).item()
 
