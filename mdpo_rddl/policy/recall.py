@@ -8,6 +8,7 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.plan_memory import Entries, initial_memories
 from mdpo_rddl.problem.observation import is_observed
 
@@ -25,7 +26,7 @@ class Recall:
         Args:
           planner: whose policy is played; it need not have a memory.
         """
-        self._planner = planner
+        self._planner, self._memory = planner, open_plan(planner.plan).memory
         self.reset()
 
     def reset(self) -> None:
@@ -44,12 +45,12 @@ class Recall:
         Raises:
           InputError: if the step follows the last one, which was of another number of episodes.
         """
-        if not self._planner.memory.initial:
+        if not self._memory.initial:
             return {}
         if step > 0 and step == self._step + 1:
             self._before = self._after
         elif step == 0 or step != self._step:
-            self._before = self._after = initial_memories(self._planner.memory, count)
+            self._before = self._after = initial_memories(self._memory, count)
         known = len(jax.tree.leaves(self._before)[0])
         if known != count:
             raise InputError(

@@ -11,7 +11,15 @@ from helpers.lakes import preset, write_lake
 from helpers.problems import write_corridor
 
 from mdpo_rddl import evaluate, make_environment
-from mdpo_rddl.auto import RaceOptions, plan_automatically, probing, race, schedule, sizes
+from mdpo_rddl.auto import (
+    RaceOptions,
+    affording,
+    plan_automatically,
+    probing,
+    race,
+    schedule,
+    sizes,
+)
 from mdpo_rddl.auto.arms import gradient, jaxplan
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
@@ -211,7 +219,7 @@ def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_are
     released = threading.Event()
     monkeypatch.setattr(gradient.Training, "compile", lambda training: released.wait(120.0))
     # with a second core nobody waits
-    monkeypatch.setattr(schedule, "usable_cores", lambda: 2)
+    monkeypatch.setattr(affording, "usable_cores", lambda: 2)
     try:
         outcome = raced(lake, 600.0)
     finally:
