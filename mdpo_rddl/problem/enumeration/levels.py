@@ -152,6 +152,16 @@ class Afterstates:
             for bounds in zip(starts, ends, strict=True)
         ]
 
+    def outcomes(self, afterstates: np.ndarray) -> np.ndarray:
+        """How many next states are possible after each of afterstates [N]."""
+        counts = np.ones(len(afterstates))
+        for number, is_random in enumerate(self.is_random):
+            if is_random:
+                level = self.packing.decode(number, afterstates)
+                _, probabilities = self._checked(number, afterstates)
+                counts *= np.count_nonzero(probabilities > 0, axis=1)[level]
+        return counts
+
     def sample(
         self, afterstates: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:

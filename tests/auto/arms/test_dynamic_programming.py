@@ -148,7 +148,7 @@ def test_a_problem_too_large_goes_on_with_the_other_arms_within_its_time(tmp_pat
     # the share ends before the first step backward
     clock = Ticking(1.0)
     options = RaceOptions(clock=clock, most_iterations=20)
-    config = preset(300.0, optimum_until=0.02, rounds_until=0.45)
+    config = preset(300.0, optimum_until=0.02, rounds_until=0.45, without=["trials"])
     outcome = plan_automatically(toys.walk(tmp_path, 6), config, 0, options)
     assert outcome.optimum is None
     assert outcome.arms[0].name == "dynamic programming"

@@ -5,14 +5,15 @@ import numpy as np
 from mdpo_rddl.auto.search.trials.growing import Growing
 from mdpo_rddl.problem.enumeration.index import StateIndex
 from mdpo_rddl.problem.enumeration.irrelevance import find_merges, merged
-from mdpo_rddl.problem.enumeration.levels import Afterstates
+from mdpo_rddl.problem.enumeration.levels import Afterstates, Draws
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.rows import RowMaker
 
 NEVER = np.iinfo(np.int32).max
 """The depth of a state that was not reached from the initial one yet."""
-_SHIFT = 32
+# next states after an afterstate that are all added with the first that is drawn
+_FEW = 4
 
 
 class Explored:
@@ -59,7 +60,8 @@ class Explored:
         self.idle = Growing(float)
         self.origin, self.next = Growing(np.int32), Growing(np.int32)
         self.probability = Growing(float)
-        self._transitions = np.zeros(0, np.int64)
+        self._is_complete = Growing(bool)
+        self._drawn = StateIndex(1 + model.packing.words)
         self.add(model.initial[np.newaxis], np.zeros(1, np.int32))
 
     @property
@@ -90,8 +92,25 @@ class Explored:
         states, probability = self.afterstates.sample(self.after_index.states[origin], random)
         np.add.at(self.tried.values, rows, 1)
         numbers = self.add(states, depth + 1)
-        self._remember(origin.astype(np.int64), numbers, probability)
+        self._remember(Draws(origin, states, probability), numbers)
+        self._complete(origin, depth)
         return numbers
+
+    def _complete(self, origin: np.ndarray, depth: np.ndarray) -> None:
+        """Adds all that may follow afterstates [N], drawn at a depth [N], if it is little."""
+        new = self.after_index.count - self._is_complete.count
+        self._is_complete.add(np.zeros(new, bool))
+        first, where = np.unique(origin, return_index=True)
+        open_ones = ~self._is_complete.values[first]
+        first, where = first[open_ones], where[open_ones]
+        self._is_complete.values[first] = True
+        few = self.afterstates.outcomes(self.after_index.states[first]) <= _FEW
+        first, where = first[few], where[few]
+        if not len(first):
+            return
+        for draws in self.afterstates.draw(self.after_index.states[first]):
+            numbers = self.add(draws.states, depth[where][draws.origin] + 1)
+            self._remember(draws._replace(origin=first[draws.origin]), numbers)
 
     def _expand(self, states: np.ndarray) -> None:
         counts = np.zeros(len(states), np.int64)
@@ -117,14 +136,12 @@ class Explored:
         self.depth.add(np.full(len(states), NEVER, np.int32))
         self.visits.add(np.zeros(len(states), np.int64))
 
-    def _remember(self, origin: np.ndarray, numbers: np.ndarray, probability: np.ndarray) -> None:
-        unique, where = np.unique((origin << _SHIFT) + numbers, return_index=True)
-        places = np.searchsorted(self._transitions, unique)
-        inside = places < len(self._transitions)
-        is_new = np.ones(len(unique), bool)
-        is_new[inside] = self._transitions[places[inside]] != unique[inside]
-        self._transitions = np.insert(self._transitions, places[is_new], unique[is_new])
-        new = where[is_new]
-        self.origin.add(origin[new])
+    def _remember(self, drawn: Draws, numbers: np.ndarray) -> None:
+        """Keeps what was not drawn before; several states may have been joined to one number."""
+        known = self._drawn.count
+        pairs = np.column_stack([drawn.origin.astype(np.uint64), drawn.states])
+        pair, where = np.unique(self._drawn.numbers(pairs), return_index=True)
+        new = where[pair >= known]
+        self.origin.add(drawn.origin[new])
         self.next.add(numbers[new])
-        self.probability.add(probability[new])
+        self.probability.add(drawn.probability[new])
