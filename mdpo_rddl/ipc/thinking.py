@@ -8,7 +8,7 @@ import numpy as np
 
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.lookahead.choice import can_think, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import NO_TIME, can_think, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem
@@ -37,11 +37,17 @@ class ThinkingMDPO(MDPO):
         self._acted, self._between = 0.0, 0.0
         self._each_seconds: float | None = None
         self._thinker: LookaheadPolicy | None = None
+        self._note = "nothing was tried"
 
     @property
     def thinker(self) -> LookaheadPolicy | None:
         """What makes the decisions; None where the policy plays alone."""
         return self._thinker
+
+    @property
+    def note(self) -> str:
+        """Why the policy plays alone; empty if it does not."""
+        return self._note
 
     def decide_within(self, seconds: float) -> None:
         """Has each decision take so long, whatever a trial's time; is called before `prepare`."""
@@ -59,11 +65,15 @@ class ThinkingMDPO(MDPO):
     def improve(self, seconds: float) -> None:
         """Tries whether to think, and how, now that the policy is kept."""
         policy, decision = self._policy, self._decision_seconds
-        # a table plays its optimum already
-        if not isinstance(policy, Policy) or decision < _SHORTEST_SECONDS or seconds <= 0.0:
+        if not isinstance(policy, Policy):
+            self._note = "a table plays its optimum already"
+            return
+        if decision < _SHORTEST_SECONDS or seconds <= 0.0:
+            self._note = NO_TIME
             return
         within = min(longest_choice(decision), training_seconds(seconds))
-        self._thinker = choose(policy, decision, within, self._clock).policy
+        choice = choose(policy, decision, within, self._clock)
+        self._thinker, self._note = choice.policy, choice.note
 
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator

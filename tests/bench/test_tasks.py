@@ -76,6 +76,7 @@ def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, monkeypatch, cap
     (row,) = run_tasks(tmp_path, tasks, ["mdpo-thinking"], 1, conditions).rows
     assert (row["status"], row["decision_seconds"], row["method"]) == ("ok", "0.5", "first actions")
     assert (float(row["decisions"]), float(row["within_budget"])) == (3 * 4, 1.0)
+    assert row["note"] == ""
     # the third arm pays 3, and no decision takes an arm for nothing
     assert float(row["mean"]) > 0.0
     assert 0.0 < float(row["p99_seconds"]) <= float(row["max_seconds"]) <= 0.5

@@ -18,7 +18,6 @@ from mdpo_rddl.ipc.thinking import ThinkingMDPO
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import commit, versions
-from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -40,7 +39,7 @@ FIGURES = (
 COLUMNS = (*KEYS, "status", "cause", *FIGURES)
 # of decisions with time to think, as `decision_figures` names most of them
 _DECISIONS = ("decisions", "left_base", "p99_seconds", "max_seconds", "within_budget")
-THINKING_COLUMNS = (*COLUMNS, "decision_seconds", "method", *_DECISIONS)
+THINKING_COLUMNS = (*COLUMNS, "decision_seconds", "method", "note", *_DECISIONS)
 OK = "ok"
 # of the episodes, far from any training seed
 _EVALUATION_SEED = 2024
@@ -185,15 +184,15 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     )
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
     if isinstance(planner, ThinkingMDPO):
-        row |= _decisions(planner.thinker, trial.conditions)
+        row |= _decisions(planner, trial.conditions)
     return evaluation
 
 
-def _decisions(thinker: LookaheadPolicy | None, conditions: Conditions) -> dict[str, Any]:
-    """How decisions were made; no method where the policy played alone."""
-    seconds = conditions.decision_seconds
+def _decisions(planner: ThinkingMDPO, conditions: Conditions) -> dict[str, Any]:
+    """How decisions were made; a note instead of a method where the policy played alone."""
+    seconds, thinker = conditions.decision_seconds, planner.thinker
     if thinker is None:
-        return {"decision_seconds": seconds}
+        return {"decision_seconds": seconds, "note": planner.note}
     figures = decision_figures(thinker.decisions, seconds, conditions.episodes)
     kept = {name: float(f"{figures[name]:.4g}") for name in _DECISIONS}
     return {"decision_seconds": seconds, "method": thinker.method.name, **kept}

@@ -75,6 +75,14 @@ class Choice:
     reason: str
     seconds: float
 
+    @property
+    def note(self) -> str:
+        """Why the plain policy is played; empty if it is not."""
+        if self.policy is not None:
+            return ""
+        short = self.trials and all(trial.note == NO_TIME for trial in self.trials)
+        return self.reason or (NO_TIME if short else "no gain")
+
 
 def can_think(problem: Problem) -> bool:
     """Whether the problem is one for which there are methods, so that time is kept for them."""

@@ -32,6 +32,8 @@ _SPREAD = 0.3
 _ROLLOUTS, _FEWEST, _MOST = 512, 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
+# calls that take more of it leave no time to compare
+_USABLE_SHARE = 0.2
 _MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 # of the time of a step as it was measured first: no step is expected to be faster
 _LEAST_SHARE = 0.5
@@ -91,11 +93,13 @@ class Simulator:
         self._compile_seconds = self._clock() - started
         self._is_random = self._is_random and self._differs(state)
         took = self.seconds(WIDE, 0)
-        if not self._is_random or not longest / 3 < took < longest * 1.5:
-            if not self._can_compile(2.0, until):
+        if not self._is_random or not longest / 8 < took < longest * 1.5:
+            # without time to compile it again a call of another length does as well
+            if self._can_compile(2.0, until):
+                rollouts = int(np.clip(rollouts * longest / took, _FEWEST, _MOST))
+                self._compile(WIDE, rollouts, state, base)
+            elif took > _USABLE_SHARE * seconds:
                 return False
-            rollouts = int(np.clip(rollouts * longest / took, _FEWEST, _MOST))
-            self._compile(WIDE, rollouts, state, base)
         if not self._can_compile(1.0, until):
             return False
         self._compile(NARROW, rollouts, state, base)

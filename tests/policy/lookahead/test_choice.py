@@ -14,7 +14,7 @@ from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.choice import NO_TIME, Trial, choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
-from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
+from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 
 SECONDS = 0.5
 START = {"pulled": np.zeros(3, bool)}
@@ -41,6 +41,7 @@ def test_an_optimal_policy_is_played_alone():
     choice = choose(lever_policy((1, 0, 1)), SECONDS, clock=Ticking(0.01))
     assert choice.policy is None
     assert [trial.mean for trial in choice.trials] == [0.0, 0.0]
+    assert choice.note == "no gain"
 
 
 def test_the_method_that_gains_is_chosen(slow):
@@ -51,6 +52,7 @@ def test_the_method_that_gains_is_chosen(slow):
     best = max(choice.trials, key=lambda trial: trial.mean)
     assert choice.policy.method.name == best.method
     assert choice.policy.decisions == []
+    assert choice.note == ""
 
 
 def test_decisions_too_short_for_a_method_are_no_result(slow):
@@ -79,12 +81,20 @@ def test_methods_share_the_time(slow):
 
 
 def test_no_compilation_begins_that_would_end_late():
-    """By a clock that ticks, a program takes some twenty ticks."""
-    clock = Ticking(1.0)
-    choice = choose(lever_policy(NONE), SECONDS, within=50.0, clock=clock)
+    """By a clock that ticks the first program takes some twenty seconds."""
+    choice = choose(lever_policy(NONE), 0.05, within=50.0, clock=Ticking(1.0))
     assert choice.policy is None
     assert {trial.note for trial in choice.trials} == {NO_TIME}
+    assert choice.note == NO_TIME
     assert choice.seconds <= 50.0
+
+
+def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
+    simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
+    # calls are too long for such decisions, and there is time for one more program
+    assert simulator.prepare(START, 0.2, until=0.7)
+    assert simulator.scenarios(WIDE) == 512 // 2**3
+    assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
 
 
 def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeypatch):
