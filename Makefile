@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit licences hardening load clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit hashes licences hardening load clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -168,6 +168,14 @@ audit: .venv-audit/.installed
 	$(PYTHON) -m venv --clear .venv-audit
 	.venv-audit/bin/python -m pip install --quiet --disable-pip-version-check 'pip-audit==2.10.1'
 	touch $@
+
+# what `make test` installs with the hashes of its files, and whether pip finds them true
+hashes: $(VENV)/.installed
+	$(BIN)/python -m pip install --dry-run --ignore-installed --quiet --report $(VENV)/report.json \
+	  --constraint constraints.txt '.[dev,tuning,slurm]'
+	$(BIN)/python tools/hashes.py $(VENV)/report.json > constraints-hashes.txt
+	$(BIN)/python -m pip install --dry-run --ignore-installed --quiet --no-deps --require-hashes \
+	  --requirement constraints-hashes.txt
 
 # what the packages say of their licences
 licences: $(VENV)/.installed
