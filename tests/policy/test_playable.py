@@ -6,7 +6,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY
 from mdpo_rddl.policy.playable import playable
 
 
@@ -19,7 +18,7 @@ def test_a_policy_takes_the_step_th_key_of_its_seed_to_the_end_of_the_episode():
 
     # plans over two steps, plays five
     rddl = SimpleNamespace(horizon=5)
-    planner = SimpleNamespace(horizon=2, rddl=rddl, get_action=get_action, memory=NO_MEMORY)
+    planner = SimpleNamespace(horizon=2, rddl=rddl, get_action=get_action, plan=None)
     policy = playable(planner, "params", {"push": 1.0}, seed=9)
     state = {"x": np.array([1.0])}
     assert [policy(step, state) for step in range(5)] == [{"push": n} for n in range(1, 6)]

@@ -73,16 +73,16 @@ def _of_tuples(
 def _in_two_steps(
     rddl: Any, values: Mapping[str, Any], kind: str, types: Sequence[str]
 ) -> Iterator[Neighbours]:
-    """One step to the fluent's type, and one among objects of one of the two types."""
-    steps = list(_steps(rddl, values))
+    """One step from the action's type to the fluent's, and one among objects of the latter."""
+    steps = [step for step in _steps(rddl, values) if step.there == kind]
     for first in steps:
+        if first.here == kind or first.here not in types:
+            continue
         for second in steps:
-            crossing = (first.here != first.there) + (second.here != second.there) == 1
-            if not crossing or first.there != second.here or second.there != kind:
+            if second.here != kind or first.mean.shape[0] * second.mean.shape[1] > _MOST:
                 continue
-            size = first.mean.shape[0] * second.mean.shape[1]
-            weights = first.mean @ second.mean if first.here in types and size <= _MOST else None
-            if weights is not None and np.any(weights):
+            weights = first.mean @ second.mean
+            if np.any(weights):
                 yield Neighbours(f"{second.name} {first.name}", first.here, weights)
 
 
