@@ -121,13 +121,14 @@ def plan_automatically(
     wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
     with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
         exact = _dynamic_programming_arm(problem, config, clock)
+        if exact is not None:
+            options.on_stage("enumerating")
         first = None if exact is None else first_policy(problem, config, seed)
         if first is not None:
             options.on_judged(Judged(first, clock() - started, became_incumbent=True))
         trials: TrialsArm | None = None
         try:
             if exact is not None:
-                options.on_stage("enumerating")
                 exact.work(started + shares.optimum_until * seconds)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, clock)

@@ -47,6 +47,12 @@ def no_gradient(monkeypatch):
     monkeypatch.setattr(gradient.Training, "compile", refuse_to_compile)
 
 
+@pytest.fixture(autouse=True)
+def _one_core(monkeypatch):
+    """Compilations are waited for: the clock of the tests does not move meanwhile."""
+    monkeypatch.setattr(affording, "usable_cores", lambda: 1)
+
+
 CLOCK = Ticking()
 
 
@@ -101,7 +107,9 @@ def phases_of(outcome) -> list[dict]:
 
 @pytest.fixture(scope="module")
 def outcome(lake):
-    return raced(lake, 2000.0)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(affording, "usable_cores", lambda: 1)
+        return raced(lake, 2000.0)
 
 
 @pytest.mark.long

@@ -57,6 +57,7 @@ def test_growth(problem, command, monkeypatch, tmp_path):
     assert (tmp_path / "out" / "growth.png").is_file()
 
 
+@pytest.mark.long
 def test_auto_against_jaxplan(problem, command, monkeypatch):
     monkeypatch.setattr(auto, "load_problem", lambda *_: problem)
     options = "--problems Tiny:1 --planners jaxplan-slp --seeds 2 --seconds 0.05 --episodes 2"

@@ -12,9 +12,8 @@ from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
 SMALL = "--iterations 3 --horizon 3 --episodes 2 --batch 2 --no-cache --quiet --json"
 
 
-@pytest.mark.parametrize(
-    ("kind", "policy"), [pytest.param("drp", "drp", marks=pytest.mark.long), ("slp", "slp")]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "policy"), [("drp", "drp"), ("slp", "slp")])
 def test_one_training_by_the_plan_s_name(
     kind: str, policy: str, workplace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,6 +21,7 @@ from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.report.run_folder import POLICY, RunFolder
 
 
+@pytest.mark.long
 def test_an_interrupt_keeps_what_was_found(
     workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

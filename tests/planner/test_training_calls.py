@@ -81,6 +81,7 @@ def test_the_sizes_of_a_call_are_changed_for_a_block(calling_planner):
         pass
 
 
+@pytest.mark.long
 def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
     found = {}
     for tick in (0.001, 0.3):

@@ -17,8 +17,8 @@ def test_a_policy_takes_the_step_th_key_of_its_seed_to_the_end_of_the_episode():
         return {"push": len(calls)}
 
     # plans over two steps, plays five
-    rddl = SimpleNamespace(horizon=5)
-    planner = SimpleNamespace(horizon=2, rddl=rddl, get_action=get_action, plan=None)
+    rddl, plan = SimpleNamespace(horizon=5), SimpleNamespace(train_policy=None)
+    planner = SimpleNamespace(horizon=2, rddl=rddl, get_action=get_action, plan=plan)
     policy = playable(planner, "params", {"push": 1.0}, seed=9)
     state = {"x": np.array([1.0])}
     assert [policy(step, state) for step in range(5)] == [{"push": n} for n in range(1, 6)]

@@ -11,6 +11,7 @@ VARIANT_NAMES = (
     "auto-without-pgpe",
     "auto-without-slp",
     "auto-without-drp",
+    "auto-without-trials",
     "auto-without-last-search",
     "auto-without-noise",
     "auto-with-analysis-rollouts",

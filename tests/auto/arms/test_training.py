@@ -50,6 +50,7 @@ def judged(arm, judge: Judge) -> list[Candidate]:
     return found
 
 
+@pytest.mark.long
 def test_a_straight_line_plan_is_trained_in_slices(arena):
     told = []
     arm = TrainingArm(replace_told(arena, told), "slp")

@@ -88,9 +88,8 @@ def test_the_gradient_is_the_same_however_much_is_kept(monkeypatch, fitting):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("kind", "kept_bytes"), [pytest.param("drp", 0, marks=pytest.mark.long), ("slp", 10**3)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "kept_bytes"), [("drp", 0), ("slp", 10**3)])
 def test_training_is_the_same_either_way(tmp_path, monkeypatch, kind, kept_bytes):
     # smooth: no rounding decides on which side of a threshold something lies
     problem = load_problem(*tiny_files(tmp_path, horizon=6))

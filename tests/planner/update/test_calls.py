@@ -52,7 +52,13 @@ def assert_close(ours, theirs):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize("noise", [NoNoise(), AdaptiveNoise(sigma_max=0.5, unit="absolute")])
+@pytest.mark.parametrize(
+    "noise",
+    [
+        NoNoise(),
+        pytest.param(AdaptiveNoise(sigma_max=0.5, unit="absolute"), marks=pytest.mark.long),
+    ],
+)
 def test_the_training_is_that_of_jaxplan_s_loop(problem, noise):
     common = {"noise": noise, "parallel_updates": 2}
     single = callbacks(tiny_planner(problem, **common), 12)
