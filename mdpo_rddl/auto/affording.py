@@ -6,6 +6,8 @@ from mdpo_rddl.machine.cores import usable_cores
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
+# a search of a large problem evaluates at least so many policies
+_FEWEST_POLICIES = 60
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population
 _COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
@@ -22,6 +24,12 @@ class Affording:
     def __init__(self, arena: Arena) -> None:
         """Compiles nothing."""
         self._arena = arena
+
+    def search(self) -> bool:
+        """Whether there is time for the rollouts of the shortest search."""
+        seconds = self._arena.probe.policy_seconds
+        left = self._arena.deadline - self._arena.clock()
+        return seconds is None or seconds * _FEWEST_POLICIES <= left
 
     def population(self) -> bool:
         """Whether there is time for what plays many policies at once."""

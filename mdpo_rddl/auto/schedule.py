@@ -44,8 +44,8 @@ logger = logging.getLogger(__name__)
 _POLISHED, _POLISHING_SIGMA = "polished", 0.01
 # of the time for the shared weights: random rules
 _RULES_SHARE = 0.25
-# a search of a large problem evaluates at least so many policies
-_FEWEST_POLICIES = 60
+# of the time left: more of them, where none returns more than the no-op
+_MORE_RULES_SHARE = 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 _LESS = 0.5
@@ -92,7 +92,7 @@ class Schedule:
     def run(self) -> None:
         """Gives arms their slices until the time is over."""
         arena, judge = self._arena, self._judge
-        if self._is_too_slow():
+        if not self._affording.search():
             logger.warning("there is too little time to search: a rollout takes so long")
             constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
             judge.record(dataclasses.replace(constant, mean=arena.probe.start_return))
@@ -118,10 +118,12 @@ class Schedule:
             # what it finds decides what comes first
             self._first_slice(exploration, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
-        if arena.has_plan and not self._beats_noop(arena.incumbent):
-            self._explore(shared)
-        else:
+        if not self._finds_reward():
+            self.give(simple, arena.until(_MORE_RULES_SHARE))
+        if self._finds_reward():
             self._improve(shared)
+        else:
+            self._explore(shared)
 
     def _try_early(self, arm: Arm, until: float) -> None:
         """Slices for an arm as long as each finds a better policy than any before.
@@ -138,6 +140,10 @@ class Schedule:
             before = judge.best_mean
             self._give_slice(contender, until)
             is_better = judge.best_mean > before
+
+    def _finds_reward(self) -> bool:
+        """Whether there is a better policy than the no-op, or none is looked for."""
+        return not self._arena.has_plan or self._beats_noop(self._arena.incumbent)
 
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat
@@ -174,11 +180,6 @@ class Schedule:
             is_better |= self._judge.record(candidate)
             arm.judged(self._judge.judged[-1].candidate)
         return is_better
-
-    def _is_too_slow(self) -> bool:
-        seconds = self._arena.probe.policy_seconds
-        left = self._arena.deadline - self._arena.clock()
-        return seconds is not None and seconds * _FEWEST_POLICIES > left
 
     def _explore(self, shared: SharedWeightsArm) -> None:
         """For problems in which neither a constant nor a random rule beats the no-op."""

@@ -341,7 +341,7 @@ def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
 
 def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch):
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
-    monkeypatch.setattr(schedule, "_FEWEST_POLICIES", 10**9)
+    monkeypatch.setattr(affording, "_FEWEST_POLICIES", 10**9)
     outcome = raced(lake, 300.0)
     assert outcome.chosen.label == CONSTANT
     assert outcome.arms == []

@@ -9,12 +9,17 @@ from mdpo_rddl.auto.search.weights import Weights, simple_weights
 
 SIMPLE = "constants and rules"
 NOOP, CONSTANT, RANDOM_RULE = "no-op", "constant", "random rule"
-_RULES = 512
+# in the second slice, and in those after it
+_RULES, _MORE_RULES = 512, 32_768
 _SIGMA = 0.5
 
 
 class SimpleArm(ArenaArm):
-    """Offers the no-op and the best constant in its first slice, a random rule in the others."""
+    """Offers the no-op and the best constant in its first slice, a random rule in the others.
+
+    Where a reward comes only after many right actions, few rules are paid for what they do, and
+    changing one that is not leads nowhere: more of them are drawn in a third slice.
+    """
 
     def __init__(self, arena: Arena) -> None:
         """Compiles nothing yet."""
@@ -29,26 +34,30 @@ class SimpleArm(ArenaArm):
             return
         started = self._clock()
         arena.compile_population()
-        self._log.compile_seconds += self._clock() - started
+        compile_seconds = self._clock() - started
+        self._log.compile_seconds += compile_seconds
+        # what is compiled serves all searches: the time for it is not taken from the rules
+        until = min(until + compile_seconds, arena.deadline)
         rules = simple_weights(arena.noop, arena.plan)
-        vector = self._best_random(arena.population, rules, until)
-        self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(vector)))
+        count = _RULES if self._log.slices == 2 else _MORE_RULES
+        found = self._random_rules(arena.population, rules, count, until)
+        best = found[0] if len(found) == 1 else arena.population.best(rules, found)
+        self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(best)))
 
-    def _best_random(
-        self, population: PopulationReturns, rules: Weights, until: float
-    ) -> np.ndarray:
-        """The vector [D] of the largest return of many: at least one population."""
+    def _random_rules(
+        self, population: PopulationReturns, rules: Weights, count: int, until: float
+    ) -> list[np.ndarray]:
+        """Of many vectors [D], those of the largest returns: at least one population is drawn."""
         size = (population.population, rules.start.size)
-        vectors: list[np.ndarray] = []
-        returns: list[np.ndarray] = []
-        while not vectors or (
-            len(vectors) * population.population < _RULES and self._clock() < until
-        ):
+        drawn, kept = 0, []
+        while not drawn or (drawn < count and self._clock() < until):
             # most of the weights of a simple rule are zero
             scales = self._random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
-            vectors.append(self._random.normal(size=size) * scales * _SIGMA)
-            returns.append(population(rules, 0, vectors[-1]))
+            vectors = self._random.normal(size=size) * scales * _SIGMA
+            means = population(rules, 0, vectors)
+            means = np.where(np.isfinite(means), means, -np.inf)
+            kept += zip(means.tolist(), vectors, strict=True)
+            kept = sorted(kept, key=lambda pair: -pair[0])[: population.population]
+            drawn += population.population
             self._log.iterations += 1
-        means = np.concatenate(returns)
-        means = np.where(np.isfinite(means), means, -np.inf)
-        return np.asarray(np.concatenate(vectors)[np.argmax(means)])
+        return [vector for _, vector in kept] if count > _RULES else [kept[0][1]]
