@@ -49,7 +49,8 @@ class SimpleArm(ArenaArm):
     ) -> list[np.ndarray]:
         """Of many vectors [D], those of the largest returns: at least one population is drawn."""
         size = (population.population, rules.start.size)
-        drawn, kept = 0, []
+        drawn = 0
+        kept: list[tuple[float, np.ndarray]] = []
         while not drawn or (drawn < count and self._clock() < until):
             # most of the weights of a simple rule are zero
             scales = self._random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
