@@ -79,7 +79,10 @@ class Load:
                     process.kill()
                 if process.poll() is not None:
                     said = running.pop(name).communicate()[1]
-                    ends[name] = [process.returncode, said.strip() if process.returncode else ""]
+                    status, said = process.returncode, said.strip()
+                    if status == -signal.SIGKILL and name not in victims:
+                        status, said = 1, f"killed after {elapsed:.0f} s: it hung, or no memory"
+                    ends[name] = [status, said if status else ""]
             time.sleep(0.02)
         return ends
 

@@ -1,8 +1,10 @@
 """The policy that a race has before anything is compiled: the no-op."""
 
 import logging
+from collections.abc import Callable
 
 import jax
+import numpy as np
 
 from mdpo_rddl.auto.arms.simple import NOOP, SIMPLE
 from mdpo_rddl.auto.candidate import Candidate
@@ -19,23 +21,29 @@ logger = logging.getLogger(__name__)
 _EPISODES = 4
 
 
-def first_policy(problem: Problem, config: PlannerConfig, seed: int) -> Candidate | None:
+def first_policy(
+    problem: Problem, config: PlannerConfig, seed: int, go_on: Callable[[], bool]
+) -> Candidate | None:
     """The no-op, with its mean return in a few episodes on the exact environment.
 
     Its error is left infinite, for so few episodes say little of it. None if the planner cannot
-    be built; the arms then say why.
+    be built, and the arms then say why, or if a return is not finite.
 
     Args:
       problem: the parsed problem.
       config: of the race.
       seed: of the episodes.
+      go_on: asked for after each episode.
     """
     config = without_scales(config.without_section(SEARCH))
     try:
         planner = build_planner(problem, config).planner
         params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
-        played = evaluate(make_environment(problem), lambda step, state: {}, _EPISODES, seed)
+        env = make_environment(problem)
+        played = evaluate(env, lambda step, state: {}, _EPISODES, seed, go_on)
     except Exception as error:
         logger.info("no policy to begin with: %s", one_line_cause(error))
+        return None
+    if not np.isfinite(played.mean):
         return None
     return Candidate(SIMPLE, NOOP, config, planner, params, mean=played.mean)

@@ -45,7 +45,8 @@ _ROLLOUTS, _FEW_ROLLOUTS = 128, 2
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
-# of the time: the first slices of the trials
+# of the time: the no-op's episodes, before anything else, and the first slices of the trials
+_FIRST_SHARE = 0.05
 _TRIALS_SHARES = (0.04, 0.06)
 # of the time: the second process may be late
 _LATE_SHARE = 0.05
@@ -123,23 +124,30 @@ def plan_automatically(
         exact = _dynamic_programming_arm(problem, config, clock)
         if exact is not None:
             options.on_stage("enumerating")
-        first = None if exact is None else first_policy(problem, config, seed)
+        first = None
+        # a race that goes on has something better already
+        if exact is not None and earlier is None:
+            until = clock() + _FIRST_SHARE * seconds
+            first = first_policy(problem, config, seed, lambda: clock() < until)
         if first is not None:
             options.on_judged(Judged(first, clock() - started, became_incumbent=True))
         trials: TrialsArm | None = None
         try:
             if exact is not None:
-                exact.work(started + shares.optimum_until * seconds)
+                # a race that goes on shares what is left
+                now = clock()
+                exact.work(now + shares.optimum_until * max(0.0, started + seconds - now))
                 if exact.solution is not None:
                     return _proven(exact, seed, started, clock)
                 trials = _trials_arm(problem, config, seed, exact, clock)
             if trials is not None:
                 options.on_stage("searching")
-                _begin(trials, config.budget().seconds, clock)
+                _begin(trials, seconds, started + seconds, clock)
             options.on_stage("probing")
             arena = _arena(problem, config, seed, started, options)
             return _raced(arena, shares, (exact, trials), alternatives, options)
         except (KeyboardInterrupt, Cancelled):
+            # what an earlier race has left stays for the next one
             if exact is None or first is None:
                 raise
             logger.warning("interrupted: the best policy so far is kept")
@@ -174,6 +182,8 @@ def _raced(
     except (KeyboardInterrupt, Cancelled):
         if arena.judge.incumbent is None:
             raise
+        for candidate in schedule.early.take_candidates() if schedule.early else ():
+            arena.judge.record(candidate)
         logger.warning("interrupted: the best policy so far is kept")
         interrupted = True
     finally:
@@ -224,14 +234,14 @@ def _trials_arm(
     return TrialsArm(problem, config, seed, clock, exact.model)
 
 
-def _begin(trials: TrialsArm, seconds: float, clock: Clock) -> None:
+def _begin(trials: TrialsArm, seconds: float, deadline: float, clock: Clock) -> None:
     """Two slices, of which the second is given only to what promises something.
 
     They need no compilation and thus come before it.
     """
     for share in _TRIALS_SHARES:
         if not trials.is_exhausted:
-            trials.work(clock() + share * seconds)
+            trials.work(min(clock() + share * seconds, deadline))
 
 
 def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -> RaceOutcome:

@@ -1,21 +1,18 @@
 """The race of the preset `auto`: who works when.
 
-Where all states can be enumerated, the optimum is known before any of this begins.
+Where all states can be enumerated, the optimum is known before any of this begins; where they
+can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
-2. The arms begin in the order of what they cost: a net whose parameters are explored; the few
-   weights that all objects share, then an open-loop plan, or each object's own weights if the plan
-   does not promise to become as good; and those that need a gradient, as far as their programs
-   can be compiled in the time: MDPO on the feedback policy from the best policy so far, a
-   straight-line plan, a net.
+2. The arms begin in the order of what they cost: `pgpe`; the weights that all objects share; an
+   open-loop plan, or each object's own weights; and those that need a gradient, as far as there
+   is time to compile them.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
-5. Meanwhile, in a second process, JaxPlan's default planners are trained.
-6. The candidate of the largest return in fresh exact rollouts is the result.
 
-Where no constant action and no random rule returns more than the no-op, a search for a plan that
-explores comes first.
+Where no constant and no random rule returns more than the no-op, a search for a plan that explores
+comes first. JaxPlan's default planners are trained meanwhile, in a second process.
 """
 
 import dataclasses
@@ -42,18 +39,15 @@ from mdpo_rddl.planner.config.search_section import Search as Shares
 logger = logging.getLogger(__name__)
 
 _POLISHED, _POLISHING_SIGMA = "polished", 0.01
-# of the time for the shared weights: random rules
-_RULES_SHARE = 0.25
-# of the time left: more of them, where none returns more than the no-op
-_MORE_RULES_SHARE = 0.1
+# random rules, of the time for the shared weights; more of them, of the time left
+_RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 _LESS = 0.5
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE = 0.3
-# of all the time: a slice
+# of all the time: a slice; and each of an arm's first ones, of a slice
 _SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
-# of a slice: each of an arm's first ones
 _FIRST_SLICE = 0.5
 
 
@@ -93,11 +87,7 @@ class Schedule:
         """Gives arms their slices until the time is over."""
         arena, judge = self._arena, self._judge
         if not self._affording.search():
-            logger.warning("there is too little time to search: a rollout takes so long")
-            constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
-            judge.record(dataclasses.replace(constant, mean=arena.probe.start_return))
-            if self.early is not None:
-                self._try_early(self.early, arena.deadline)
+            self._end_with_constant()
             return
         simple = SimpleArm(arena)
         self.give(simple, arena.clock())
@@ -107,6 +97,8 @@ class Schedule:
             self._try_early(self.early, arena.until(_EARLY_SHARE))
         if not self._affording.population():
             logger.warning("there is too little time to search: compilation takes so long")
+            if self.early is not None:
+                self._end_with(self.early)
             return
         # before the population, whose program takes longer
         exploration = self._open_exploration(arena.until(self._shares.rounds_until))
@@ -124,6 +116,16 @@ class Schedule:
             self._improve(shared)
         else:
             self._explore(shared)
+
+    def _end_with_constant(self) -> None:
+        """Where a rollout takes too long for any search on the compiled model."""
+        logger.warning("there is too little time to search: a rollout takes so long")
+        arena = self._arena
+        constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
+        mean = arena.probe.start_return
+        self._judge.record(dataclasses.replace(constant, mean=mean, error=0.0))
+        if self.early is not None:
+            self._try_early(self.early, arena.deadline)
 
     def _try_early(self, arm: Arm, until: float) -> None:
         """Slices for an arm as long as each finds a better policy than any before.

@@ -32,8 +32,8 @@ def _published(options: argparse.Namespace) -> str:
     first, slash, count = options.shard.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and int(first) < int(count)):
         raise InputError(f"--shard: must be I/N with 0 <= I < N, got {options.shard!r}")
-    if options.decision_seconds and options.out == PUBLISHED:
-        options.out = PUBLISHED_THINKING
+    default = PUBLISHED_THINKING if options.decision_seconds else PUBLISHED
+    options.out = options.out or default
     records = run_published(
         options.out,
         options.problems,

@@ -27,7 +27,7 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         default=0.0,
         help=f"of each decision; the default folder is then {PUBLISHED_THINKING} (default: 0)",
     )
-    published.set_defaults(run="published", out=PUBLISHED)
+    published.set_defaults(run="published")
     report = commands.add_parser(
         "published-report", help="the table and the picture of published, from its rows alone"
     )

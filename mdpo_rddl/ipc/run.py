@@ -101,9 +101,9 @@ def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
                     return EntryResult(result.entry, result.wanted)
                 continue
             if phase == IMPROVE:
-                if isinstance(outcome, ProcessFailure) and contestant.prepared_folder.is_dir():
-                    contestant.improves = False
-                    return result
+                if not _is_improved(contestant, outcome):
+                    kept = contestant.prepared_folder.is_dir()
+                    return result if kept else EntryResult(result.entry, result.wanted)
                 continue
             result, is_last = _recorded(result, phase, outcome, contestant.root)
             if phase == PREPARE and result.preparation is not None:
@@ -127,6 +127,16 @@ class _PhaseLimits:
         if phase == IMPROVE:
             seconds = max(seconds - self.prepared, _LEAST_SECONDS)
         return Limits(seconds, rules.memory_gb)
+
+
+def _is_improved(contestant: Contestant, outcome: dict[str, Any] | ProcessFailure) -> bool:
+    """Whether the process can go on to the trials; if not, the next one improves nothing."""
+    if _failed(outcome):
+        is_ended = isinstance(outcome, ProcessFailure)
+        cause = outcome.cause if isinstance(outcome, ProcessFailure) else outcome.get("cause")
+        logger.warning("%s: not improved: %s", contestant.entry.planner, cause)
+        contestant.improves = not is_ended
+    return contestant.improves
 
 
 def _failed(outcome: dict[str, Any] | ProcessFailure) -> bool:

@@ -59,14 +59,16 @@ class ThinkingMDPO(MDPO):
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy, and in a part of the time for whether to think."""
-        kept = _CHOICE_SHARE * training_seconds(seconds) if can_think(problem) else 0.0
+        decision, kept = self._decision_of(problem), 0.0
+        if can_think(problem) and decision >= _SHORTEST_SECONDS:
+            kept = min(_CHOICE_SHARE * training_seconds(seconds), longest_choice(decision))
         super().prepare(problem, seconds - kept, seed)
 
     def improve(self, seconds: float) -> None:
         """Tries whether to think, and how, now that the policy is kept."""
         policy, decision = self._policy, self._decision_seconds
         if not isinstance(policy, Policy):
-            self._note = "a table plays its optimum already"
+            self._note = "the policy is a table"
             return
         if decision < _SHORTEST_SECONDS or seconds <= 0.0:
             self._note = NO_TIME
@@ -103,6 +105,9 @@ class ThinkingMDPO(MDPO):
     @property
     def _decision_seconds(self) -> float:
         """What a decision is prepared for."""
+        return self._decision_of(self._policy.problem)
+
+    def _decision_of(self, problem: Problem) -> float:
         if self._each_seconds is not None:
             return self._each_seconds
-        return min(_SHARE * self._trial_seconds / self._policy.problem.horizon, _LONGEST_SECONDS)
+        return min(_SHARE * self._trial_seconds / problem.horizon, _LONGEST_SECONDS)

@@ -134,7 +134,7 @@ class Child:
     def _last_message(self) -> Any:
         """What the process has sent before its end; raises EOFError if that is nothing."""
         try:
-            return self._line.receive(0.0)
+            return self._line.receive(_POLL_SECONDS)
         except TimeoutError as error:
             raise EOFError from error
 
@@ -170,10 +170,15 @@ class Child:
         if ended.si_code == os.CLD_EXITED:
             how = f"exit status {ended.si_status}"
         else:
-            how = f"killed by {signal.Signals(ended.si_status).name}"
+            how = f"killed by {_signal_name(ended.si_status)}"
         said = self._log_end().decode(errors="replace").split("\n")
         lines = [" ".join(line.split()) for line in said if line.strip()]
         return f"{how}: {lines[-1]:.300}" if lines else how
+
+
+def _signal_name(number: int) -> str:
+    """Of a signal; most real-time ones have none."""
+    return signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
 
 
 def begin(descriptor: int, parent: int) -> Messages:

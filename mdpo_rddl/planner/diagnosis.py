@@ -10,6 +10,7 @@ import numpy as np
 
 from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.start import initial_parameters, initial_values, unit_hyperparams
 
 _SECONDS = 10.0
@@ -36,9 +37,12 @@ def origin(planner: MDPOPlanner, params: Any) -> str | None:
     slopes = {what: jax.jit(_slope(function)) for what, (_, function) in expressions.items()}
     policy = jax.jit(planner.plan.train_policy)
     key, until = jax.random.PRNGKey(0), time.monotonic() + _SECONDS
+    memory = open_plan(planner.plan).memory
+    entries = memory.initial
     for step in range(horizon):
         key, *keys = jax.random.split(key, 2 + len(expressions))
-        actions = policy(keys[0], params, hyperparams, step, fluents, {})
+        actions = policy(keys[0], params, hyperparams, step, fluents, entries)
+        entries = memory.update(entries, step, fluents, actions)
         for name, value in actions.items():
             if not _is_finite(value):
                 return f"the action {name} at step {step + 1}"

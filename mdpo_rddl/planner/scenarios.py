@@ -16,7 +16,9 @@ from jax import Array
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.legal import LegalActions
+from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
+from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import Start, initial_values, unit_hyperparams
 from mdpo_rddl.problem.limits import group_limits
@@ -40,14 +42,15 @@ class Played(NamedTuple):
 class Scenarios:
     """Compiles what is played on the scenarios of one random key."""
 
-    def __init__(self, planner: MDPOPlanner, count: int) -> None:
+    def __init__(self, planner: MDPOPlanner, count: int, lanes: int) -> None:
         """Reads the models.
 
         Args:
           planner: whose policy and models they are.
           count: number N of scenarios.
+          lanes: number C of plans of each that are played side by side.
         """
-        self._planner, self._count = planner, count
+        self._planner, self._count, self._lanes = planner, count, lanes
         self._stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
         self._horizon = planner.rddl.horizon
         self._discounts = float(planner.rddl.discount) ** jnp.arange(self._horizon)
@@ -139,6 +142,8 @@ class Scenarios:
             check_constraints=self._stopping,
             cache_path_info=path,
             differentiated=differentiated,
+            copies=self._lanes if differentiated else 1,
+            memory=open_plan(self._planner.plan).memory if path else NO_MEMORY,
         )
         rollouts = compile_rollouts(model, policy, self._horizon, self._count, options)
         return stop_at_termination(rollouts) if self._stopping else rollouts

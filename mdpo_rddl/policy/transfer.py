@@ -40,6 +40,13 @@ class _Side(NamedTuple):
             float(np.max(self.plan.units[self.action])) if self.action in self.plan.units else 1.0
         )
 
+    def scale(self, fluent: str) -> tuple[float, float]:
+        """Centre and scale in which the policy reads a fluent; of a remembered action its unit."""
+        action = self.feedback.remembered_action(fluent)
+        if action is None or action not in self.plan.units:
+            return self.feedback.scale(fluent)
+        return 0.0, float(np.max(self.plan.units[action]))
+
     @property
     def fluents(self) -> dict[str, str]:
         """By the name of a feature of the state the fluent that it reads."""
@@ -78,6 +85,9 @@ def transferred(
         result["shared"] = {**result["shared"], action: jnp.asarray(vector, dtype)}
         if is_same:
             own = _own(here, there, params, base)
+            known = params["own"][action]
+            unfit = [name for name in known if name not in own and np.any(known[name])]
+            left_out += [f"{action}: {name}, each object's own" for name in unfit]
             result["own"] = {**result["own"], action: own}
     for part, name in (("plan", "the open-loop plan"), ("net", "the net")):
         if not any(np.any(leaf) for leaf in _outputs(params, part)):
@@ -130,7 +140,7 @@ def _converted(here: _Side, there: _Side, name: str) -> dict[str, float] | None:
         if base not in there.fluents:
             return None
         fluent = here.fluents[base]
-        stretch, shift = _change(here.feedback.scale(fluent), there.feedback.scale(fluent))
+        stretch, shift = _change(here.scale(fluent), there.scale(fluent))
         if base == name:
             return {base: stretch, _ONE: shift}
         square = {name: stretch**2, _ONE: shift**2 + stretch**2 - 1.0}
@@ -155,10 +165,10 @@ def _own(here: _Side, there: _Side, params: Params, base: Params) -> dict[str, A
     ratio, own = here.unit / there.unit, dict(base["own"][there.action])
     bias = np.array(params["own"][here.action]["bias"], float)
     for name, values in params["own"][here.action].items():
-        if not name.startswith(GAIN):
+        if not name.startswith(GAIN) or name not in own:  # of a memory that the other plan lacks
             continue
         fluent = name.removeprefix(GAIN)
-        stretch, shift = _change(here.feedback.scale(fluent), there.feedback.scale(fluent))
+        stretch, shift = _change(here.scale(fluent), there.scale(fluent))
         own[name] = jnp.asarray(ratio * stretch * np.asarray(values), own[name].dtype)
         bias += shift * np.asarray(values, float)
     own["bias"] = jnp.asarray(ratio * bias, own["bias"].dtype)
@@ -179,7 +189,11 @@ def _part(
     if shapes[0] != shapes[1]:
         return None
     old, new = source.feedback, target.feedback
-    if part == "net" and any(old.scale(name) != new.scale(name) for name in old.fluents):
+    one, other = _Side(source, old, ""), _Side(target, new, "")
+    if part == "net" and (
+        old.fluents != new.fluents
+        or any(one.scale(name) != other.scale(name) for name in old.fluents)
+    ):
         return None
     carried = {}
     for name, entry in params[part].items():

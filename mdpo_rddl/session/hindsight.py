@@ -29,6 +29,9 @@ def hindsight_figures(
     episodes = min(terms.episodes, _MOST_EPISODES)
     try:
         found = policy.hindsight(episodes, HINDSIGHT_SECONDS, terms.seed)
+    except KeyboardInterrupt:
+        logger.warning("no hindsight: stopped while it was worked out")
+        return {}
     except Exception as error:  # which must not cost the run
         logger.warning("no hindsight: %s: %s", type(error).__name__, one_line_cause(error))
         return {}

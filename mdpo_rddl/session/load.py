@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import logging
 from typing import Any
 
 from mdpo_rddl.errors import InputError
@@ -25,7 +26,9 @@ from mdpo_rddl.session.report.summary import (
     return_figures,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
-from mdpo_rddl.session.thinking import think
+from mdpo_rddl.session.thinking import TABLES_DO_NOT_THINK, think
+
+logger = logging.getLogger(__name__)
 
 
 def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
@@ -57,7 +60,9 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         observed = None if folder is None else Observed(terms)
         plain = Evaluator(terms, reporter).run(policy, observed)
         figures = return_figures(plain)
-        if request.decision_seconds > 0.0 and isinstance(policy, Policy):
+        if request.decision_seconds > 0.0 and not isinstance(policy, Policy):
+            logger.warning(TABLES_DO_NOT_THINK)
+        elif request.decision_seconds > 0.0:
             seconds = request.decision_seconds
             times = seconds, longest_choice(seconds)
             figures = think(policy, plain, times, terms, reporter, observed)

@@ -1,6 +1,7 @@
 """Find a policy once, by one training or by the race of the preset `auto`, then evaluate it."""
 
 import contextlib
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -32,12 +33,19 @@ from mdpo_rddl.session.report.summary import (
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
-from mdpo_rddl.session.thinking import choice_times, think, without_choice
+from mdpo_rddl.session.thinking import (
+    TABLES_DO_NOT_THINK,
+    choice_times,
+    think,
+    without_choice,
+)
 from mdpo_rddl.session.unfinished import RACE_FILES, TRAINING_FILES
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto.candidate import Judged
     from mdpo_rddl.auto.outcome import RaceOutcome
+
+logger = logging.getLogger(__name__)
 
 # for what the terms of a rule are worth
 _EXPLAINING_SECONDS = 0.5
@@ -185,12 +193,15 @@ def _played(
     observed: Observed,
 ) -> dict[str, Any]:
     """The figures of the evaluation, with thinking and hindsight if these were asked for."""
-    figures = hindsight_figures(policy, request, reporter) if request.hindsight else {}
-    # a table plays its optimum already
-    if request.decision_seconds == 0.0 or not isinstance(policy, Policy):
-        return {**return_figures(plain), **figures}
-    times = choice_times(request)
-    return {**think(policy, plain, times, request, reporter, observed), **figures}
+    figures = return_figures(plain)
+    if request.decision_seconds > 0.0 and not isinstance(policy, Policy):
+        logger.warning(TABLES_DO_NOT_THINK)
+    elif request.decision_seconds > 0.0:
+        times = choice_times(request)
+        figures = think(policy, plain, times, request, reporter, observed)
+    if request.hindsight:
+        figures |= hindsight_figures(policy, request, reporter)
+    return figures
 
 
 def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:

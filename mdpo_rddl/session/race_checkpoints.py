@@ -17,7 +17,7 @@ from mdpo_rddl.session.requests import FindTerms
 from mdpo_rddl.session.unfinished import RACE_FILES
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto.candidate import Judged
+    from mdpo_rddl.auto.candidate import Candidate, Judged
     from mdpo_rddl.auto.earlier import EarlierIncumbent
 
 _FORMAT = "mdpo-rddl race 1"
@@ -50,13 +50,19 @@ class RaceCheckpoints:
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
-        # tables are found anew sooner than they are read
-        if judged.became_incumbent and judged.candidate.params is not None:
+        if judged.became_incumbent and self._is_kept(judged.candidate):
             self._incumbent = judged
         now = time.monotonic()
         if judged.became_incumbent or now - self._saved_at >= self._seconds:
             self._save(judged.seconds)
             self._saved_at = now
+
+    def _is_kept(self, found: "Candidate") -> bool:
+        """No table, which is found anew; nothing worse than what the race began with."""
+        if found.params is None or self.start is None:
+            return found.params is not None
+        # without an error it is an estimate of a few episodes
+        return math.isfinite(found.error) and found.known_mean >= self.start.mean
 
     def stopped(self, seconds: float) -> None:
         """The race was ended early, after so many seconds."""

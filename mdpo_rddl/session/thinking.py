@@ -15,6 +15,8 @@ from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
 from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
 
+TABLES_DO_NOT_THINK = "no thinking at the decisions: the policy is a table"
+
 # of the time for planning: as a rule, for the programs, and never more than
 _SHARE, _LEAST_SECONDS, _LARGEST_SHARE = 0.25, 8.0, 0.5
 

@@ -95,7 +95,7 @@ class GradientArm(CompilingArm):
         log.records, log.iterations = tuple(records), done
         if self.phases:
             log.sigma = np.concatenate([phase.result.sigma for phase in self.phases])
-        log.details = {"phases": [self._summary(phase) for phase in self.phases]}
+        log.details = {**log.details, "phases": [self._summary(phase) for phase in self.phases]}
         return log
 
     def _work(self, until: float) -> None:

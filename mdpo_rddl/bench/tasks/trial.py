@@ -172,7 +172,10 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
         planner.decide_within(trial.conditions.decision_seconds)
     planner.prepare(problem, left(), trial.seed)
     if isinstance(planner, Improving):
-        planner.improve(left())
+        try:
+            planner.improve(left())
+        except Exception as error:  # the policy is there, and plays alone
+            row["note"] = f"{type(error).__name__}: {one_line_cause(error)}"
     prepared = time.perf_counter()
     row["prepare_seconds"] = round(prepared - started, 2)
     random = np.random.default_rng(trial.seed)
@@ -184,15 +187,17 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     )
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
     if isinstance(planner, ThinkingMDPO):
-        row |= _decisions(planner, trial.conditions)
+        row |= _decisions(planner, trial.conditions, row.get("note"))
     return evaluation
 
 
-def _decisions(planner: ThinkingMDPO, conditions: Conditions) -> dict[str, Any]:
+def _decisions(
+    planner: ThinkingMDPO, conditions: Conditions, failure: str | None
+) -> dict[str, Any]:
     """How decisions were made; a note instead of a method where the policy played alone."""
     seconds, thinker = conditions.decision_seconds, planner.thinker
     if thinker is None:
-        return {"decision_seconds": seconds, "note": planner.note}
+        return {"decision_seconds": seconds, "note": failure or planner.note}
     figures = decision_figures(thinker.decisions, seconds, conditions.episodes)
     kept = {name: float(f"{figures[name]:.4g}") for name in _DECISIONS}
     return {"decision_seconds": seconds, "method": thinker.method.name, **kept}

@@ -159,6 +159,11 @@ class Feedback:
         center, scale = self._scales.get(fluent, (0.0, 1.0))
         return float(center), float(scale)
 
+    def remembered_action(self, name: str) -> str | None:
+        """The action fluent that an entry of the memory is about; None for whatever else."""
+        entry = self._memory.entries.get(name)
+        return entry.source if entry is not None and entry.is_action else None
+
     def empty_memory(self) -> Entries:
         """The memory before the first step, per entry [*shape]."""
         return {

@@ -69,8 +69,8 @@ _ELEMENTWISE = frozenset(
 _WORTH_ELEMENTS = 4096
 # of truth values
 _WORTH_TRUTHS = 1024
-# so many are counted exactly in single precision
-_MOST_COUNTED = 2**24
+# so many are counted exactly in single precision, in which a half less is a number of its own
+_MOST_COUNTED = 2**23
 _MAX_TERMS = 4
 _LETTERS = "abcdefghijklmnopqrstuvwxyz"
 

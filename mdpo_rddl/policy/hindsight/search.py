@@ -78,7 +78,7 @@ def find_plans(
     """
     began = clock()
     count, seed = scenarios
-    compiled = Scenarios(planner, count)
+    compiled = Scenarios(planner, count, _LANES)
     key, rng = jax.random.PRNGKey(seed), np.random.default_rng(seed)
     played = compiled.compile_policy()(key, *policy)
     own = np.array(played.returns, float)

@@ -207,7 +207,10 @@ def _note(planner: MDPOPlanner) -> str:
     )
     note = "a fluent of other objects than the action's stands for its mean over them"
     if relations:
-        note += "; 'f from R' is the mean of f over the objects y of R(x, y), 'f to R' of R(y, x)"
+        note += (
+            "; 'f from R' is the mean of f over the objects y of R(x, y), 'f to R' of R(y, x); "
+            "of two relations the last one is the first step"
+        )
     if planner.memory.initial:
         note += (
             "; 'last f' and 'mean of f over N steps' are of earlier steps, an action counting from "

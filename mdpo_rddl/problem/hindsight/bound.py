@@ -46,7 +46,8 @@ class EpisodeBound:
     @property
     def is_attained(self) -> bool:
         """Whether the plan returns what no plan exceeds."""
-        return self.bound - self.plan <= _CLOSE * max(1.0, abs(self.bound))
+        is_close = self.bound - self.plan <= _CLOSE * max(1.0, abs(self.bound))
+        return bool(np.isfinite(self.bound) and is_close)
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,9 @@ def find_bounds(
                 return Bounds(tuple(found), "the time is over")
             finder = _Finder(env, step, until, clock)
             found.append(finder.find(policy, episode_seed, left / (episodes - number)))
-    except (NotEnumerableError, NotLinearError, MissingDrawError) as error:
+    except NotEnumerableError as error:
+        return Bounds(tuple(found), f"a step cannot be grounded: {error}")
+    except (NotLinearError, MissingDrawError) as error:
         return Bounds(tuple(found), str(error))
     return Bounds(tuple(found))
 

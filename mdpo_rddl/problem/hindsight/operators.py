@@ -30,7 +30,8 @@ def applied(
       NotLinearError: if it is not piecewise linear in what a plan decides.
     """
     if not any(isinstance(each, (Affine, Piecewise)) for each in arguments):
-        value = np.asarray(OPERATORS[operator](*arguments))
+        with np.errstate(all="ignore"):  # it may be the branch that is not taken
+            value = np.asarray(OPERATORS[operator](*arguments))
         return bool(value) if value.dtype == bool else float(value)
     is_function = operator not in _AFFINE or any(isinstance(a, Piecewise) for a in arguments)
     function = function_of_one(program, operator, arguments) if is_function else None
@@ -90,6 +91,8 @@ def _times(program: Program, first: Value, second: Value) -> Value:
 def _quotient(program: Program, first: Value, second: Value) -> Value:
     if isinstance(second, Affine):
         raise NotLinearError("a division by what the actions change")
+    if not second:
+        raise NotLinearError("a division by 0")
     return (1.0 / second) * first
 
 

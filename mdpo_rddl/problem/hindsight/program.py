@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+# of scipy's `milp`
+_UNBOUNDED = 3
+
 
 class NotLinearError(Exception):
     """A problem cannot be written as a linear program; says why."""
@@ -186,6 +189,8 @@ class Program:
             constraints=constraints,
             options={"time_limit": max(seconds, 0.1)},
         )
+        if result.status == _UNBOUNDED:
+            raise NotLinearError("the linear program has no bound, as where an action has no box")
         bound = None
         if result.mip_dual_bound is not None and np.isfinite(result.mip_dual_bound):
             bound = objective.constant - float(result.mip_dual_bound)

@@ -75,7 +75,8 @@ class TrialSearch:
             self._from_rare_states(until)
             self._searching += self._clock() - started
             self.batches += 1
-            self._induct_if_grown()
+            if self._clock() < until:
+                self._induct_if_grown()
 
     def found(self, trust: float) -> Greedy:
         """The best policy on what was seen.
