@@ -10,7 +10,7 @@ import pytest
 from helpers import processes
 from helpers.processes import all_gone, is_alive
 
-from mdpo_rddl.machine.child import Child, ChildEndedError
+from mdpo_rddl.machine.child import Child, ChildEndedError, _signal_name
 from mdpo_rddl.machine.process_tree import members, resident_bytes, shared_out_bytes
 
 
@@ -103,3 +103,8 @@ def test_it_keeps_compiled_programs_if_its_parent_does(keeps, tmp_path, monkeypa
         jax.config.update("jax_compilation_cache_dir", before)
     assert any(kept.iterdir()) if keeps else not kept.exists()
     assert not forbidden.exists()
+
+
+def test_a_signal_without_a_name_has_its_number():
+    assert _signal_name(9) == "SIGKILL"
+    assert _signal_name(40) == "signal 40"

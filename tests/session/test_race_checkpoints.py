@@ -104,3 +104,13 @@ def test_a_policy_of_another_planner_keeps_its_return(tmp_path):
     assert candidate.planner is None
     assert (candidate.known_mean, candidate.error) == (-5.0, 0.5)
     assert dataclasses.replace(candidate).config.to_text() == CONFIG.to_text()
+
+
+def test_a_race_that_goes_on_keeps_what_it_began_with_until_there_is_something_better(tmp_path):
+    assert kept(tmp_path, judged(-3.0, 4.0)).mean == -3.0
+    # its own no-op, an estimate of a few episodes, then its first policies
+    guess = judged(-1.0, 4.5)
+    vague = dataclasses.replace(guess.candidate, error=np.inf)
+    guess = dataclasses.replace(guess, candidate=vague)
+    assert kept(tmp_path, guess, judged(-8.0, 5.0)).mean == -3.0
+    assert kept(tmp_path, judged(-8.0, 6.0), judged(-2.0, 7.0)).mean == -2.0
