@@ -1,6 +1,7 @@
 """Which module may know which: read from the imports, without importing anything."""
 
 import ast
+import functools
 import sys
 from pathlib import Path
 
@@ -29,25 +30,32 @@ ALL_ROOMS = {*ROOMS, "cli"}
 LOOSE = {"__init__.py", "errors.py", "py.typed"}
 
 
+@functools.cache
+def tree(path: Path) -> ast.Module:
+    """A file's syntax tree, parsed once."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def module_name(path: Path) -> str:
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports(path: Path) -> set[str]:
+@functools.cache
+def imports(path: Path) -> frozenset[str]:
     """Absolute names of all that a file imports, wherever in it: modules and what is in them."""
     package = module_name(path).split(".")
     if path.name != "__init__.py":
         package = package[:-1]
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             source = ".".join([*base, *([node.module] if node.module else [])])
             names |= {source} | {f"{source}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names)
 
 
 def is_of(name: str, *packages: str) -> bool:
@@ -69,13 +77,10 @@ def violations(paths: list[Path], *forbidden: str) -> list[tuple[str, str]]:
     ]
 
 
+@functools.cache
 def calls(path: Path) -> set[str]:
     """Names of all functions and methods that a file calls."""
-    functions = {
-        node.func
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call)
-    }
+    functions = {node.func for node in ast.walk(tree(path)) if isinstance(node, ast.Call)}
     return {getattr(function, "id", getattr(function, "attr", "")) for function in functions}
 
 
@@ -223,7 +228,7 @@ def test_a_race_asks_one_clock_for_the_time():
     asking = {
         module_name(path)
         for path in room("auto")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("time.")
     }
     waiting = {"arms.base", "arms.jaxplan", "compilations"}
@@ -258,7 +263,7 @@ def test_nothing_unpickles_what_may_come_from_anyone():
     everything = [*FILES, *sorted((ROOT / "tests").rglob("*.py"))]
     assert {name for name, _ in violations(everything, *unsafe)} == own
     for path in everything:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
                 assert isinstance(node.value, ast.Constant), path
                 assert node.value.value is False, path
@@ -270,7 +275,7 @@ def test_nothing_is_executed_that_was_read():
     found = {
         (module_name(path), ast.unparse(node.func))
         for path in FILES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.Call)
         and ast.unparse(node.func).rpartition(".")[2] in executing
         and ast.unparse(node.func).rpartition(".")[0] in ("", "os", "builtins")
@@ -279,7 +284,7 @@ def test_nothing_is_executed_that_was_read():
     shells = [
         module_name(path)
         for path in FILES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.keyword) and node.arg == "shell"
     ]
     assert shells == []

@@ -44,6 +44,7 @@ def test_generated_instances_can_be_played(tmp_path, domain, generate, fluent):
     assert generate(7, 3) != generate(7, 4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", PARTS)
 def test_a_part_is_made_as_often_as_asked(tmp_path, part):
     problem = load_problem(*tiny_files(tmp_path, spread=0.3))

@@ -12,6 +12,8 @@ from mdpo_rddl.bench.speed.speed import Case
 from mdpo_rddl.cli import bench
 from mdpo_rddl.problem.load import load_problem
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def problem(tmp_path):

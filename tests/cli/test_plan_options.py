@@ -51,6 +51,7 @@ def test_another_seed_another_policy_and_no_noise(
     assert run(f"{TANKS} {load}", capsys).summary["returns"] == summary["returns"][:2]
 
 
+@pytest.mark.long
 def test_constant_noise_restarts_and_a_batch(
     workplace: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_configuration_file(
     np.testing.assert_array_equal(actions[3:], [actions[2]] * 4)
 
 
+@pytest.mark.long
 def test_a_problem_of_rddlrepository(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = "--horizon 5 --iterations 3 --episodes 2 --sigma-min 1 --quiet --json"
     summary = run(f"Reservoir_ippc2023 1 {options}", capsys).summary

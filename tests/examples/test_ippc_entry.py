@@ -27,6 +27,7 @@ def episodes(lines):
     return [float(line.split(": ")[1]) for line in lines if line.startswith("episode")]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_an_interrupted_preparation_leaves_a_policy_that_plays(tmp_path):
     options = ["--prepare", "600", "--timer", "4", "--decide", "30", "--grace", "200"]

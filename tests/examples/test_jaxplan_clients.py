@@ -18,6 +18,8 @@ from mdpo_rddl import MDPOPlanner
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.planner.upstream import planner as jaxplan
 
+pytestmark = pytest.mark.long
+
 CLIENTS = ROOT / "examples" / "clients"
 SCRIPTS = CLIENTS / "jaxplan_scripts.py"
 write_script = runpy.run_path(str(SCRIPTS))["write_script"]

@@ -242,6 +242,7 @@ domain race {
 """
 
 
+@pytest.mark.long
 def test_reward_after_termination_counts_only_where_it_is_asked_to(tmp_path):
     (tmp_path / "d.rddl").write_text(TERMINAL)
     instance = INSTANCE.replace("kinds", "race").replace("LIMIT", "pos-inf")

@@ -78,6 +78,7 @@ def test_a_broken_run_is_the_unbroken_one(built):
     assert_same(trained(built), whole)
 
 
+@pytest.mark.long
 def test_a_run_may_be_broken_again_and_again(built):
     whole, state = trained(built), None
     for _ in range(4):

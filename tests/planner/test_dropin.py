@@ -149,6 +149,7 @@ def test_a_critic_answers_to_the_last_action(windy):
     assert alone["sensitivity"][0, -1] == 0.0
 
 
+@pytest.mark.long
 def test_the_sensitivity_is_the_mean_return_s_whatever_is_optimised(windy):
     arguments = {"batch_size_train": 8, "utility": "cvar", "utility_kwargs": {"alpha": 0.5}}
     first, mean = (
@@ -167,6 +168,7 @@ def test_the_sensitivity_is_the_mean_return_s_whatever_is_optimised(windy):
     assert np.all(first["train_return"] < mean["train_return"])
 
 
+@pytest.mark.long
 def test_partially_observed_problem():
     problem = load_problem("SysAdmin_POMDP_ippc2011", "1", 3)
     planners = [

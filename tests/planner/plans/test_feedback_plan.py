@@ -188,6 +188,7 @@ def test_a_search_needs_the_feedback_plan():
         PlannerConfig.from_text("\n".join([*lines, "[Search]", "shared_until=0.3"]))
 
 
+@pytest.mark.long
 def test_restarts_can_start_from_different_policies(tmp_path):
     config = PlannerConfig.from_text(CONFIG)
     planner = build_planner(load_problem(*tiny_files(tmp_path)), config).planner

@@ -133,11 +133,11 @@ COMBINED = IS_FREE + EXACTLY_ONE
     ("rules", "most"),
     [
         (BOXED, "2"),
-        (CHEAP, "pos-inf"),
         (CHEAP, "2"),
         (COMBINED, "pos-inf"),
-        (COMBINED, "1"),
         (ALL_OR_STAY, "pos-inf"),
+        pytest.param(CHEAP, "pos-inf", marks=pytest.mark.long),
+        pytest.param(COMBINED, "1", marks=pytest.mark.long),
         *(
             pytest.param(rules, most, marks=pytest.mark.slow)
             for rules, most in (

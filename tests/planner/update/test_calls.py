@@ -79,6 +79,7 @@ def test_the_training_is_that_of_jaxplan_s_loop(problem, noise):
         assert call["status"].is_terminal() == (call["iteration"] == 11)
 
 
+@pytest.mark.long
 def test_results_do_not_depend_on_the_size_of_a_call(two_calls_of_four):
     last = {}
     for size in (2, 4, 8):
@@ -156,6 +157,7 @@ def test_a_warm_start_continues_jaxplan_s_keys(plain, two_calls_of_four):
     assert_close(calls["params"], single["params"])
 
 
+@pytest.mark.long
 def test_straight_line_plans_too(problem):
     common = {"noise": AdaptiveNoise(sigma_max=0.5, unit="absolute")}
     single = make_planner(MDPOPlanner, problem, make_plan("slp"), **common)

@@ -79,6 +79,7 @@ def test_the_plan_that_was_played_is_shifted_until_the_episode_ends():
     np.testing.assert_array_equal(proposed(begun())[0, 1:], 0.0)
 
 
+@pytest.mark.long
 def test_a_policy_that_never_acts_is_improved():
     policy, clock = idle_policy(), Ticking(0.01)
     simulator = Simulator(policy, 4, clock)
