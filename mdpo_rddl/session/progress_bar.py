@@ -33,7 +33,8 @@ class ProgressBar:
             TextColumn("{task.percentage:>3.0f}%"),
             TimeElapsedColumn(),
             TextColumn("{task.fields[note]}"),
-            console=console,
+            # older versions of rich end with a line even where they have shown nothing
+            console=console if shown else Console(quiet=True),
             disable=not shown,
         )
         self._task: Any = None

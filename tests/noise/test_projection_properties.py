@@ -1,9 +1,9 @@
 """Whatever is proposed and however it is perturbed, the action is in its box."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.x64 import enable_x64
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,7 +34,7 @@ def boxes(draw):
 @pytest.mark.parametrize("project", [perturb_and_project, project_and_perturb])
 @given(boxes(), rows(VALUES), rows(VALUES), st.sampled_from([np.float32, np.float64]))
 def test_the_action_is_in_its_box(project, spec, raw, shift, dtype):
-    with jax.enable_x64(dtype is np.float64):
+    with enable_x64(dtype is np.float64):
         raw, shift = (jnp.asarray(np.array(values), dtype) for values in (raw, shift))
         if spec.kind is ActionKind.BOOL:
             raw, lower, upper = jnp.clip(jnp.abs(raw), 0.0, 1.0), np.zeros(SIZE), np.ones(SIZE)

@@ -19,6 +19,7 @@ from helpers.problems import (
     shipped,
 )
 from helpers.toys import problem_from
+from helpers.x64 import enable_x64
 
 from mdpo_rddl import MDPOPlanner, load_config, load_problem
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoNoise
@@ -63,7 +64,7 @@ def in_64_bit(run: Run) -> Run:
 
     def wide(planner_class: type, **extra: Any) -> Ends:
         try:
-            with jax.enable_x64(True):
+            with enable_x64(True):
                 return run(planner_class, **extra)
         finally:
             jax.config.update("jax_enable_x64", False)

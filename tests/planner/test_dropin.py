@@ -14,6 +14,7 @@ from helpers.problems import (
     optimize,
     tiny_files,
 )
+from helpers.x64 import enable_x64
 
 from mdpo_rddl import (
     AdaptiveNoise,
@@ -197,7 +198,7 @@ def test_partially_observed_problem():
 def in_64_bit():
     """JaxPlan switches 64 bit on for the whole process."""
     try:
-        with jax.enable_x64(True):
+        with enable_x64(True):
             yield
     finally:
         jax.config.update("jax_enable_x64", False)

@@ -8,6 +8,7 @@ import numpy as np
 import optax
 import pytest
 from helpers.problems import make_plan, make_planner, optimize, shipped
+from helpers.x64 import enable_x64
 
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -28,7 +29,7 @@ def rollout_arguments(planner, seed=0):
 def test_analysis_gradient_equals_finite_differences_in_64_bit(kind, wrap):
     problem = shipped("reservoir15", horizon=6)
     plan = make_plan(kind, wrap_non_bool=wrap, initializer=jax.nn.initializers.normal(0.05))
-    with jax.enable_x64(True):
+    with enable_x64(True):
         # no straight-through estimator and a soft weight: the loss has the derivative it shows
         compiler = {"use64bit": True, "sigmoid_weight": 0.05, "print_warnings": False}
         compiler |= {"use_sigmoid_ste": False, "use_if_else_ste": False}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.lakes import preset, write_lake
 from helpers.problems import tiny_files
+from helpers.x64 import enable_x64
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
@@ -109,6 +110,6 @@ def test_a_batch_is_as_one_after_the_other(policy):
 
 def test_the_precision_is_the_planners_whatever_jax_is_set_to(policy):
     before = policy(0, STATE)["pump"]
-    with jax.enable_x64(True):
+    with enable_x64(True):
         assert policy(0, STATE)["pump"] == before
         assert jax.config.jax_enable_x64
