@@ -80,7 +80,7 @@ class Garbling(Hostile):
     """Finds the line by which results are sent, and sends its own."""
 
     def strike(self):
-        os.write(line(), b'[4, {"trial": 1, "status": "ok", "total": "a lot"}]\n')
+        os.write(line(), b'[5, {"trial": 1, "status": "ok", "total": "a lot"}]\n')
 
 
 class Filling(Hostile):
