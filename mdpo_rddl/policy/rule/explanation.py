@@ -144,7 +144,9 @@ def _sizes(
     whole, sizes = raws(params), []
     for term in terms:
         added = np.asarray(whole[term.action] - raws(term.params)[term.action], float)
-        sizes.append(raw_unit(plan, term.action) * float(np.sqrt(np.mean(added**2))))
+        size = raw_unit(plan, term.action) * float(np.sqrt(np.mean(added**2)))
+        # without a term the rule may overflow
+        sizes.append(size if np.isfinite(size) else 0.0)
     return sizes
 
 
@@ -172,7 +174,9 @@ def _costs(
             costs.append((None, None))
             continue
         lost = whole - returns(term.params)
-        costs.append((float(np.mean(lost)), float(np.std(lost) / np.sqrt(len(lost)))))
+        cost = float(np.mean(lost)), float(np.std(lost) / np.sqrt(len(lost)))
+        # without a term the model may diverge
+        costs.append(cost if np.all(np.isfinite(cost)) else (None, None))
     return costs
 
 
