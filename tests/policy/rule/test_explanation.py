@@ -1,5 +1,7 @@
 """The rule in words, against equations, sizes and costs that were worked by hand."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,7 @@ from helpers.toys import problem_from
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.policy.rule import explanation
 from mdpo_rddl.policy.rule.explanation import explain, is_compiled
 
 TEXT = """
@@ -53,8 +56,8 @@ def pushing():
 
 def test_terms_are_in_the_domains_units_and_cost_what_they_are_worth(pushing):
     problem, planner, params = pushing
-    explanation = explain(problem, planner, params)
-    push, on = explanation.equations
+    explained = explain(problem, planner, params)
+    push, on = explained.equations
     assert (push.head, push.within) == ("push(?item) = 0", "clipped to [-10, 10]")
     assert [term.text for term in push.terms] == ["+ 0.5", "- 0.5 (x - 2)"]
     # x is 1 and 3, then 2 and 3
@@ -64,7 +67,7 @@ def test_terms_are_in_the_domains_units_and_cost_what_they_are_worth(pushing):
     assert [term.cost for term in push.terms] == pytest.approx([-4.5, 1.5])
     assert [term.cost_error for term in push.terms] == [0.0, 0.0]
     assert (on.head, on.terms) == ("on is true if 0 <", ())
-    assert "- 0.5 (x - 2)    size 0.433, without it -1.5 (error 0)" in str(explanation)
+    assert "- 0.5 (x - 2)    size 0.433, without it -1.5 (error 0)" in str(explained)
     assert is_compiled(planner)
 
 
@@ -102,3 +105,14 @@ def test_another_policy_has_no_rule():
     found = explain(problem, planner, {})
     assert found.equations == ()
     assert "no lifted rule" in str(found)
+
+
+def test_a_term_without_which_the_model_diverges_has_no_cost(pushing, monkeypatch):
+    def play(key, params):
+        bias = np.asarray(params["shared"]["push"])[0, 0]
+        return np.array([[-1.0, -1.0 if bias else np.nan]])
+
+    monkeypatch.setattr(explanation, "exact_returns", lambda planner, rollouts: play)
+    push, _ = explain(*pushing).equations
+    assert [(term.cost, term.cost_error) for term in push.terms] == [(None, None), (0.0, 0.0)]
+    json.dumps(explain(*pushing).to_json(), allow_nan=False)
