@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.workers import in_this_process
 
-from mdpo_rddl.bench.problems import exactness
+from mdpo_rddl.bench.problems import each
 from mdpo_rddl.bench.problems.agreement import Episodes, compare, difference
 from mdpo_rddl.bench.problems.compatibility import checked_problems, first_instance
 from mdpo_rddl.bench.problems.exactness import exactness_table, run_exactness
@@ -50,7 +50,7 @@ def test_a_difference_is_told():
 
 @pytest.mark.long
 def test_a_row_a_problem(tmp_path, monkeypatch):
-    monkeypatch.setattr(exactness, "run_guarded", in_this_process)
+    monkeypatch.setattr(each, "run_guarded", in_this_process)
     records = run_exactness(tmp_path, ["TSP_or"], 5, Limits(300, 8))
     (row,) = records.rows
     assert (row["status"], row["illegal"], row["horizon"]) == ("ok", "0", "5")

@@ -5,7 +5,7 @@ import pytest
 from helpers.toys import problem_from
 from helpers.workers import in_this_process
 
-from mdpo_rddl.bench.problems import legal_play
+from mdpo_rddl.bench.problems import each
 from mdpo_rddl.bench.problems.inspection import Inspector
 from mdpo_rddl.bench.problems.legal_play import legal_play_table, play, run_legal_play
 from mdpo_rddl.machine.guarded import Limits
@@ -118,7 +118,7 @@ def test_policies_up_to_the_edges_play_legally(problem):
 
 @pytest.mark.long
 def test_a_row_a_problem(tmp_path, monkeypatch):
-    monkeypatch.setattr(legal_play, "run_guarded", in_this_process)
+    monkeypatch.setattr(each, "run_guarded", in_this_process)
     limits = Limits(300, 8)
     records = run_legal_play(tmp_path, ["TSP_or"], 3, 2, limits)
     (row,) = records.rows

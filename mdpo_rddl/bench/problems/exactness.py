@@ -1,6 +1,5 @@
 """Every problem of rddlrepository: does the compiled exact model obey the environment's rules?"""
 
-import logging
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -9,18 +8,16 @@ from typing import Any, NamedTuple
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.agreement import compare, steps_per_second
 from mdpo_rddl.bench.problems.compatibility import checked_problems, first_instance
+from mdpo_rddl.bench.problems.each import KEYS, add_rows
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
+from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.problem.load import load_problem
 
-logger = logging.getLogger(__name__)
-
-_KEYS = ("problem", "instance")
 _FIGURES = ("horizon", "chance", "illegal", "steps", "steps_per_second", "seconds", "peak_mb")
-_COLUMNS = (*_KEYS, "status", "cause", *_FIGURES)
+_COLUMNS = ("status", "cause", *_FIGURES)
 
 
 class Item(NamedTuple):
@@ -53,17 +50,9 @@ def run_exactness(
       InputError: for an unknown problem.
     """
     conditions = {"max_horizon": max_horizon, "versions": versions()}
-    records = Records(out / "rows.csv", _COLUMNS, _KEYS, conditions)
-    for name in checked_problems(problems):
-        item = Item(name, first_instance(name), max_horizon)
-        if records.has(item.problem, item.instance):
-            continue
-        for _, outcome in run_guarded(check, [item], limits):
-            row = outcome._asdict() if isinstance(outcome, ProcessFailure) else outcome
-            values = [row.get(column, "") for column in _COLUMNS[len(_KEYS) :]]
-            records.add(item.problem, item.instance, *values)
-            logger.info("%s: %s %s", name, row["status"], row["cause"])
-    return records
+    records = Records(out / "rows.csv", (*KEYS, *_COLUMNS), KEYS, conditions)
+    items = [Item(name, first_instance(name), max_horizon) for name in checked_problems(problems)]
+    return add_rows(records, _COLUMNS, items, check, limits)
 
 
 def check(item: Item) -> dict[str, Any]:

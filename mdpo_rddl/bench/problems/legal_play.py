@@ -1,6 +1,5 @@
 """Every problem of rddlrepository: is what random policies play legal, and what is not counted?"""
 
-import logging
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,9 +11,10 @@ import numpy as np
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.agreement import make_planner, random_policies
 from mdpo_rddl.bench.problems.compatibility import checked_problems, first_instance
+from mdpo_rddl.bench.problems.each import KEYS, add_rows
 from mdpo_rddl.bench.problems.inspection import BREACHES, Inspector
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
+from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.missing import missing_package
@@ -23,11 +23,8 @@ from mdpo_rddl.problem.episode import Episode
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
-logger = logging.getLogger(__name__)
-
-_KEYS = ("problem", "instance")
 _COUNTS = ("steps", "refused", "replaced", *BREACHES, "unsaid")
-_COLUMNS = (*_KEYS, "status", "cause", "policies", *_COUNTS, "seconds", "peak_mb")
+_COLUMNS = ("status", "cause", "policies", *_COUNTS, "seconds", "peak_mb")
 # standard deviations of the weights: from nearly the no-op to the edge of 32 and 64 bits
 _SPREADS = (0.1, 1.0, 3.0, 30.0, 1e3, 1e6, 2.0**31, 2.0**63, 1e25, 1e38)
 
@@ -65,17 +62,11 @@ def run_legal_play(
       InputError: for an unknown problem.
     """
     conditions = {"policies": policies, "steps": steps, "versions": versions()}
-    records = Records(out / "rows.csv", _COLUMNS, _KEYS, conditions)
-    for name in checked_problems(problems):
-        item = Item(name, first_instance(name), policies, steps)
-        if records.has(item.problem, item.instance):
-            continue
-        for _, outcome in run_guarded(check, [item], limits):
-            row = outcome._asdict() if isinstance(outcome, ProcessFailure) else outcome
-            values = [row.get(column, "") for column in _COLUMNS[len(_KEYS) :]]
-            records.add(item.problem, item.instance, *values)
-            logger.info("%s: %s %s", name, row["status"], row["cause"])
-    return records
+    records = Records(out / "rows.csv", (*KEYS, *_COLUMNS), KEYS, conditions)
+    items = [
+        Item(name, first_instance(name), policies, steps) for name in checked_problems(problems)
+    ]
+    return add_rows(records, _COLUMNS, items, check, limits)
 
 
 def check(item: Item) -> dict[str, Any]:
