@@ -17,7 +17,8 @@ class Background:
         """Starts the task."""
         self._task, self._done = task, threading.Event()
         self._raised: list[BaseException] = []
-        threading.Thread(target=self._run, name="mdpo-rddl work").start()
+        # said, since a thread inherits it: a daemon that the end of Python meets in XLA aborts it
+        threading.Thread(target=self._run, name="mdpo-rddl work", daemon=False).start()
 
     def _run(self) -> None:
         try:

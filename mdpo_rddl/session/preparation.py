@@ -43,7 +43,8 @@ def preparing(planner: MDPOPlanner, terms: EvaluationTerms) -> Iterator[Callable
         with contextlib.suppress(Exception):
             prepare(planner, terms)
 
-    thread = Thread(target=work)
+    # not inherited from a caller that is a daemon: the end of Python would abort it in XLA
+    thread = Thread(target=work, daemon=False)
 
     def begin() -> None:
         if thread.ident is None:

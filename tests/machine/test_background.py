@@ -37,6 +37,19 @@ def test_work_that_takes_too_long_goes_on_while_nobody_waits():
     assert work.wait(time.monotonic() + 60.0)
 
 
+def test_the_process_waits_for_work_that_a_daemon_has_started():
+    # XLA aborts a process that ends Python beside one of its own calls
+    is_daemon = []
+
+    def start():
+        Background(lambda: is_daemon.append(threading.current_thread().daemon)).join()
+
+    caller = threading.Thread(target=start, daemon=True)
+    caller.start()
+    caller.join()
+    assert is_daemon == [False]
+
+
 def test_an_interrupt_leaves_the_work_alone(monkeypatch):
     released = threading.Event()
     work = Background(lambda: bool(released.wait(60.0)))

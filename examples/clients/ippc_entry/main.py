@@ -58,7 +58,7 @@ class Entry(BaseAgent):
         Raises:
           InputError: if the problem cannot be planned.
         """
-        thread = threading.Thread(target=self._plan, args=(seconds * (1 - MARGIN),), daemon=True)
+        thread = threading.Thread(target=self._plan, args=(seconds * (1 - MARGIN),))
         thread.start()
         try:
             self._is_done.wait()
