@@ -129,10 +129,7 @@ class ActingPlanner(JaxBackpropPlanner):
     def _complete_hyperparams(self, hyperparams: Any) -> Any:
         if hyperparams is not None and not isinstance(hyperparams, Mapping):
             return hyperparams
-        complete = {**unit_hyperparams(self), **(hyperparams or {})}
-        if self.preprocessor is not None and self.preprocessor.HYPERPARAMS_KEY not in complete:
-            complete[self.preprocessor.HYPERPARAMS_KEY] = self.preprocessor.initialize()
-        return complete
+        return {**unit_hyperparams(self), **(hyperparams or {})}
 
     @property
     def feedback_plan(self) -> FeedbackPlan:

@@ -10,8 +10,9 @@ import numpy as np
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.found import Found
-from mdpo_rddl.planner.loop_state import LoopState, WatchedLoop, can_be_resumed
+from mdpo_rddl.planner.loop_state import LoopState, WatchedLoop
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import unit_hyperparams
 
 _LOOP, _FOUND = "loop/", "found/"
 
@@ -72,19 +73,13 @@ class CheckpointedLoop:
         if state is not None:
             self._before, self._seconds = state.iterations, state.seconds
             loop = LoopState(_part(state.tensors, _LOOP), state.numbers["rule"])
-            hyperparams = dict.fromkeys(planner.rddl.action_fluents, 1.0)
-            structure = planner.params_structure(hyperparams)
+            structure = planner.params_structure(unit_hyperparams(planner))
             found = _part(state.tensors, _FOUND)
             shape = planner.restarts, planner.horizon
             self.found = Found.resumed(planner.in_calls, found, structure, shape)
         self._loop = WatchedLoop(planner, built.arguments.get("stopping_rule"), loop)
         self._latest: Callable[[], TrainingState] | None = None
         self._saved_at = self._began = time.monotonic()
-
-    @staticmethod
-    def is_possible(planner: MDPOPlanner) -> bool:
-        """Whether a planner's trainings can be resumed."""
-        return can_be_resumed(planner)
 
     def callbacks(self, key: Any, budget: Budget) -> Iterator[dict[str, Any]]:
         """The callbacks; each has the iteration and what is left of the budget put right."""
@@ -93,12 +88,24 @@ class CheckpointedLoop:
         if state is not None:
             key = self._loop.key
             left = max(budget.seconds - self._seconds, 0.0)
+            self._loop.progress = self._progress(budget)
             budget = replace(budget, iterations=budget.iterations - self._before, seconds=left)
         self._saved_at = self._began = time.monotonic()
         for callback in self._loop.turns(lambda: built.callbacks(key, budget)):
             if not self._built.planner.in_calls:  # calls count on by themselves
                 callback["iteration"] += self._before
             yield callback
+
+    def _progress(self, budget: Budget) -> Callable[[int], float]:
+        """Percent of the whole budget after so many of this loop's iterations, as JaxPlan's."""
+
+        def percent(iterations: int) -> float:
+            latest = self._before + iterations - 1
+            seconds = self._seconds + time.monotonic() - self._began
+            of_iterations = latest / (budget.iterations - 1)
+            return 100 * min(1, max(0, seconds / budget.seconds, of_iterations))
+
+        return percent
 
     def passed(self, callback: Mapping[str, Any]) -> None:
         """An iteration is done, and `found` knows of it."""

@@ -12,6 +12,7 @@ from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.start import initial_parameters, initial_values, unit_hyperparams
+from mdpo_rddl.planner.update.restarts import PerRestart
 
 _SECONDS = 10.0
 
@@ -81,13 +82,14 @@ def _is_finite(tree: Any) -> bool:
     return all(np.isfinite(leaf).all() for leaf in leaves if leaf.dtype.kind in "fc")
 
 
-def what_to_try(planner: MDPOPlanner, found: Found, key: Any) -> str | None:
+def what_to_try(planner: MDPOPlanner, found: Found, key: Any, guess: Any = None) -> str | None:
     """What went wrong with a training and what to try, in a sentence.
 
     Args:
       planner: that was trained.
       found: what the iterations have found.
       key: of the training.
+      guess: what the training began with, as JaxPlan takes it; None for parameters by the key.
 
     Returns:
       The sentence; None if nothing went wrong.
@@ -97,18 +99,29 @@ def what_to_try(planner: MDPOPlanner, found: Found, key: Any) -> str | None:
             f"{found.not_finite:,} returns were not finite, the first in iteration "
             f"{found.first_not_finite + 1:,}"
         )
-        try:
-            suspect = found.suspect
-            if suspect is None:
-                suspect = select_restart(initial_parameters(planner, key), 0)
-            where = origin(planner, suspect)
-        except Exception as error:  # it must not hide what is to be told
-            where = f"cannot be replayed: {type(error).__name__}"
-        message += f" (first not finite: {where})" if where else ""
+        message += _at(planner, found.suspect, key, guess)
         return f"{message}: try a smaller learning rate, sigma or weight, or clip_grad"
+    if found.lost_sensitivities:
+        message = f"{found.lost_sensitivities:,} sensitivities of a step were not finite"
+        message += _at(planner, found.suspect, key, guess)
+        return f"{message}: they count as zero, and those steps have the smallest sigma"
     if found.is_flat:
         return (
             "all gradients were zero, the return does not answer to the actions here: try more "
             "noise (--sigma-max), another seed, a smaller relaxation weight or --preset auto"
         )
     return None
+
+
+def _at(planner: MDPOPlanner, suspect: Any, key: Any, guess: Any) -> str:
+    """What is first not finite, in brackets; of the first iterate if there is no suspect."""
+    try:
+        if suspect is None and guess is not None and not isinstance(guess, PerRestart):
+            suspect = guess
+        if suspect is None:
+            several = initial_parameters(planner, key) if guess is None else guess.params
+            suspect = select_restart(several, 0)
+        where = origin(planner, suspect)
+    except Exception as error:  # it must not hide what is to be told
+        where = f"cannot be replayed: {type(error).__name__}"
+    return f" (first not finite: {where})" if where else ""

@@ -24,6 +24,7 @@ _NUMBERS = (
     "best_restart",
     "not_finite",
     "first_not_finite",
+    "lost_sensitivities",
     "flat",
     "sloped",
 )
@@ -40,6 +41,8 @@ class Found:
       not_finite: training and test returns that were not finite.
       first_not_finite: the iteration of the first.
       suspect: the parameters of one policy before that; None if it was the first iteration.
+      lost_sensitivities: those of a step that were not finite, in the iterations that callbacks
+        are of; they count as zero.
       flat, sloped: iterations whose gradients were all zero, and the others.
     """
 
@@ -53,7 +56,7 @@ class Found:
         self.best_restart = 0
         self._kept: list[dict[str, Any]] = []
         self._every = 1
-        self.not_finite, self.first_not_finite = 0, 0
+        self.not_finite, self.first_not_finite, self.lost_sensitivities = 0, 0, 0
         self.suspect: Any = None
         self.flat = self.sloped = 0
 
@@ -145,17 +148,20 @@ class Found:
         if not callback["status"].is_terminal():  # the last one says why it was the last
             is_flat = callback["status"].name == "NO_PROGRESS"
             self.flat, self.sloped = self.flat + is_flat, self.sloped + (not is_flat)
+        sensitivities = np.asarray(callback.get("sensitivity", [[0.0]]))
+        lost = ~np.isfinite(sensitivities)
         finite = np.stack(
             [np.isfinite(callback["train_return"]), np.isfinite(callback["test_return"])]
         )
-        if finite.all():
+        if finite.all() and not lost.any():
             return
-        if not self.not_finite:
+        if not self.not_finite and not finite.all():
             self.first_not_finite = callback["iteration"]
-            lane = int(np.argmin(finite.all(axis=0)))
-            if self.callback:
-                self.suspect = select_restart(self.callback["params"], lane)
+        if not self.not_finite and not self.lost_sensitivities and self.callback:
+            lanes = lost.any(axis=1) if finite.all() else ~finite.all(axis=0)
+            self.suspect = select_restart(self.callback["params"], int(np.argmax(lanes)))
         self.not_finite += int(np.sum(~finite))
+        self.lost_sensitivities += int(np.sum(lost))
 
     @property
     def is_flat(self) -> bool:

@@ -6,6 +6,7 @@ are what is watched here, and what a resumed loop is given to begin with.
 """
 
 import contextlib
+import itertools
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,13 +16,17 @@ import jax
 import numpy as np
 
 from mdpo_rddl.planner.fitting import fitted, fitted_leaves
+from mdpo_rddl.planner.pgpe_state import TREES as PGPE_TREES
+from mdpo_rddl.planner.pgpe_state import WatchedPGPE
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.planner.update.restarts import AllLanes
 from mdpo_rddl.planner.upstream import JaxPlannerStoppingRule, planner
 
 Tensors = dict[str, np.ndarray]
 
 _TREES = ("params", "opt_state", "opt_aux", "model", "test_model")
+_PREPROCESSOR, _BEST_LOSSES = "preprocessor", "pgpe/best_losses"
 # JaxPlan's averages are made by name in the first turn of its loop
 _FIRST_TURN = threading.Lock()
 
@@ -32,7 +37,7 @@ class LoopState:
 
     Attributes:
       tensors: the leaves of the trees by their names and numbers, the key, and the test losses
-        that are averaged with their running sum.
+        that are averaged with their running sums.
       rule: the stopping rule's numbers.
     """
 
@@ -40,13 +45,12 @@ class LoopState:
     rule: Mapping[str, float]
 
 
-def can_be_resumed(trained: MDPOPlanner) -> bool:
-    """Whether all of a planner's state is seen: not that of a second optimiser's."""
-    return not trained.use_pgpe and trained.preprocessor is None and trained.dashboard is None
-
-
 class WatchedLoop:
-    """JaxPlan's loop of one planner, watched while its block is open."""
+    """JaxPlan's loop of one planner, watched while its block is open.
+
+    Attributes:
+      progress: percent of the budget used after so many iterations, for a loop that goes on.
+    """
 
     def __init__(
         self,
@@ -64,7 +68,10 @@ class WatchedLoop:
         self._planner, self._resumed = trained, resumed
         self._rule = None if rule is None else _WatchedRule(rule, resumed)
         self._carried: dict[str, Any] = {}
-        self._average: Any = None
+        self._averages: list[Any] = []
+        self._pgpe: WatchedPGPE | None = None
+        self._iterations, self._is_tested = 0, False
+        self.progress: Callable[[int], float] = lambda iterations: 0.0
 
     def arguments(self) -> dict[str, Any]:
         """Arguments of `optimize_generator` that make it go on, besides the key and the budget.
@@ -76,9 +83,7 @@ class WatchedLoop:
         if self._resumed is None:
             return given
         model = self._planner.compiled.model_aux["params"]
-        params = self._planner.params_structure(
-            dict.fromkeys(self._planner.rddl.action_fluents, 1.0)
-        )
+        params = self._planner.params_structure(unit_hyperparams(self._planner))
         self._check_losses()
         lanes = self._planner.parallel_updates
         return {
@@ -101,77 +106,130 @@ class WatchedLoop:
         """
         with self._watching():
             generator = start()
-            with self._averages():
+            with self._averaging():
                 first = next(generator, None)
-            if first is not None:
-                yield first
-                yield from generator
+            for callback in itertools.chain([] if first is None else [first], generator):
+                if self._pgpe is not None:
+                    self._pgpe.passed(self._averages[-1].latest)
+                self._iterations += 1
+                yield callback
 
     def state(self, callback: Mapping[str, Any]) -> Callable[[], LoopState]:
         """What to call, at any later time, for the state after the iteration of a callback."""
         carried = {**self._carried, "key": callback["key"]}
-        memory, total = tuple(self._average._memory), self._average._total
+        preprocessor, trees = self._planner.preprocessor, list(_TREES)
+        if preprocessor is not None:
+            trees.append(_PREPROCESSOR)
+            stats = callback["policy_hyperparams"][preprocessor.HYPERPARAMS_KEY]
+            carried[_PREPROCESSOR] = stats
+        if self._pgpe is not None:
+            trees += PGPE_TREES
+            carried[_BEST_LOSSES] = self._pgpe.best_losses
+        losses = [(tuple(average._memory), average._total) for average in self._averages]
         rule = {} if self._rule is None else self._rule.numbers()
 
         def make() -> LoopState:
-            tensors = {"key": np.asarray(carried["key"])}
-            for name in _TREES:
+            names = [name for name in ("key", _BEST_LOSSES) if name in carried]
+            tensors = {name: np.asarray(carried[name]) for name in names}
+            for name, (memory, total) in zip(self._names_of_losses, losses, strict=True):
+                tensors |= {name: np.stack(memory), f"{name}_sum": np.asarray(total)}
+            for name in trees:
                 for i, leaf in enumerate(jax.tree.leaves(carried[name])):
                     tensors[f"{name}/{i}"] = np.asarray(leaf)
-            tensors["losses"] = np.stack(memory)
-            tensors["losses_sum"] = np.asarray(total)
             return LoopState(tensors, rule)
 
         return make
 
+    @property
+    def _names_of_losses(self) -> tuple[str, ...]:
+        """Of JaxPlan's averages, in the order in which its loop makes them."""
+        return ("pgpe/losses", "losses") if self._planner.use_pgpe else ("losses",)
+
     @contextlib.contextmanager
     def _watching(self) -> Iterator[None]:
-        trained = self._planner
-        names = ("update", "test_loss", "init_optimizer")
-        plain = {name: getattr(trained, name) for name in names}
-        had = {name: name in vars(trained) for name in names}
-        carried = self._carried
-        if self._resumed is not None:
-            model = trained._broadcast_pytree(trained.test_compiled.model_aux["params"])
-            carried["test_model"] = self._tree("test_model", model)
+        trained, carried = self._planner, self._carried
+        plain_update, plain_test_loss = trained.update, trained.test_loss
 
         def update(*arguments: Any) -> Any:
-            result = plain["update"](*arguments)
+            result = plain_update(*arguments)
             carried.update(params=result[0], opt_state=result[2], opt_aux=result[3])
-            carried["model"] = result[6]
+            carried.update(train_loss=result[4], model=result[6])
+            self._is_tested = False
             return result
 
         def test_loss(*arguments: Any) -> Any:
             arguments = (*arguments[:5], carried.get("test_model", arguments[5]), *arguments[6:])
-            result = plain["test_loss"](*arguments)
-            carried["test_model"] = result[1][1]
+            result = plain_test_loss(*arguments)
+            if not self._is_tested:  # the loop keeps nothing of the test of PGPE's policies
+                carried["test_model"], self._is_tested = result[1][1], True
             return result
 
-        def init_optimizer(params: Any) -> Any:
-            opt_state, opt_aux = plain["init_optimizer"](params)
-            return self._tree("opt_state", opt_state), self._tree("opt_aux", opt_aux)
-
-        trained.update, trained.test_loss = update, test_loss
+        replaced: dict[str, Any] = {"update": update, "test_loss": test_loss}
+        if trained.use_pgpe:
+            self._pgpe = self._watched_pgpe()
+            replaced.update(pgpe=self._pgpe, merge_pgpe=self._pgpe.merge)
         if self._resumed is not None:
-            trained.init_optimizer = init_optimizer
+            replaced.update(self._restored())
+        plain = {name: getattr(trained, name) for name in replaced}
+        had = {name: name in vars(trained) for name in replaced}
+        for name, value in replaced.items():
+            setattr(trained, name, value)
         try:
             yield
         finally:
-            for name in names:
+            for name in replaced:
                 if had[name]:
                     setattr(trained, name, plain[name])
+                else:
+                    delattr(trained, name)
+
+    def _restored(self) -> dict[str, Any]:
+        """What the loop begins with in a planner that goes on, by the planner's names."""
+        trained = self._planner
+        model = trained._broadcast_pytree(trained.test_compiled.model_aux["params"])
+        self._carried["test_model"] = self._tree("test_model", model)
+        plain = trained.init_optimizer
+
+        def init_optimizer(params: Any) -> Any:
+            opt_state, opt_aux = plain(params)
+            return self._tree("opt_state", opt_state), self._tree("opt_aux", opt_aux)
+
+        restored: dict[str, Any] = {"init_optimizer": init_optimizer}
+        if (preprocessor := trained.preprocessor) is not None:
+            real = trained.compiled.REAL
+            first = jax.tree.map(lambda leaf: np.asarray(leaf, real), preprocessor.initialize())
+            restored["preprocessor"] = _Restored(preprocessor, self._tree(_PREPROCESSOR, first))
+        return restored
+
+    def _watched_pgpe(self) -> WatchedPGPE:
+        losses = None
+        if self._resumed is not None:
+            shape, real = (self._planner.parallel_updates,), self._planner.compiled.REAL
+            losses = fitted(_BEST_LOSSES, self._resumed.tensors[_BEST_LOSSES], shape, real)
+        progress = self.progress
+        return WatchedPGPE(
+            self._planner, self._carried, losses, self._tree, lambda: progress(self._iterations)
+        )
 
     @contextlib.contextmanager
-    def _averages(self) -> Iterator[None]:
-        """Has JaxPlan's loop average test losses with an object that is known here."""
+    def _averaging(self) -> Iterator[None]:
+        """Has JaxPlan's loop average test losses with objects that are known here."""
         made = planner.RollingMean
 
+        class Average(made):  # type: ignore[misc, valid-type]
+            latest: Any = None
+
+            def update(self, losses: Any) -> Any:
+                self.latest = super().update(losses)
+                return self.latest
+
         def make(window: int) -> Any:
-            self._average = average = made(window)
+            average = Average(window)
             if self._resumed is not None:
-                tensors = self._resumed.tensors
-                average._memory.extend(tensors["losses"])
-                average._total = tensors["losses_sum"]
+                name = self._names_of_losses[len(self._averages)]
+                average._memory.extend(self._resumed.tensors[name])
+                average._total = self._resumed.tensors[f"{name}_sum"]
+            self._averages.append(average)
             return average
 
         with _FIRST_TURN:
@@ -184,11 +242,11 @@ class WatchedLoop:
     def _check_losses(self) -> None:
         """Raises ValueError if the test losses are not one of each lane."""
         assert self._resumed is not None
-        tensors = self._resumed.tensors
-        losses, total = tensors["losses"], tensors["losses_sum"]
-        lanes = (self._planner.parallel_updates,)
-        fitted("losses", losses, (len(losses), *lanes), self._planner.compiled.REAL)
-        fitted("losses_sum", total, lanes, self._planner.compiled.REAL)
+        lanes, real = (self._planner.parallel_updates,), self._planner.compiled.REAL
+        for name in self._names_of_losses:
+            losses, total = (self._resumed.tensors[each] for each in (name, f"{name}_sum"))
+            fitted(name, losses, (len(losses), *lanes), real)
+            fitted(f"{name}_sum", total, lanes, real)
 
     def _tree(self, name: str, template: Any, lanes: int | None = None) -> Any:
         """A saved tree, of the structure and on the devices of another one.
@@ -212,6 +270,19 @@ def _placed(leaf: Any, saved: np.ndarray) -> Any:
     if isinstance(leaf, jax.Array) and leaf.shape == saved.shape:
         return jax.device_put(saved, leaf.sharding)
     return saved
+
+
+class _Restored:
+    """A preprocessor whose statistics are those that were left."""
+
+    def __init__(self, preprocessor: Any, statistics: Any) -> None:
+        self._preprocessor, self._statistics = preprocessor, statistics
+
+    def initialize(self) -> Any:
+        return self._statistics
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._preprocessor, name)
 
 
 class _WatchedRule(JaxPlannerStoppingRule):

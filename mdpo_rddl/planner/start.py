@@ -41,6 +41,9 @@ def initial_parameters(planner: JaxBackpropPlanner, key: Any) -> Any:
     return planner.initialize(random.split(key)[1], unit_hyperparams(planner), fluents)[0]
 
 
-def unit_hyperparams(planner: JaxBackpropPlanner) -> dict[str, float]:
-    """JaxPlan's policy hyperparameters where none are given."""
-    return dict.fromkeys(planner.rddl.action_fluents, 1.0)
+def unit_hyperparams(planner: JaxBackpropPlanner) -> dict[str, Any]:
+    """JaxPlan's policy hyperparameters where none are given, a preprocessor's among them."""
+    hyperparams: dict[str, Any] = dict.fromkeys(planner.rddl.action_fluents, 1.0)
+    if planner.preprocessor is not None:
+        hyperparams[planner.preprocessor.HYPERPARAMS_KEY] = planner.preprocessor.initialize()
+    return hyperparams

@@ -15,18 +15,12 @@ from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import CheckpointedLoop, Checkpoints
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.diagnosis import what_to_try
+from mdpo_rddl.planner.first_iteration import force_compilation
 from mdpo_rddl.planner.found import Found, select_restart
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
-# a budget has at least so many calls, for a bound on the time can then be kept and a learning
-# curve needs points
-_CALLS_IN_A_BUDGET = 20
-_CALLS_IN_A_RUN = 60
-# whoever waits wants to see something move
-_CALL_SECONDS = 1.0
 # what is left of a time that compilation has used up: one call
 _LEAST_SECONDS = 1e-3
 
@@ -74,6 +68,7 @@ class TrainingResult:
       compile_seconds: compilation, with the one iteration that forces it.
       train_seconds: training without compilation.
       not_finite: training and test returns that were not finite numbers.
+      lost_sensitivities: sensitivities of a step that were not finite and counted as zero.
       advice: what went wrong and what to try, in a sentence; None if nothing did.
     """
 
@@ -89,6 +84,7 @@ class TrainingResult:
     compile_seconds: float
     train_seconds: float
     not_finite: int = 0
+    lost_sensitivities: int = 0
     advice: str | None = None
 
     @property
@@ -117,8 +113,7 @@ def train(
       budget: largest number of iterations, at least 1, and largest time; as configured if None.
       counts_compilation: whether compilation is part of that time.
       on_progress: called after each iteration.
-      checkpoints: where its state is left now and then, and with which one it begins; without
-        effect for planners whose state cannot be seen.
+      checkpoints: where its state is left now and then, and with which one it begins.
 
     Raises:
       InputError: if no restart ever reached a finite test return, or JaxPlan cannot compile
@@ -174,7 +169,7 @@ class Training:
         """
         planner, started = self._built.planner, time.perf_counter()
         with planner.call_sizes():  # the calls become shorter only for this training
-            _force_compilation(self._built, self._key, self.budget)
+            force_compilation(self._built, self._key, self.budget)
             if self._resumed is not None and isinstance(self._loop, CheckpointedLoop):
                 planner.set_call_sizes(*map(int, self._resumed.numbers["call"]))
             if planner.in_calls:
@@ -221,7 +216,9 @@ class Training:
         found = self._loop.found
         is_over = self.has_ended or not np.isfinite(found.best_return)
         # an arm of a race is asked again and again
-        advice = what_to_try(self._built.planner, found, self._key) if is_over else None
+        guess, advice = self._built.arguments.get("guess"), None
+        if is_over:
+            advice = what_to_try(self._built.planner, found, self._key, guess)
         earlier = 0.0 if self._resumed is None else self._resumed.seconds
         seconds = self.compile_seconds, self.train_seconds + earlier
         return _result(found, self._status, seconds, advice)
@@ -267,7 +264,7 @@ def _loop(built: Built[MDPOPlanner], checkpoints: Checkpoints | None) -> _Loop |
     Raises:
       InputError: if a checkpoint does not fit the planner.
     """
-    if checkpoints is None or not CheckpointedLoop.is_possible(built.planner):
+    if checkpoints is None:
         return _Loop(built)
     try:
         if checkpoints.resumed is not None:
@@ -275,30 +272,6 @@ def _loop(built: Built[MDPOPlanner], checkpoints: Checkpoints | None) -> _Loop |
         return CheckpointedLoop(built, checkpoints)
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"the checkpoint does not fit the planner: {error}") from error
-
-
-def _force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> None:
-    """Compiles the update and the test, and sees to it that a call does not take too long."""
-    planner = built.planner
-    # no recompilation for another size, and no dashboard of its own
-    generator = built.with_arguments(dashboard_id=None).callbacks(key, budget)
-    with planner.call_sizes(1, 1):
-        try:
-            next(generator)
-            started = time.perf_counter()
-            if planner.in_calls:
-                next(generator, None)
-        except Exception as error:  # whatever the problem and the values make JAX raise
-            kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
-            cause = missing_package(error) or kind_and_message
-            raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
-    generator.close()
-    if planner.in_calls:
-        seconds = time.perf_counter() - started
-        longest = budget.seconds / _CALLS_IN_A_BUDGET
-        planner.bound_calls(min(longest / seconds, budget.iterations / _CALLS_IN_A_RUN))
-        # tests as often as on a faster machine, or the best iterate would be another one
-        planner.bound_calls(max(_CALL_SECONDS / seconds, planner.test_every))
 
 
 def _result(
@@ -340,6 +313,7 @@ def _result(
         compile_seconds=seconds[0],
         train_seconds=seconds[1],
         not_finite=found.not_finite,
+        lost_sensitivities=found.lost_sensitivities,
         advice=advice,
     )
 

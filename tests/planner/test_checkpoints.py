@@ -1,6 +1,6 @@
 """A training that goes on from a checkpoint is the unbroken one, bit for bit."""
 
-from types import SimpleNamespace
+import math
 from typing import Any
 
 import jax
@@ -10,13 +10,12 @@ from helpers.problems import assert_same_bits, tiny_files
 from helpers.trainings import FOREVER, KEY, paper_config
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner import training
+from mdpo_rddl.planner import first_iteration
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.found import Found
-from mdpo_rddl.planner.loop_state import can_be_resumed
 from mdpo_rddl.planner.training import TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxPlannerStatus
 from mdpo_rddl.problem.load import load_problem
@@ -32,8 +31,12 @@ CONFIGS = {
     .with_section("Noise", {"method": "AnnealedNoise"})
     .without_section("MDPO"),
 }
-LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("adaptive", "calls")]
-BUDGET = Budget(100, FOREVER)
+CONFIGS["pgpe"] = CONFIGS["paired"].with_values(
+    "Planner", pgpe="GaussianPGPE", preprocessor="StaticNormalizer", parallel_updates=2
+)
+LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("adaptive", "calls", "pgpe")]
+# PGPE is annealed by the share of the time that is used: none of it
+BUDGET = Budget(100, math.inf)
 
 
 @pytest.fixture(scope="module", params=["paired", *LONG])
@@ -44,7 +47,7 @@ def built(request, tmp_path_factory) -> Built[Any]:
 
 @pytest.fixture(autouse=True)
 def _sizes_do_not_depend_on_the_machine(monkeypatch):
-    monkeypatch.setattr(training, "_CALL_SECONDS", FOREVER)
+    monkeypatch.setattr(first_iteration, "_CALL_SECONDS", FOREVER)
 
 
 def trained(built: Built[Any], checkpoints: Checkpoints | None = None) -> TrainingResult:
@@ -149,10 +152,3 @@ def test_what_was_not_finite_is_counted_over_a_resumption():
     assert resumed.first_not_finite == whole.first_not_finite == 1
     assert float(resumed.suspect["w"]) == float(whole.suspect["w"]) == 0.0
     assert resumed.is_flat is whole.is_flat is True
-
-
-def test_what_the_loop_keeps_elsewhere_too_leaves_no_checkpoints():
-    plain = {"use_pgpe": False, "preprocessor": None, "dashboard": None}
-    assert can_be_resumed(SimpleNamespace(**plain))
-    for name in plain:
-        assert not can_be_resumed(SimpleNamespace(**{**plain, name: True}))

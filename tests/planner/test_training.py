@@ -75,7 +75,7 @@ def test_seconds_are_honoured_and_do_not_count_compilation(compiling):
 
 
 def test_seconds_may_count_compilation(planner, monkeypatch):
-    monkeypatch.setattr(training, "_force_compilation", lambda *_: time.sleep(0.2))
+    monkeypatch.setattr(training, "force_compilation", lambda *_: time.sleep(0.2))
     result, _ = trained(planner, 10**6, seconds=0.1, counts_compilation=True)
     assert result.status == "time_budget_reached"
     assert result.iterations == 1

@@ -75,7 +75,7 @@ def test_what_only_shows_in_the_first_iteration_is_an_input_error(tmp_path):
 # --- where it came from --------------------------------------------------------------------
 
 
-def diverging(folder, cpf):
+def diverging(folder, cpf, noise="NoNoise", **values):
     """A problem whose one state follows an expression of its own."""
     text = CART.replace("x' = x + push;", f"x' = {cpf};")
     assert cpf in text
@@ -83,7 +83,7 @@ def diverging(folder, cpf):
     (folder / "one.rddl").write_text(CART_INSTANCE)
     problem = load_problem(str(folder / "cart.rddl"), str(folder / "one.rddl"))
     config = paper_config(method="JaxStraightLinePlan", method_kwargs={})
-    return build_planner(problem, config.with_section("Noise", {"method": "NoNoise"})).planner
+    return build_planner(problem, config.with_section("Noise", {"method": noise, **values})).planner
 
 
 def test_the_expression_that_is_not_finite_is_named(tmp_path):
@@ -104,6 +104,18 @@ def test_where_all_is_finite_nothing_is_named(tmp_path):
     assert origin(planner, {"push": np.zeros((2,), np.float32)}) is None
     result, _ = trained(planner, 3)
     assert (result.not_finite, result.advice) == (0, None)
+
+
+def test_a_sensitivity_that_is_not_finite_is_counted(tmp_path):
+    # without noise the action is 0, where the root has no slope; with noise it has one
+    planner = diverging(tmp_path, "pow[push * push, 0.5]", noise="AdaptiveNoise", sigma_min=0.5)
+    guess = {"push": np.zeros((2,), np.float32)}
+    result, _ = trained(planner, 1, arguments={"guess": guess})
+    assert result.not_finite == 0
+    assert result.lost_sensitivities > 0
+    assert result.advice is not None
+    assert "sensitivities of a step were not finite" in result.advice
+    assert "the derivative of the cpf of x' at step 1" in result.advice
 
 
 def test_a_flat_problem_is_told(tmp_path):

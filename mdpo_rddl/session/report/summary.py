@@ -103,6 +103,10 @@ def finite_or_none(value: float) -> float | None:
 
 def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, Any]:
     """How training went, on what."""
+    counted = {
+        "not_finite": result.not_finite,
+        "lost_sensitivities": result.lost_sensitivities,
+    }
     return {
         "iterations": result.iterations,
         "best_iteration": result.best_iteration,
@@ -111,7 +115,7 @@ def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, 
         "batch": planner.batch_size_train,
         "status": result.status,
         **({} if result.advice is None else {"advice": result.advice}),
-        **({"not_finite": result.not_finite} if result.not_finite else {}),
+        **{name: value for name, value in counted.items() if value},
         "train_seconds": result.train_seconds,
         "compile_seconds": result.compile_seconds,
         "device": str(jax.devices()[0]),
