@@ -1,6 +1,8 @@
 # Two commands for a fresh machine: `make plan` and `make test`. Each sets everything up.
 PYTHON ?= python3
 VENV := .venv
+# set by CI: nothing is installed whose hash is not in constraints-hashes.txt
+HASHES ?=
 BIN := $(VENV)/bin
 
 .PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit hashes licences hardening load clean
@@ -121,6 +123,8 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 	  { echo "Python lacks venv; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	$(if $(HASHES),$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+	  --require-hashes --requirement constraints-hashes.txt)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[dev,tuning,slurm]'
 	touch $@
@@ -169,13 +173,17 @@ audit: .venv-audit/.installed
 	.venv-audit/bin/python -m pip install --quiet --disable-pip-version-check 'pip-audit==2.10.1'
 	touch $@
 
-# what `make test` installs with the hashes of its files, and whether pip finds them true
-hashes: $(VENV)/.installed
-	$(BIN)/python -m pip install --dry-run --ignore-installed --quiet --report $(VENV)/report.json \
-	  --constraint constraints.txt '.[dev,tuning,slurm]'
-	$(BIN)/python tools/hashes.py $(VENV)/report.json > constraints-hashes.txt
-	$(BIN)/python -m pip install --dry-run --ignore-installed --quiet --no-deps --require-hashes \
-	  --requirement constraints-hashes.txt
+# the pinned versions with the hashes of all their files
+hashes: .venv-hashes/.installed
+	.venv-hashes/bin/uv pip compile --quiet --no-annotate --no-header --generate-hashes \
+	  --python-version 3.11.7 --constraint constraints.txt \
+	  $(foreach extra,dev tuning slurm docs dist,--extra $(extra)) \
+	  --output-file constraints-hashes.txt pyproject.toml
+
+.venv-hashes/.installed: Makefile
+	$(PYTHON) -m venv --clear .venv-hashes
+	.venv-hashes/bin/python -m pip install --quiet --disable-pip-version-check 'uv==0.13.9'
+	touch $@
 
 # what the packages say of their licences
 licences: $(VENV)/.installed
@@ -191,4 +199,4 @@ load: $(VENV)/.installed
 	$(BIN)/python tools/load_test.py --out results/load
 
 clean:
-	rm -rf $(VENV) .venv-lowest .venv-clients .venv-audit build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .venv-lowest .venv-clients .venv-audit .venv-hashes build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache
