@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax
+
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.table import ActionTable, Estimate
@@ -64,6 +66,21 @@ class Candidate:
             mean=None,
             error=float("inf"),
         )
+
+
+def has_structure(planner: MDPOPlanner, params: Any, policy_hyperparams: Mapping[str, Any]) -> bool:
+    """Whether parameters have the shapes of a planner's.
+
+    Args:
+      planner: compiled.
+      params: of one policy, whoever found it.
+      policy_hyperparams: that go with them.
+    """
+    structure = planner.params_structure(dict(policy_hyperparams))
+    wanted, found = (
+        jax.tree.map(lambda leaf: tuple(leaf.shape), tree) for tree in (structure, params)
+    )
+    return bool(wanted == found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,20 +1,18 @@
-"""The incumbent of a race that was stopped, with which another one goes on."""
+"""The best policies of a race that was stopped, with which another one goes on."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.candidate import Candidate, has_structure
 from mdpo_rddl.planner.config.config import PlannerConfig
 
 _NO_NOISE = {"method": "NoNoise"}
 
 
 @dataclass(frozen=True)
-class EarlierIncumbent:
+class EarlierPolicy:
     """A judged policy without its planner.
 
     Attributes:
@@ -22,7 +20,6 @@ class EarlierIncumbent:
       params: of one policy, nested dictionaries of arrays.
       policy_hyperparams: JaxPlan's policy hyperparameters.
       arm, label, parents, uses_noise, mean, error: as of a `Candidate`.
-      seconds: that the earlier race had used.
     """
 
     config: PlannerConfig
@@ -34,14 +31,14 @@ class EarlierIncumbent:
     uses_noise: bool
     mean: float
     error: float
-    seconds: float
 
     def candidate(self, arena: Arena) -> Candidate:
         """The policy as a candidate: of the arena's planner where it fits, to be judged anew.
 
         Else it keeps what the earlier judge has said, whose rollouts had the same seed.
         """
-        fits = _plain(self.config) == _plain(arena.config) and self._fits(arena)
+        fits = _plain(self.config) == _plain(arena.config)
+        fits = fits and has_structure(arena.planner, self.params, self.policy_hyperparams)
         return Candidate(
             arm=self.arm,
             label=self.label,
@@ -55,12 +52,24 @@ class EarlierIncumbent:
             error=float("inf") if fits else self.error,
         )
 
-    def _fits(self, arena: Arena) -> bool:
-        structure = arena.planner.params_structure(dict(self.policy_hyperparams))
-        wanted, found = (
-            jax.tree.map(lambda leaf: leaf.shape, tree) for tree in (structure, self.params)
-        )
-        return bool(wanted == found)
+
+@dataclass(frozen=True)
+class EarlierRace:
+    """What a race has left.
+
+    Attributes:
+      seconds: that it had used.
+      incumbent: its best policy.
+      others: the best policy of each other arm, from which the arm goes on.
+    """
+
+    seconds: float
+    incumbent: EarlierPolicy
+    others: tuple[EarlierPolicy, ...] = ()
+
+    def candidates(self, arena: Arena) -> list[Candidate]:
+        """The policies as candidates, the incumbent first."""
+        return [policy.candidate(arena) for policy in (self.incumbent, *self.others)]
 
 
 def _plain(config: PlannerConfig) -> str:

@@ -147,6 +147,12 @@ class Judge:
         own = [j.candidate for j in self.judged if j.candidate.planner is planner]
         return max(own, key=lambda candidate: candidate.known_mean, default=None)
 
+    def best_of_arm(self, arm: str) -> Candidate | None:
+        """The best candidate of an arm that has parameters; None if there is none."""
+        own = [j.candidate for j in self.judged if j.candidate.arm == arm]
+        own = [candidate for candidate in own if candidate.params is not None]
+        return max(own, key=lambda candidate: candidate.known_mean, default=None)
+
     def became_incumbent(self, label: str) -> bool:
         """Whether a candidate of that label was ever the best so far."""
         return any(j.became_incumbent for j in self.judged if j.candidate.label == label)

@@ -13,7 +13,7 @@ from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.earlier import EarlierIncumbent
+from mdpo_rddl.auto.earlier import EarlierRace
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
     scaled,
@@ -86,7 +86,7 @@ class RaceOptions:
         constant.
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
-      earlier: the incumbent of a race that was stopped, whose seconds count as used.
+      earlier: what a race that was stopped has left, whose seconds count as used.
     """
 
     traced_cache: Path | None = None
@@ -96,7 +96,7 @@ class RaceOptions:
     initial: Callable[[Arena], Sequence[Candidate]] = _no_candidates
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
-    earlier: EarlierIncumbent | None = None
+    earlier: EarlierRace | None = None
 
 
 def plan_automatically(
@@ -170,7 +170,7 @@ def _raced(
         alternatives.stop()  # its memory is needed
     initial = [*options.initial(arena)]
     if options.earlier is not None:
-        initial.append(options.earlier.candidate(arena))
+        initial += options.earlier.candidates(arena)
     schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
     exact, schedule.early = grounded
     schedule.arms += [] if exact is None else [exact]

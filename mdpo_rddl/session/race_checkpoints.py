@@ -1,10 +1,11 @@
-"""What a race leaves behind if it is stopped: its incumbent and the seconds that it has used."""
+"""What a race leaves behind if it is stopped: the best policy of each arm, and the seconds used."""
 
 import json
 import math
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -18,13 +19,13 @@ from mdpo_rddl.session.unfinished import RACE_FILES
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto.candidate import Candidate, Judged
-    from mdpo_rddl.auto.earlier import EarlierIncumbent
+    from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
 
-_FORMAT = "mdpo-rddl race 1"
+_FORMAT = "mdpo-rddl race 2"
 
 
 class RaceCheckpoints:
-    """The incumbent of a race, written when there is a new one and now and then.
+    """The best policies of a race, written when there is a new incumbent and now and then.
 
     Attributes:
       start: what an earlier process has left; None if nothing.
@@ -43,26 +44,34 @@ class RaceCheckpoints:
         """
         first, second = RACE_FILES
         self._kept = KeptPair((folder / first, folder / second), _FORMAT, terms, _start)
-        self.start: EarlierIncumbent | None = self._kept.newest
+        self.start: EarlierRace | None = self._kept.newest
         self._seconds = seconds
-        self._incumbent: Judged | None = None
+        self._incumbent: Candidate | None = None
+        self._best: dict[str, Candidate] = {}
         self._saved_at = -math.inf
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
-        if judged.became_incumbent and self._is_kept(judged.candidate):
-            self._incumbent = judged
+        found = judged.candidate
+        if found.params is not None:  # a table is found anew
+            best = self._best.get(found.arm)
+            if best is None or found.known_mean > best.known_mean:
+                self._best[found.arm] = found
+        if judged.became_incumbent and self._is_kept(found):
+            self._incumbent = found
         now = time.monotonic()
         if judged.became_incumbent or now - self._saved_at >= self._seconds:
             self._save(judged.seconds)
             self._saved_at = now
 
     def _is_kept(self, found: "Candidate") -> bool:
-        """No table, which is found anew; nothing worse than what the race began with."""
-        if found.params is None or self.start is None:
-            return found.params is not None
+        """No table, nothing that diverged, nothing worse than what the race began with."""
+        if found.params is None or not math.isfinite(found.known_mean):
+            return False
+        if self.start is None:
+            return True
         # without an error it is an estimate of a few episodes
-        return math.isfinite(found.error) and found.known_mean >= self.start.mean
+        return math.isfinite(found.error) and found.known_mean >= self.start.incumbent.mean
 
     def stopped(self, seconds: float) -> None:
         """The race was ended early, after so many seconds."""
@@ -71,41 +80,55 @@ class RaceCheckpoints:
     def _save(self, seconds: float) -> None:
         if self._incumbent is None:
             return
-        found = self._incumbent.candidate
-        params = jax.tree.map(np.asarray, found.params)
-        hyperparams = jax.tree.map(np.asarray, dict(found.policy_hyperparams))
-        tensors = {**flatten(params, "params"), **flatten(hyperparams, "hyperparams")}
-        about = {
-            "seconds": seconds,
-            "arm": found.arm,
-            "label": found.label,
-            "parents": list(found.parents),
-            "uses_noise": found.uses_noise,
-            "mean": found.known_mean,
-            "error": found.error,
-        }
-        text = {"config": found.config.to_text(), "about": json.dumps(about)}
-        self._kept.write(tensors, text)
+        others = [best for best in self._best.values() if best is not self._incumbent]
+        tensors: Tensors = {}
+        about: list[dict[str, Any]] = []
+        others = [best for best in others if math.isfinite(best.known_mean)]
+        for number, found in enumerate([self._incumbent, *others]):
+            tree = {"params": found.params, "hyperparams": dict(found.policy_hyperparams)}
+            tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
+            about.append({"number": str(number), **_about(found)})
+        self._kept.write(tensors, {"seconds": str(seconds), "about": json.dumps(about)})
 
 
-def _start(text: Metadata, tensors: Tensors) -> "EarlierIncumbent":
-    from mdpo_rddl.auto.earlier import EarlierIncumbent
+def _about(found: "Candidate") -> dict[str, Any]:
+    return {
+        "config": found.config.to_text(),
+        "arm": found.arm,
+        "label": found.label,
+        "parents": list(found.parents),
+        "uses_noise": found.uses_noise,
+        "mean": found.known_mean,
+        "error": found.error,
+    }
 
-    about, trees = json.loads(text["about"]), unflatten(tensors)
-    start = EarlierIncumbent(
-        config=PlannerConfig.from_text(text["config"], "the checkpoint"),
-        params=trees["params"],
-        policy_hyperparams=trees.get("hyperparams", {}),
+
+def _start(text: Metadata, tensors: Tensors) -> "EarlierRace":
+    from mdpo_rddl.auto.earlier import EarlierRace
+
+    trees, seconds = unflatten(tensors), float(text["seconds"])
+    incumbent, *others = (
+        _policy(about, trees[about["number"]]) for about in json.loads(text["about"])
+    )
+    if not (math.isfinite(seconds) and seconds >= 0.0):
+        raise ValueError("its seconds are not those of a race")
+    return EarlierRace(seconds, incumbent, tuple(others))
+
+
+def _policy(about: Mapping[str, Any], tree: Mapping[str, Any]) -> "EarlierPolicy":
+    from mdpo_rddl.auto.earlier import EarlierPolicy
+
+    policy = EarlierPolicy(
+        config=PlannerConfig.from_text(about["config"], "the checkpoint"),
+        params=tree["params"],
+        policy_hyperparams=tree.get("hyperparams", {}),
         arm=str(about["arm"]),
         label=str(about["label"]),
         parents=tuple(map(str, about["parents"])),
         uses_noise=bool(about["uses_noise"]),
         mean=float(about["mean"]),
         error=float(about["error"]),
-        seconds=float(about["seconds"]),
     )
-    if not (math.isfinite(start.seconds) and start.seconds >= 0.0):
-        raise ValueError("its seconds are not those of a race")
-    if not math.isfinite(start.mean):
+    if not math.isfinite(policy.mean):
         raise ValueError("its mean is not that of a policy")
-    return start
+    return policy

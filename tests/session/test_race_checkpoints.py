@@ -24,9 +24,9 @@ def terms(**others: Any) -> Any:
     return SimpleNamespace(problem=problem, seed=values["seed"], config=CONFIG)
 
 
-def judged(mean: float, seconds: float, became_incumbent: bool = True) -> Judged:
+def judged(mean: float, seconds: float, became_incumbent: bool = True, arm: str = "plan") -> Judged:
     candidate = Candidate(
-        arm="plan",
+        arm=arm,
         label="a plan",
         config=CONFIG,
         planner=None,
@@ -62,22 +62,38 @@ def test_nothing_is_there_before_the_first_candidate(tmp_path):
 
 def test_the_incumbent_comes_back_with_the_seconds(tmp_path):
     start = kept(tmp_path, judged(-5.0, 1.0), judged(-3.0, 4.0), judged(-9.0, 6.0, False))
-    assert (start.mean, start.error, start.seconds) == (-3.0, 0.5, 4.0)
-    assert (start.arm, start.label, start.parents) == ("plan", "a plan", ("rules",))
-    assert start.uses_noise
-    assert_same_bits(start.params, {**PARAMS, "b": np.full(2, -3.0, np.float32)})
+    found = start.incumbent
+    assert (found.mean, found.error, start.seconds) == (-3.0, 0.5, 4.0)
+    assert (found.arm, found.label, found.parents) == ("plan", "a plan", ("rules",))
+    assert found.uses_noise
+    assert_same_bits(found.params, {**PARAMS, "b": np.full(2, -3.0, np.float32)})
+    assert start.others == ()
+
+
+def test_each_arm_s_best_policy_comes_back(tmp_path):
+    arms = [("slp", -6.0, True), ("plan", -5.0, True), ("slp", -9.0, False), ("drp", -np.inf, 0)]
+    found = [
+        judged(mean, second, bool(is_best), arm=arm)
+        for second, (arm, mean, is_best) in enumerate(arms)
+    ]
+    start = kept(tmp_path, *found, seconds=0.0)
+    assert (start.incumbent.arm, start.incumbent.mean, start.seconds) == ("plan", -5.0, 3.0)
+    # no policy has the mean of the diverged one
+    assert [(other.arm, other.mean) for other in start.others] == [("slp", -6.0)]
+    here = arena(CONFIG, ((2, 3), (2,)))
+    assert [candidate.arm for candidate in start.candidates(here)] == ["plan", "slp"]
 
 
 def test_seconds_are_kept_between_incumbents_too(tmp_path):
     start = kept(tmp_path, judged(-5.0, 1.0), judged(-9.0, 6.0, False), seconds=0.0)
-    assert (start.mean, start.seconds) == (-5.0, 6.0)
+    assert (start.incumbent.mean, start.seconds) == (-5.0, 6.0)
 
 
 def test_a_damaged_file_leaves_the_one_before(tmp_path):
     kept(tmp_path, judged(-5.0, 1.0), judged(-3.0, 4.0))
     newest = tmp_path / "incumbent-1.safetensors"
     newest.write_bytes(newest.read_bytes()[:-1])
-    assert RaceCheckpoints(tmp_path, terms(), 1.0).start.mean == -5.0
+    assert RaceCheckpoints(tmp_path, terms(), 1.0).start.incumbent.mean == -5.0
 
 
 def test_another_problem_s_is_refused(tmp_path):
@@ -91,7 +107,7 @@ def test_another_problem_s_is_refused(tmp_path):
 def test_a_policy_of_the_new_race_s_planner_is_judged_anew(tmp_path, shapes):
     start = kept(tmp_path, judged(-5.0, 1.0))
     here = arena(CONFIG.with_section("Noise", {"method": "NoNoise"}), shapes)
-    candidate = start.candidate(here)
+    candidate = start.incumbent.candidate(here)
     fits = shapes[1] == (2,)
     assert candidate.planner is (here.planner if fits else None)
     assert candidate.mean == (None if fits else -5.0)
@@ -100,17 +116,17 @@ def test_a_policy_of_the_new_race_s_planner_is_judged_anew(tmp_path, shapes):
 def test_a_policy_of_another_planner_keeps_its_return(tmp_path):
     start = kept(tmp_path, judged(-5.0, 1.0))
     other = CONFIG.with_values("Compiler", sigmoid_weight=7)
-    candidate = start.candidate(arena(other, ((2, 3), (2,))))
+    candidate = start.incumbent.candidate(arena(other, ((2, 3), (2,))))
     assert candidate.planner is None
     assert (candidate.known_mean, candidate.error) == (-5.0, 0.5)
     assert dataclasses.replace(candidate).config.to_text() == CONFIG.to_text()
 
 
 def test_a_race_that_goes_on_keeps_what_it_began_with_until_there_is_something_better(tmp_path):
-    assert kept(tmp_path, judged(-3.0, 4.0)).mean == -3.0
+    assert kept(tmp_path, judged(-3.0, 4.0)).incumbent.mean == -3.0
     # its own no-op, an estimate of a few episodes, then its first policies
     guess = judged(-1.0, 4.5)
     vague = dataclasses.replace(guess.candidate, error=np.inf)
     guess = dataclasses.replace(guess, candidate=vague)
-    assert kept(tmp_path, guess, judged(-8.0, 5.0)).mean == -3.0
-    assert kept(tmp_path, judged(-8.0, 6.0), judged(-2.0, 7.0)).mean == -2.0
+    assert kept(tmp_path, guess, judged(-8.0, 5.0)).incumbent.mean == -3.0
+    assert kept(tmp_path, judged(-8.0, 6.0), judged(-2.0, 7.0)).incumbent.mean == -2.0

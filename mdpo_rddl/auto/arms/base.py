@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.candidate import Candidate, has_structure
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.machine.background import Background
@@ -220,6 +220,18 @@ class CompilingArm(ArenaArm):
         """By the judge, else by the arm's own estimate."""
         judged = self._log.best_return
         return self._estimate if judged is None and math.isfinite(self._estimate) else judged
+
+    def _earlier_params(self, planner: MDPOPlanner) -> Any:
+        """What the arm had found in a race that was stopped; None without that.
+
+        Args:
+          planner: the arm's own, whose parameters must have the same shapes.
+        """
+        found = self._arena.judge.best_of_arm(self.name)
+        if found is None:
+            return None
+        fits = has_structure(planner, found.params, found.policy_hyperparams)
+        return found.params if fits else None
 
     def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:
         """Whether the judge can play a planner's policies.

@@ -77,7 +77,8 @@ class ParameterExplorationArm(CompilingArm):
         arena = self._arena
         planner = arena.plain.built(_METHOD).planner
         key = key_for(Draws.PGPE, arena.seed)
-        params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
+        if (params := self._earlier_params(planner)) is None:
+            params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
         start, self._to_params = ravel_pytree(params)
         self._to_each = jax.jit(jax.vmap(self._to_params))
         rollouts = 1 if arena.probe.deterministic else _ROLLOUTS

@@ -61,6 +61,8 @@ class TrainingArm(CompilingArm):
     def _compile(self, seconds: float) -> None:
         arena = self._arena
         built = arena.plain.built(self.name)
+        if (guess := self._earlier_params(built.planner)) is not None:
+            built = built.with_arguments(guess=guess)
         key = key_for(Draws.TRAINING, arena.seed)
         budget = Budget(arena.most_iterations, seconds)
         training = Training(built, key, budget, arena.tell)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from helpers.clocks import Ticking
 from helpers.lakes import preset, write_lake
+from helpers.problems import assert_same_bits
+from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
@@ -72,6 +74,10 @@ def test_a_straight_line_plan_is_trained_in_slices(arena):
     # as part of the race, and with the best return of all
     assert 0.0 < told[0].fraction < 1.0
     assert told[0].best_return >= arena.judge.latest("no-op").mean
+    # an arm of a race that goes on begins with it
+    later = TrainingArm(arena, "slp")
+    later.begin(time.monotonic() + FOREVER)
+    assert_same_bits(later._training._built.arguments["guess"], best.params)
 
 
 def replace_told(arena, told: list):
@@ -92,6 +98,11 @@ def test_parameters_of_a_net_are_explored(arena):
     assert {candidate.label for candidate in candidates[1:]} <= {"pgpe, best"}
     assert arm.log.best_return > arena.judge.latest("no-op").mean
     assert arm.log.iterations > 1
+    # an arm of a race that goes on begins with the best of them
+    later = ParameterExplorationArm(arena)
+    later.begin(time.monotonic() + FOREVER)
+    start, _ = ravel_pytree(arena.judge.best_of_arm("pgpe").params)
+    np.testing.assert_array_equal(later._exploration.mean, start)
     # far behind the incumbent, nothing more is handed in
     leader = replace(candidates[0], label="leader", planner=None, mean=1e9, error=0.0)
     arena.judge.record(leader)
