@@ -7,7 +7,7 @@ states and actions are of order 1, and which constant action is a good start.
 import logging
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 _STARTS, _FEW_STARTS = 32, 4
 _ROLLOUTS = 4
 _WIDE_UNITS = 1.5
+# of the box of each other action
+_HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -85,15 +87,18 @@ def probe(
         return np.where(np.isfinite(means), means, -np.inf), states
 
     noop = {name: np.zeros(shape) for name, shape in shapes.items()}
-    units = {}
-    for name in numbers:
-        if box_width(*planner.feedback_plan.bounds[name]) is None:
-            scan = [{**noop, name: np.full(shapes[name], size)} for size in SIZES]
-            units[name] = answering_size(SIZES, returns(scan)[0])
-            logger.info("unit of %s: %g", name, units[name])
+    full = {name: np.ones(shape) for name, shape in shapes.items()}
+    at_once = 1 if large else count
+    open_ended = [
+        name for name in numbers if box_width(*planner.feedback_plan.bounds[name]) is None
+    ]
+    others = [noop] if large else [noop, full, {n: _HALF * v for n, v in full.items()}]
+    units = {
+        name: _unit(name, others, lambda starts: _in_batches(returns, starts, at_once))
+        for name in open_ended
+    }
     random = np.random.default_rng(seed)
     places = boxes(planner, units)
-    full = {name: np.ones(shape) for name, shape in shapes.items()}
     starts = [noop, full, *(_random_start(random, places) for _ in range(count - 2))]
     # the planner's units are 1 where there is no box
     scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
@@ -119,6 +124,30 @@ def probe(
         deterministic=not any(spreads),
         policy_seconds=seconds if large else None,
     )
+
+
+def _unit(
+    name: str,
+    others: list[dict[str, np.ndarray]],
+    returns: Callable[[list[dict[str, np.ndarray]]], np.ndarray],
+) -> float:
+    """The size at which the return answers to an action, beside constants of the others."""
+    shape = others[0][name].shape
+    scan = [{**other, name: np.full(shape, size)} for other in others for size in SIZES]
+    unit = answering_size(SIZES, returns(scan).reshape(len(others), len(SIZES)))
+    logger.info("unit of %s: %g", name, unit)
+    return unit
+
+
+def _in_batches(
+    returns: Callable[[list[dict[str, np.ndarray]]], tuple[np.ndarray, Any]],
+    starts: list[dict[str, np.ndarray]],
+    size: int,
+) -> np.ndarray:
+    """Mean returns of any number of constants, so many at once: one program for all of them."""
+    batches = [starts[first : first + size] for first in range(0, len(starts), size)]
+    padded = [batch + [starts[0]] * (size - len(batch)) for batch in batches]
+    return np.concatenate([returns(batch)[0] for batch in padded])[: len(starts)]
 
 
 def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:

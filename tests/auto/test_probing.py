@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from helpers.lakes import preset, write_lake
 from helpers.problems import tiny_files
+from helpers.toys import problem_from
 
 from mdpo_rddl.auto import probing, sizes
 from mdpo_rddl.auto.fitting import scaled, without_plan, without_scales
@@ -33,6 +34,37 @@ def test_probing_finds_units_and_scales(lake):
     plan = build_planner(lake, scaled(preset(1.0), seen)).planner.plan
     assert isinstance(plan, FeedbackPlan)
     assert plan.units["pump"] == pytest.approx(seen.units["pump"], rel=1e-3)
+
+
+SHOP = """
+domain shop {
+    requirements = { reward-deterministic };
+    pvariables {
+        stock : { state-fluent, real, default = 0.0 };
+        make : { action-fluent, real, default = 0.0 };
+        ship : { action-fluent, real, default = 0.0 };
+    };
+    cpfs { stock' = 100.0 * make; };
+    reward = - abs[30.0 - if (ship <= 100.0 * make) then ship else 0.0];
+    action-preconditions { make >= 0.0; make <= 1.0; ship >= 0.0; };
+}
+non-fluents few { domain = shop; }
+instance today {
+    domain = shop;
+    non-fluents = few;
+    max-nondef-actions = pos-inf;
+    horizon = 3;
+    discount = 1.0;
+}
+"""
+
+
+def test_a_unit_is_found_that_shows_beside_another_action_only():
+    # nothing is shipped of an empty stock, and no-op and all is one beyond it
+    planner = build_planner(problem_from(SHOP), without_scales(preset(1.0))).planner
+    seen = probing.probe(planner, seed=0)
+    assert 10.0 < seen.units["ship"] < 60.0
+    assert seen.start_return > -30.0 * 3 / 2
 
 
 def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):

@@ -25,6 +25,8 @@ SIZES = np.concatenate([[0.0], _POSITIVE, -_POSITIVE])
 _GAIN = 0.005
 # and does no harm if it loses no more than that
 _LOSS = 0.1
+# a smaller difference is rounding
+_ANSWER = 1e-6
 
 
 def specs_in_unit(planner: Any, specs: Mapping[str, ActionSpec]) -> dict[str, ActionSpec]:
@@ -65,18 +67,29 @@ def _scales(planner: Any, names: Sequence[str]) -> dict[str, float]:
 
 
 def answering_size(sizes: np.ndarray, returns: np.ndarray) -> float:
-    """The size of the best constant action where it beats the no-op, else the largest harmless.
+    """The size of the best constant action where it beats none, else the largest harmless.
 
     Args:
       sizes: of the constant actions [N], the first one 0.
-      returns: theirs [N].
+      returns: theirs [N], or [C, N] beside each of C constants of the other actions.
+
+    Returns:
+      The size; sizes to which the return does not answer are harmless only if there is no other,
+      and then it is 1.
     """
-    noop, best = returns[0], int(np.argmax(returns))
-    margin = abs(noop) if np.isfinite(noop) else 0.0
-    if returns[best] > noop + _GAIN * margin:
+    rows = np.atleast_2d(returns)
+    none = rows[:, :1]
+    margin = np.where(np.isfinite(none), np.abs(none), 0.0)
+    with np.errstate(invalid="ignore"):
+        answers = np.abs(rows - none) > _ANSWER * margin
+    is_better = rows > none + _GAIN * margin
+    if is_better.any():
+        best = np.argmax(np.max(np.where(is_better, rows, -np.inf), axis=0))
         return float(abs(sizes[best]))
-    harmless = np.abs(sizes[1:])[returns[1:] >= noop - _LOSS * margin]
-    return float(np.max(harmless, initial=_POSITIVE[0]))
+    if not answers.any():
+        return 1.0
+    harmless = (answers & (rows >= none - _LOSS * margin)).any(axis=0)
+    return float(np.max(np.abs(sizes[harmless]), initial=_POSITIVE[0]))
 
 
 def _constant_play(planner: Any) -> Any:
