@@ -4,8 +4,6 @@ import argparse
 import logging
 import sys
 
-from rddlrepository import RDDLRepoManager
-
 from mdpo_rddl.cli.executor_options import executor_from, hardware
 from mdpo_rddl.cli.ipc_display import LiveTable
 from mdpo_rddl.cli.markdown import print_markdown
@@ -20,6 +18,7 @@ from mdpo_rddl.ipc.run import run
 from mdpo_rddl.ipc.trial import OK
 from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.machine.executors import LocalExecutor, SlurmExecutor
+from mdpo_rddl.problem.repository import rddl_repository
 
 _SUFFIX = "_ippc2023"
 
@@ -75,7 +74,7 @@ def _score(options: argparse.Namespace) -> int:
 
 def _agent(options: argparse.Namespace) -> int:
     # rddlrepository's plain HVAC, for one, is another problem than the competition's
-    is_short = options.domain + _SUFFIX in RDDLRepoManager().list_problems()
+    is_short = options.domain + _SUFFIX in rddl_repository().list_problems()
     domain = options.domain + _SUFFIX if is_short else options.domain
     (problem,) = parse_problems(f"{domain}:{options.instance}")
     check_planner(options.method)

@@ -4,12 +4,11 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from rddlrepository import RDDLRepoManager
-
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.problem.competition import REPOSITORY_NAMES
 from mdpo_rddl.problem.files import looks_like_file
+from mdpo_rddl.problem.repository import rddl_repository
 
 COMPETITION = ",".join(f"{name}:1-5" for name in REPOSITORY_NAMES.values())
 """The forty instances of the 2023 competition."""
@@ -58,7 +57,7 @@ def _checked(problem: Instance) -> Instance:
             if not path.is_file():
                 raise InputError(f"--problems: {path}: no such file")
         return problem
-    manager = RDDLRepoManager()
+    manager = rddl_repository()
     if problem.domain not in manager.list_problems():
         raise InputError(f"--problems: rddlrepository has no problem {problem.domain!r}")
     known = manager.get_problem(problem.domain).list_instances()

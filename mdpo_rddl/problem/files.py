@@ -5,10 +5,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from rddlrepository import RDDLRepoManager
-
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import decoded, read_bounded
+from mdpo_rddl.problem.repository import rddl_repository
 from mdpo_rddl.problem.shipped import shipped_files, shipped_names
 
 MOST_RDDL_BYTES = 2**20
@@ -74,12 +73,12 @@ def looks_like_file(argument: str) -> bool:
 
 def problem_names() -> list[str]:
     """The names of the shipped problems, then those of rddlrepository, in alphabetical order."""
-    return [*shipped_names(), *sorted(RDDLRepoManager().list_problems(), key=str.lower)]
+    return [*shipped_names(), *sorted(rddl_repository().list_problems(), key=str.lower)]
 
 
 def list_problems() -> list[str]:
     """One line for each problem that can be named: what to write, and its instances."""
-    manager = RDDLRepoManager()
+    manager = rddl_repository()
     lines = shipped_names()
     for name in problem_names()[len(lines) :]:
         lines.append(f"{name} {'|'.join(manager.get_problem(name).list_instances())}")
@@ -90,7 +89,7 @@ def _shipped_paths(name: str) -> tuple[Path, Path]:
     """The files of a shipped problem. Raises `InputError`, with near names, if there is none."""
     if name in shipped_names():
         return shipped_files(name)
-    manager = RDDLRepoManager()
+    manager = rddl_repository()
     known = manager.list_problems()
     if name in known:
         available = " ".join(manager.get_problem(name).list_instances())
@@ -111,7 +110,7 @@ def _near(name: str, known: list[str]) -> str:
 
 def _repository_paths(name: str, instance: str) -> tuple[Path, Path]:
     """Find a problem of rddlrepository. Raises `InputError` for an unknown name."""
-    manager = RDDLRepoManager()
+    manager = rddl_repository()
     known = manager.list_problems()
     if name not in known:
         if name in shipped_names():

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from PIL.Image import Image
 from pyRDDLGym import RDDLEnv
-from rddlrepository import RDDLRepoManager
 
 from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.repository import rddl_repository
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ def drawing(problem: Problem, env: RDDLEnv) -> Callable[[], Image]:
 
 
 def _own_visualizer(problem: Problem) -> type | None:
-    manager, name = RDDLRepoManager(), problem.label.rpartition("-")[0]
+    manager, name = rddl_repository(), problem.label.rpartition("-")[0]
     if name not in manager.list_problems():
         return None
     info = manager.get_problem(name)

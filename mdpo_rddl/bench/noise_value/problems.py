@@ -1,8 +1,7 @@
 """The problems on which noise is measured by default."""
 
-from rddlrepository import RDDLRepoManager
-
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem.repository import rddl_repository
 
 INSTANCES_2023 = ("1", "2", "3", "4", "5")
 
@@ -38,10 +37,10 @@ def with_instances(names: list[str] | None) -> list[tuple[str, str]]:
         elif problem in IPPC2023:
             pairs += [(problem, number) for number in INSTANCES_2023]
         else:
-            pairs.append((problem, RDDLRepoManager().get_problem(problem).list_instances()[0]))
+            pairs.append((problem, rddl_repository().get_problem(problem).list_instances()[0]))
     return pairs
 
 
 def repository() -> list[str]:
     """Names of all problems of rddlrepository."""
-    return sorted(RDDLRepoManager().list_problems())
+    return sorted(rddl_repository().list_problems())

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rddlrepository import RDDLRepoManager
-
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError, one_line_cause
@@ -18,6 +16,7 @@ from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
+from mdpo_rddl.problem.repository import rddl_repository
 
 logger = logging.getLogger(__name__)
 
@@ -98,7 +97,7 @@ def fully_observed_tasks(
     problems: Iterable[str] | None, instances: Iterable[str]
 ) -> list[tuple[str, str]]:
     """Problems, by default the fully observed ones of IPPC 2011 and 2014, with instances."""
-    known = sorted(RDDLRepoManager().list_problems())
+    known = sorted(rddl_repository().list_problems())
     chosen = [name for name in known if _KIND in name] if problems is None else list(problems)
     unknown = sorted(set(chosen) - set(known))
     if unknown:

@@ -3,13 +3,12 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from rddlrepository import RDDLRepoManager
-
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS, NOT_PLAYED, PLANNERS, Attempt, try_all
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.versions import versions
+from mdpo_rddl.problem.repository import rddl_repository
 
 
 def run_compatibility(
@@ -62,7 +61,7 @@ def checked_problems(problems: Iterable[str] | None) -> list[str]:
     Raises:
       InputError: for an unknown problem.
     """
-    known = sorted(RDDLRepoManager().list_problems())
+    known = sorted(rddl_repository().list_problems())
     names = known if problems is None else list(problems)
     unknown = sorted(set(names) - set(known))
     if unknown:
@@ -72,7 +71,7 @@ def checked_problems(problems: Iterable[str] | None) -> list[str]:
 
 def first_instance(name: str) -> str:
     """The first instance of a problem of rddlrepository."""
-    return RDDLRepoManager().get_problem(name).list_instances()[0]
+    return rddl_repository().get_problem(name).list_instances()[0]
 
 
 def compatibility_table(records: Records) -> str:

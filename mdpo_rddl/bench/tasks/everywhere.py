@@ -5,25 +5,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rddlrepository import RDDLRepoManager
 from scipy import special
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, PLANNERS
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem.repository import rddl_repository
 
 _LEVEL = 0.975
 
 
 def domains() -> list[str]:
     """The names of all problems of rddlrepository."""
-    return sorted(RDDLRepoManager().list_problems())
+    return sorted(rddl_repository().list_problems())
 
 
 def first_instance(problem: str) -> str:
     """The first instance that rddlrepository lists of a problem."""
-    return str(RDDLRepoManager().get_problem(problem).list_instances()[0])
+    return str(rddl_repository().get_problem(problem).list_instances()[0])
 
 
 def run_everywhere(
