@@ -8,8 +8,9 @@ import numpy as np
 
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.lookahead.choice import NO_TIME, can_think, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import can_think, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem
 

@@ -104,6 +104,7 @@ def _choice_figures(choice: Choice) -> dict[str, Any]:
                 "method": trial.method,
                 "mean_gain": _number(trial.mean),
                 "error": _number(trial.error),
+                "states": trial.states,
                 "note": trial.note,
             }
             for trial in choice.trials

@@ -12,9 +12,10 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.policy import policy as policies
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
-from mdpo_rddl.policy.lookahead.choice import NO_TIME, Trial, choose
+from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
+from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
 
 SECONDS = 0.5
 START = {"pulled": np.zeros(3, bool)}
