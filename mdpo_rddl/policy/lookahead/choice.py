@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.lookahead.base import Method, Prepared
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
@@ -14,6 +15,7 @@ from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.residuals import Residuals
 from mdpo_rddl.policy.lookahead.simulator import Simulator
+from mdpo_rddl.policy.lookahead.table_base import TableBase
 from mdpo_rddl.policy.lookahead.trials import (
     FEWEST_STATES,
     MOST_STATES,
@@ -22,11 +24,13 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trial,
     Trials,
 )
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem, make_environment
 
 _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
 _BEYOND = 0.1
+OPTIMAL = "the optimum is proven"
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # of the time for the choice, the episodes that give the states may take
@@ -75,7 +79,7 @@ def longest_choice(seconds: float) -> float:
 
 
 def choose(
-    policy: Prepared,
+    policy: Prepared | TablePolicy,
     seconds: float,
     within: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
@@ -86,7 +90,7 @@ def choose(
     on scenarios that it did not see. Ties go to the plain policy.
 
     Args:
-      policy: the prepared policy.
+      policy: the prepared policy, or a table.
       seconds: of a decision.
       within: seconds for the choice. The first compilation tells how long others take; none is
         begun that would end later. A decision that has begun goes on to its end; where no time is
@@ -94,33 +98,49 @@ def choose(
       clock: tells the seconds.
     """
     started = clock()
-    reason = _unsuitable(policy)
-    trials: list[Trial] = []
+    reason, trials = _unsuitable(policy), list[Trial]()
     chosen: LookaheadPolicy | None = None
     if not reason:
-        components = Components.of(policy.planner)
+        try:
+            base = TableBase(policy) if isinstance(policy, TablePolicy) else policy
+        except (InputError, ValueError) as error:
+            return Choice(None, [], one_line_cause(error), clock() - started)
+        components = Components.of(base.planner)
         applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
         if applying:
-            now = clock()
-            visited = _visited(policy, lambda: clock() < now + _VISITING_SHARE * within)
-            simulator = Simulator(policy, max(method.depth for method in applying), clock)
-            until = started + within
-            if not simulator.prepare(visited[0][1], seconds, until):
-                trials = [Trial(method.name, None, None, NO_TIME) for method in applying]
-                applying = []
-            elif any(method.climbs for method in applying):
-                simulator.prepare_climbing(visited[0][1], until)
-        if applying:
-            few = 2 * FEWEST_STATES * seconds * len(applying)
-            until = max(until, clock() + min(few, _BEYOND * within))
-            thinkers = [
-                LookaheadPolicy(simulator, method, seconds, policy.seed, clock)
-                for method in applying
-            ]
-            trials = Trials(thinkers, simulator, seconds, clock).at(visited, until)
-            chosen = _best(thinkers, trials)
+            times = seconds, started + within
+            chosen, trials = _tried(base, applying, times, clock)
     return Choice(chosen, trials, reason, clock() - started)
+
+
+def _tried(
+    policy: Prepared,
+    methods: Sequence[Method],
+    times: tuple[float, float],
+    clock: Callable[[], float],
+) -> tuple[LookaheadPolicy | None, list[Trial]]:
+    """The best of the methods, if any pays, and the trials of all.
+
+    Args:
+      policy: the prepared policy.
+      methods: that apply.
+      times: seconds of a decision, and when the choice is to end.
+      clock: tells the seconds.
+    """
+    seconds, until = times
+    within, began = until - clock(), clock()
+    visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
+    simulator = Simulator(policy, max(method.depth for method in methods), clock)
+    if not simulator.prepare(visited[0][1], seconds, until):
+        return None, [Trial(method.name, None, None, NO_TIME) for method in methods]
+    if any(method.climbs for method in methods):
+        simulator.prepare_climbing(visited[0][1], until)
+    few = 2 * FEWEST_STATES * seconds * len(methods)
+    until = max(until, clock() + min(few, _BEYOND * within))
+    thinkers = [LookaheadPolicy(simulator, each, seconds, policy.seed, clock) for each in methods]
+    trials = Trials(thinkers, simulator, seconds, clock).at(visited, until)
+    return _best(thinkers, trials), trials
 
 
 def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> LookaheadPolicy | None:
@@ -134,8 +154,10 @@ def _methods() -> list[Method]:
     return [FirstActions(), Coordinate(), Residuals()]
 
 
-def _unsuitable(policy: Prepared) -> str:
-    """Why rollouts from the state at hand cannot be made; empty if they can."""
+def _unsuitable(policy: Prepared | TablePolicy) -> str:
+    """Why rollouts from the state at hand cannot be made, or are of no use; empty if they can."""
+    if isinstance(policy, TablePolicy):
+        return "" if policy.optimum is None else OPTIMAL
     if policy.planner.rddl.observ_fluents:
         return "the state is not observed"
     if policy.planner.memory.initial:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
-from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
+from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 
 State = Mapping[str, Any]
 
@@ -17,8 +17,9 @@ FEWEST_STATES = 3
 """Gains at fewer states say nothing."""
 NO_TIME = "no time"
 
-# where there is little time, decisions take as little as this share of those in play
-_SHORTEST_SHARE = 0.5
+# where there is little time, decisions take as little as so many calls, but at least this share of
+# those in play
+_FEWEST_CALLS, _SHORTEST_SHARE = 5.0, 0.2
 # for so many states the decisions are shortened
 _WANTED_STATES = 30
 # calls with fresh scenarios after the decisions of a state
@@ -96,7 +97,9 @@ class Trials:
     def _decision_seconds(self, until: float) -> float:
         """Of a decision in the trials: as in play if there is time for that at many states."""
         wanted = (until - self.clock()) / (_WANTED_STATES * len(self.thinkers))
-        return float(np.clip(wanted, _SHORTEST_SHARE * self.seconds, self.seconds))
+        calls = _FEWEST_CALLS * self.simulator.seconds(WIDE, 0) / self.seconds
+        shortest = float(np.clip(calls, _SHORTEST_SHARE, 1.0))
+        return float(np.clip(wanted, shortest * self.seconds, self.seconds))
 
     def _at(self, number: int, place: tuple[int, State], seconds: float) -> np.ndarray:
         """Gains of the methods' decisions at a state [methods, N], zero where the base is played.

@@ -94,7 +94,7 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
     # calls are too long for such decisions, and there is time for one more program
     assert simulator.prepare(START, 0.2, until=0.7)
-    assert simulator.scenarios(WIDE) == 512 // 2**3
+    assert simulator.scenarios(WIDE) == 128 // 2**3
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
 
 
