@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
-from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -99,6 +99,11 @@ class Policy(PolicyAgent):
         save_policy(Path(path), self.to_saved())
 
     @property
+    def rollout_policy(self) -> Callable[..., Any]:
+        """What plays in compiled rollouts."""
+        return self.planner.legal_policy
+
+    @property
     def returns(self) -> np.ndarray:
         """Mean return on the exact model of each incumbent, the policy's own last."""
         found = [each["mean_return"] for each in self.candidates if each["became_incumbent"]]
@@ -120,9 +125,7 @@ class Policy(PolicyAgent):
         Raises:
           InputError: if that is no time.
         """
-        if not 0.0 < seconds < math.inf:
-            raise InputError(f"decision_seconds must be a number above 0, got {seconds!r}")
-        return choose(self, seconds, longest_choice(seconds)).policy or self
+        return thinking_agent(self, seconds) or self
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step.
