@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Method, Prepared
+from mdpo_rddl.policy.lookahead.belief import Believer, known_at, note_played, unseen
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.residuals import Residuals
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
-from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.load import make_environment
 
 State = Mapping[str, Any]
 
@@ -84,11 +85,6 @@ class Choice:
         return self.reason or (NO_TIME if short else "no gain")
 
 
-def can_think(problem: Problem) -> bool:
-    """Whether the problem is one for which there are methods, so that time is kept for them."""
-    return not problem.model.observ_fluents
-
-
 def longest_choice(seconds: float) -> float:
     """Seconds that the choice may take where nothing else limits it.
 
@@ -126,6 +122,7 @@ def choose(
         applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
         if applying:
+            policy = _followed(policy, seconds, clock)
             now = clock()
             visited = _visited(policy, lambda: clock() < now + _VISITING_SHARE * within)
             simulator = Simulator(policy, max(method.depth for method in applying), clock)
@@ -155,9 +152,7 @@ def _methods() -> list[Method]:
 
 def _unsuitable(policy: Prepared) -> str:
     """Why rollouts from the state at hand cannot be made; empty if they can."""
-    if policy.planner.rddl.observ_fluents:
-        return "the state is not observed"
-    if policy.planner.memory.initial:
+    if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:
         return "the policy reads the history"
@@ -166,8 +161,17 @@ def _unsuitable(policy: Prepared) -> str:
     return ""
 
 
+def _followed(policy: Prepared, seconds: float, clock: Callable[[], float]) -> Prepared:
+    """The policy, with a belief where the state is not observed."""
+    if not policy.planner.rddl.observ_fluents:
+        return policy
+    believer = Believer(policy, clock)
+    believer.prepare(seconds)
+    return believer
+
+
 def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
-    """Steps and states of a few episodes, as many as there are trials.
+    """Steps and states, or beliefs, of a few episodes, as many as there are trials.
 
     The first is a start; the others are in an order in which the first few are far apart.
 
@@ -180,11 +184,14 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
     for episode in range(_EPISODES):
         state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
         while not done and (has_time() or not found):
-            found.append((step, state))
-            state, _, terminated, truncated, _ = env.step(policy(step, state))
+            known = known_at(policy, step, state, is_tried=True)
+            found.append((step, known))
+            action = policy(step, known)
+            note_played(policy, known, action)
+            state, _, terminated, truncated, _ = env.step(action)
             step, done = step + 1, terminated or truncated
     if not found:
-        return [(0, env.reset(seed=policy.seed)[0])]
+        return [(0, known_at(policy, 0, env.reset(seed=policy.seed)[0]))]
     places = np.linspace(0, len(found) - 1, min(_TRIALS, len(found))).astype(int)
     order = np.argsort(np.arange(len(places)) * _GOLDEN % 1.0)
     return [found[place] for place in places[order]]
@@ -229,5 +236,5 @@ class _Tried:
             return 0.0
         pair = np.stack([base, candidate])
         seeds = range(number * _TEST_CALLS, (number + 1) * _TEST_CALLS)
-        fresh = [self.simulator.gains(NARROW, state, step, pair, seed) for seed in seeds]
+        fresh = [self.simulator.gains(NARROW, unseen(state), step, pair, seed) for seed in seeds]
         return float(np.mean(fresh))
