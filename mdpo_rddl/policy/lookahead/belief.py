@@ -37,15 +37,15 @@ class Belief(Mapping[str, Any]):
       root: where rollouts begin, with the policy's memory before the step.
       effective: number of particles that the observation has left, as their weights are worth.
       matches: whether any particle could have led to the observation.
-      fresh: of particles that a decision does not see, by which it can be measured; None if there
-        are none.
+      deciding: of other particles, in which a decision at this belief begins, so that it can be
+        measured from the root, which it did not see; None if the decision begins in the root.
     """
 
     observed: Mapping[str, Any]
     root: HiddenRoot
     effective: float
     matches: bool
-    fresh: HiddenRoot | None = None
+    deciding: HiddenRoot | None = None
 
     def __getitem__(self, name: str) -> Any:
         """What is observed of a fluent."""
@@ -74,7 +74,7 @@ class Believer:
     _now: Belief | None = field(default=None, init=False)
     _step: int = field(default=-1, init=False)
     _before: list[Particles] = field(default_factory=list, init=False)
-    _action: Mapping[str, Any] = field(default_factory=dict, init=False)
+    _action: Mapping[str, Any] = field(init=False)
     _seconds: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
@@ -84,7 +84,7 @@ class Believer:
         self._advance = self._filter.compile()
         self._keys = step_keys(planner, self.policy.seed)
         self._recall = Recall(planner)
-        self._count = _PARTICLES
+        self._count, self._action = _PARTICLES, self._noop()
 
     @property
     def problem(self) -> Problem:
@@ -132,13 +132,12 @@ class Believer:
         Args:
           seconds: of a decision.
         """
-        action = self._noop()
         observed = self._shown(dict.fromkeys(self.planner.rddl.observ_fluents))
-        took = self._measured(action, observed)
+        took = self._measured(observed)
         count = int(np.clip(self._count * _SHARE * seconds / took, _FEWEST, _MOST))
         if count < self._count or count >= 2 * self._count:
             self._count = count
-            took = self._measured(action, observed)
+            self._measured(observed)
         self._seconds = _SHARE * seconds
 
     def believe(self, step: int, observation: Mapping[str, Any], is_tried: bool = False) -> Belief:
@@ -149,17 +148,19 @@ class Believer:
 
         Args:
           step: number of decisions before.
-          observation: what the environment has shown, or a belief, which is given back.
-          is_tried: whether a second filter gives the belief fresh particles.
+          observation: what the environment has shown, or a belief, which is given back as a
+            decision sees it.
+          is_tried: whether a second filter gives the particles of the decision.
         """
         if isinstance(observation, Belief):
-            return observation
+            root = observation.deciding or observation.root
+            return dataclasses.replace(observation, root=root, deciding=None)
         memory: Entries = jax.tree.map(lambda leaf: leaf[0], self._recall.at(step, 1))
         shown, last = self._shown(observation), self._now
         if last is None or step == 0 or step not in (self._step, self._step + 1):
             self._before = []
         elif step == self._step + 1:
-            before = last.root, last.fresh
+            before = last.root, last.deciding
             self._before = [dict(root.particles) for root in before if root is not None]
         self._step = step
         found = [self._filtered(number, shown) for number in range(1 + is_tried)]
@@ -197,9 +198,9 @@ class Believer:
                 break
         return found
 
-    def _measured(self, action: Mapping[str, Any], seen: Mapping[str, Any]) -> float:
+    def _measured(self, seen: Mapping[str, Any]) -> float:
         """Seconds of the filter once it is compiled."""
-        took = 0.0
+        took, action = 0.0, self._noop()
         for attempt in range(2):
             began = self.clock()
             key = jax.random.PRNGKey(attempt)
@@ -223,6 +224,21 @@ class Believer:
         return {name: np.asarray(known[name]) for name in self.planner.rddl.action_fluents}
 
 
+def believing(policy: Prepared, seconds: float, clock: Callable[[], float]) -> Prepared:
+    """The policy, prepared to follow its episodes where the state is not observed.
+
+    Args:
+      policy: the prepared one.
+      seconds: of a decision.
+      clock: tells the seconds.
+    """
+    if not policy.planner.rddl.observ_fluents:
+        return policy
+    believer = Believer(policy, clock)
+    believer.prepare(seconds)
+    return believer
+
+
 def known_at(
     policy: Prepared, step: int, observation: Mapping[str, Any], is_tried: bool = False
 ) -> Mapping[str, Any]:
@@ -232,18 +248,11 @@ def known_at(
       policy: the prepared one.
       step: number of decisions before.
       observation: what the environment has shown, or a belief.
-      is_tried: whether a belief is to have fresh particles, by which a decision is measured.
+      is_tried: whether a decision at a belief is to be measured from particles it does not see.
     """
     if isinstance(policy, Believer):
         return policy.believe(step, observation, is_tried)
     return observation
-
-
-def unseen(known: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The same, of a belief with the fresh particles if there are any."""
-    if isinstance(known, Belief) and known.fresh is not None:
-        return dataclasses.replace(known, root=known.fresh, fresh=None)
-    return known
 
 
 def is_unmatched(known: Mapping[str, Any]) -> bool:

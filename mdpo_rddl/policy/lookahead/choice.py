@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Method, Prepared
-from mdpo_rddl.policy.lookahead.belief import Believer, known_at, note_played, unseen
+from mdpo_rddl.policy.lookahead.belief import believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -122,7 +122,7 @@ def choose(
         applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
         if applying:
-            policy = _followed(policy, seconds, clock)
+            policy = believing(policy, seconds, clock)
             now = clock()
             visited = _visited(policy, lambda: clock() < now + _VISITING_SHARE * within)
             simulator = Simulator(policy, max(method.depth for method in applying), clock)
@@ -159,15 +159,6 @@ def _unsuitable(policy: Prepared) -> str:
     if policy.planner.preprocessor is not None:
         return "the policy reads preprocessed states"
     return ""
-
-
-def _followed(policy: Prepared, seconds: float, clock: Callable[[], float]) -> Prepared:
-    """The policy, with a belief where the state is not observed."""
-    if not policy.planner.rddl.observ_fluents:
-        return policy
-    believer = Believer(policy, clock)
-    believer.prepare(seconds)
-    return believer
 
 
 def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
@@ -236,5 +227,5 @@ class _Tried:
             return 0.0
         pair = np.stack([base, candidate])
         seeds = range(number * _TEST_CALLS, (number + 1) * _TEST_CALLS)
-        fresh = [self.simulator.gains(NARROW, unseen(state), step, pair, seed) for seed in seeds]
+        fresh = [self.simulator.gains(NARROW, state, step, pair, seed) for seed in seeds]
         return float(np.mean(fresh))
