@@ -8,9 +8,9 @@ import numpy as np
 
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.lookahead.choice import NO_TIME, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.problem.load import Problem
 
 # of a trial's time; the rest is the environment's, and a margin
@@ -67,9 +67,6 @@ class ThinkingMDPO(MDPO):
     def improve(self, seconds: float) -> None:
         """Tries whether to think, and how, now that the policy is kept."""
         policy, decision = self._policy, self._decision_seconds
-        if not isinstance(policy, Policy):
-            self._note = "the policy is a table"
-            return
         if decision < _SHORTEST_SECONDS or seconds <= 0.0:
             self._note = NO_TIME
             return

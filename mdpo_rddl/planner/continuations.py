@@ -63,16 +63,18 @@ class Continuations:
     beyond. No reward counts after a termination condition or a broken invariant.
     """
 
-    def __init__(self, planner: MDPOPlanner) -> None:
+    def __init__(self, planner: MDPOPlanner, policy: Callable[..., Actions] | None = None) -> None:
         """Reads the exact model.
 
         Args:
-          planner: whose policy plays after the first actions.
+          planner: compiled for the problem.
+          policy: what plays after the first actions; the planner's if None.
         """
         compiled = planner.test_compiled
         limits = [*group_limits(planner.rddl)[0], *getattr(planner.plan, "concurrency", [])]
         self.changes = Changes(compiled)
         self._planner, self._compiled = planner, compiled
+        self._policy = planner.legal_policy if policy is None else policy
         self._legal = LegalActions(compiled, limits)
         fluents, self._nonfluents = initial_values(planner).test
         self._fluents = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), fluents)
@@ -157,7 +159,7 @@ class Continuations:
     def _compile_step(self) -> Callable[..., tuple[Any, Array, Array]]:
         """One step of one rollout: what follows, the reward, and whether the episode is over."""
         transition = self._compiled.compile_transition(check_constraints=self._stopping)
-        policy, update = self._planner.legal_policy, self._planner.memory.update
+        policy, update = self._policy, self._planner.memory.update
 
         def step(shared, early, late):
             params, hyperparams, nonfluents, model = shared

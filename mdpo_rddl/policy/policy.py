@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -97,6 +97,11 @@ class Policy(PolicyAgent):
           InputError: naming the file, if it cannot be written.
         """
         save_policy(Path(path), self.to_saved())
+
+    @property
+    def rollout_policy(self) -> Callable[..., Any]:
+        """What plays in compiled rollouts."""
+        return self.planner.legal_policy
 
     @property
     def returns(self) -> np.ndarray:

@@ -17,7 +17,6 @@ from mdpo_rddl.planner.config.presets import DEFAULT_PRESET
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem, load_problem
 from mdpo_rddl.problem.of_environment import problem_of
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
@@ -136,7 +135,7 @@ def plan(
         policy: PlannedPolicy = _find(terms, watch, counts_compilation=seconds is not None)
         if watch.error is not None:
             raise watch.error
-        if kept > 0.0 and isinstance(policy, Policy):
+        if kept > 0.0:
             policy = choose(policy, chosen.decision_seconds, kept).policy or policy
         # compiled now, the first decision need not wait for it
         policy.reset()

@@ -11,7 +11,6 @@ from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.choice import longest_choice
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.hindsight import hindsight_figures
@@ -26,7 +25,7 @@ from mdpo_rddl.session.report.summary import (
     return_figures,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
-from mdpo_rddl.session.thinking import TABLES_DO_NOT_THINK, think
+from mdpo_rddl.session.thinking import think
 
 logger = logging.getLogger(__name__)
 
@@ -60,9 +59,7 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         observed = None if folder is None else Observed(terms)
         plain = Evaluator(terms, reporter).run(policy, observed)
         figures = return_figures(plain)
-        if request.decision_seconds > 0.0 and not isinstance(policy, Policy):
-            logger.warning(TABLES_DO_NOT_THINK)
-        elif request.decision_seconds > 0.0:
+        if request.decision_seconds > 0.0:
             seconds = request.decision_seconds
             times = seconds, longest_choice(seconds)
             figures = think(policy, plain, times, terms, reporter, observed)

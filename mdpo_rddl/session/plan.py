@@ -34,7 +34,6 @@ from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 from mdpo_rddl.session.second_evaluator import SecondEvaluator
 from mdpo_rddl.session.thinking import (
-    TABLES_DO_NOT_THINK,
     choice_times,
     think,
     without_choice,
@@ -194,9 +193,7 @@ def _played(
 ) -> dict[str, Any]:
     """The figures of the evaluation, with thinking and hindsight if these were asked for."""
     figures = return_figures(plain)
-    if request.decision_seconds > 0.0 and not isinstance(policy, Policy):
-        logger.warning(TABLES_DO_NOT_THINK)
-    elif request.decision_seconds > 0.0:
+    if request.decision_seconds > 0.0:
         times = choice_times(request)
         figures = think(policy, plain, times, request, reporter, observed)
     if request.hindsight:

@@ -5,16 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import Choice, choose, longest_choice
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
 from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
-
-TABLES_DO_NOT_THINK = "no thinking at the decisions: the policy is a table"
 
 # of the time for planning: as a rule, for the programs, and never more than
 _SHARE, _LEAST_SECONDS, _LARGEST_SHARE = 0.25, 8.0, 0.5
@@ -52,7 +50,7 @@ def without_choice(request: PlanRequest) -> PlanRequest:
 
 
 def think(
-    policy: Policy,
+    policy: AnyPolicy,
     plain: Evaluation,
     times: tuple[float, float],
     terms: EvaluationTerms,
@@ -102,6 +100,7 @@ def _choice_figures(choice: Choice) -> dict[str, Any]:
                 "method": trial.method,
                 "mean_gain": _number(trial.mean),
                 "error": _number(trial.error),
+                "states": trial.states,
                 "note": trial.note,
             }
             for trial in choice.trials

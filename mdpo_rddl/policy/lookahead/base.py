@@ -24,6 +24,10 @@ class Prepared(Protocol):
         """Its models."""
 
     @property
+    def rollout_policy(self) -> Callable[..., Any]:
+        """A function as `planner.legal_policy`, which plays in compiled rollouts."""
+
+    @property
     def params(self) -> Any:
         """Of the policy."""
 

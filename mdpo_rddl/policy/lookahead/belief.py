@@ -97,6 +97,11 @@ class Believer:
         return self.policy.planner
 
     @property
+    def rollout_policy(self) -> Callable[..., Any]:
+        """What plays in compiled rollouts."""
+        return self.policy.rollout_policy
+
+    @property
     def params(self) -> Any:
         """Of the policy."""
         return self.policy.params

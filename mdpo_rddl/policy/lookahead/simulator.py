@@ -30,11 +30,11 @@ _CANDIDATES = {WIDE: 32, NARROW: 4}
 _CERTAIN_SCENARIOS = 2
 # how far actions are from the policy's where that is found out, in units of the components
 _SPREAD = 0.3
-_ROLLOUTS, _FEWEST, _MOST = 512, 128, 4096
+_FEWEST, _MOST = 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
 # calls that take more of it leave no time to compare
-_USABLE_SHARE = 0.2
+_USABLE_SHARE = 0.5
 _MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 # of the time of a step as it was measured first: no step is expected to be faster
 _LEAST_SHARE = 0.5
@@ -62,7 +62,7 @@ class Simulator:
         self.components = Components.of(policy.planner)
         self.horizon = policy.planner.rddl.horizon
         self._clock = clock
-        self._continuations = Continuations(policy.planner)
+        self._continuations = Continuations(policy.planner, policy.rollout_policy)
         self._legality = self._continuations.compile_legality()
         self._programs: dict[str, Callable[..., Any]] = {}
         self._sizes: dict[str, Size] = {}
@@ -89,21 +89,21 @@ class Simulator:
         longest = min(_LONGEST_SECONDS, _SHARE * seconds)
         base = self.components.flat(self.policy(0, state))
         self.legal(state, base[np.newaxis])
-        rollouts, started = _ROLLOUTS, self._clock()
+        # what takes long to compile takes long to play: for that no second program is needed
+        rollouts, started = _FEWEST, self._clock()
         self._compile(WIDE, rollouts, state, base)
         self._compile_seconds = self._clock() - started
         # what a belief has not told yet may differ later
         is_belief = isinstance(state, Belief)
         self._is_random = self._is_random and (is_belief or self._differs(state))
         took = self.seconds(WIDE, 0)
-        if not self._is_random or not longest / 8 < took < longest * 1.5:
-            # without time to compile it again a call of another length does as well
-            if self._can_compile(2.0, until):
-                rollouts = int(np.clip(rollouts * longest / took, _FEWEST, _MOST))
-                self._compile(WIDE, rollouts, state, base)
-            elif took > _USABLE_SHARE * seconds:
-                return False
-        if not self._can_compile(1.0, until):
+        wanted = int(np.clip(_FEWEST * longest / took, _FEWEST, _MOST))
+        # without time to compile it again a call of another length does as well
+        if (not self._is_random or took < longest / 8) and self._can_compile(2.0, until):
+            rollouts = wanted
+            self._compile(WIDE, rollouts, state, base)
+        is_slow = self.seconds(WIDE, 0) > _USABLE_SHARE * seconds
+        if is_slow or not self._can_compile(1.0, until):
             return False
         self._compile(NARROW, rollouts, state, base)
         return True

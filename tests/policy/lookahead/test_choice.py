@@ -12,9 +12,10 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.policy import policy as policies
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
-from mdpo_rddl.policy.lookahead.choice import NO_TIME, Trial, choose
+from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
+from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
 
 SECONDS = 0.5
 START = {"pulled": np.zeros(3, bool)}
@@ -93,7 +94,7 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
     # calls are too long for such decisions, and there is time for one more program
     assert simulator.prepare(START, 0.2, until=0.7)
-    assert simulator.scenarios(WIDE) == 512 // 2**3
+    assert simulator.scenarios(WIDE) == 128 // 2**3
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
 
 

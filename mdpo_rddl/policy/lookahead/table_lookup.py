@@ -1,0 +1,143 @@
+"""A table's actions, looked up in compiled rollouts."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from mdpo_rddl.policy.table import ActionTable
+
+# numbers of runs and steps are 32 bits wide in compiled code
+_MOST, _MOST_BITS = 2**31, 31
+_SEED = 0
+
+
+class TableArrays(NamedTuple):
+    """A table of S states with R runs and A actions, sorted by the first hash.
+
+    Attributes:
+      factors: of each of V variables in the two hashes [V, 2].
+      hashes: of the states' codes [S, 2]; no two states have both in common.
+      merges: mask, value and bits to keep of each variable, of each merge [M, 3, V].
+      last_run: of each state [S].
+      run_key: of each run, its state's place times the number of steps, plus its last step [R].
+      action: of each run [R].
+      actions: per action fluent the values of all actions [A, *shape].
+    """
+
+    factors: Any
+    hashes: Any
+    merges: Any
+    last_run: Any
+    run_key: Any
+    action: Any
+    actions: Mapping[str, Any]
+
+
+class TableLookup:
+    """A table as a compiled policy, the same as `TablePolicy` plays; unknown states get the no-op.
+
+    A state's code is an unsigned number for each of its variables, as the packed state has it.
+
+    Attributes:
+      arrays: what the policy takes for its parameters.
+    """
+
+    def __init__(self, table: ActionTable) -> None:
+        """Sorts the table by its hashes.
+
+        Raises:
+          ValueError: if it is too large.
+        """
+        self._fluents, places = table.fluents, table.places
+        self._offsets = places[:, 3].astype(np.int32)
+        self._steps = int(table.until_step.max(initial=0)) + 1
+        bits, widest = places[:, 2], int(places[:, 2].max(initial=1))
+        if len(table.states) * self._steps >= _MOST or widest > _MOST_BITS:
+            raise ValueError("the table is too large")
+        self._ends = (np.uint64(1) << bits.astype(np.uint64)).astype(np.uint32)
+        codes = np.stack([_code(table.states[:, p[0]], p) for p in places], axis=1)
+        factors, hashes = _distinct(codes)
+        order = np.lexsort((hashes[:, 1], hashes[:, 0]))
+        counts = np.diff(table.first_run)[order]
+        ends = np.cumsum(counts)
+        runs = np.repeat(table.first_run[:-1][order] - (ends - counts), counts) + np.arange(
+            ends[-1]
+        )
+        state = np.repeat(np.arange(len(order)), counts)
+        self._ties = int(np.unique(hashes[:, 0], return_counts=True)[1].max())
+        self.arrays = TableArrays(
+            factors=factors,
+            hashes=hashes[order],
+            merges=_merges(table),
+            last_run=(ends - 1).astype(np.int32),
+            run_key=(state * self._steps + table.until_step[runs]).astype(np.int32),
+            action=table.action[runs].astype(np.int32),
+            actions=dict(table.actions),
+        )
+
+    @property
+    def policy(self) -> Callable[..., dict[str, Array]]:
+        """A function as a planner's policy is, whose parameters are the arrays."""
+
+        def play(
+            key: Array, arrays: TableArrays, hyperparams: Any, step: Any, fluents: Any, memory: Any
+        ) -> dict[str, Array]:
+            number = self._number(arrays, step, fluents)
+            return {name: jnp.asarray(each)[number] for name, each in arrays.actions.items()}
+
+        return play
+
+    def _number(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
+        """The number of the action; 0, the no-op's, for an unknown state."""
+        values = [jnp.ravel(fluents[name]).astype(jnp.int32) for name in self._fluents]
+        shifted = jnp.concatenate(values) + self._offsets
+        codes = shifted.astype(jnp.uint32)
+        fits = jnp.all((shifted >= 0) & (codes < self._ends))
+        if len(arrays.merges):
+            codes = lax.scan(_merged, codes, arrays.merges)[0]
+        first, second = jnp.sum(codes[:, None] * jnp.asarray(arrays.factors), axis=0)
+        hashes = jnp.asarray(arrays.hashes)
+        places = jnp.searchsorted(hashes[:, 0], first) + jnp.arange(self._ties)
+        places = jnp.minimum(places, len(hashes) - 1)
+        hits = (hashes[places, 0] == first) & (hashes[places, 1] == second)
+        place = places[jnp.argmax(hits)].astype(jnp.int32)
+        wanted = place * self._steps + jnp.minimum(step, self._steps - 1)
+        run = jnp.searchsorted(jnp.asarray(arrays.run_key), wanted.astype(jnp.int32))
+        run = jnp.minimum(run, jnp.asarray(arrays.last_run)[place])
+        return jnp.where(fits & jnp.any(hits), jnp.asarray(arrays.action)[run], 0)
+
+
+def _merged(codes: Array, merge: Array) -> tuple[Array, None]:
+    mask, value, keep = merge
+    return jnp.where(jnp.all((codes & mask) == value), codes & keep, codes), None
+
+
+def _code(words: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """The bits of a variable [N] of its words [N]."""
+    _, shift, bits, _ = (np.uint64(each) for each in place)
+    return ((words >> shift) & ((np.uint64(1) << bits) - np.uint64(1))).astype(np.uint32)
+
+
+def _merges(table: ActionTable) -> np.ndarray:
+    found = np.zeros((len(table.merges), 3, len(table.places)), np.uint32)
+    for variable, place in enumerate(table.places):
+        own = table.merges[:, 0] == np.uint64(place[0])
+        for number in (1, 2):
+            found[:, number - 1, variable] = np.where(own, _code(table.merges[:, number], place), 0)
+        found[:, 2, variable] = _code(table.merges[:, 3 + place[0]], place)
+    return found
+
+
+def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors [V, 2] with which no two of the codes [S, V] have the same hashes [S, 2]."""
+    random = np.random.default_rng(_SEED)
+    while True:
+        factors = random.integers(2**32, size=(codes.shape[1], 2), dtype=np.uint32) | np.uint32(1)
+        hashes = np.zeros((len(codes), 2), np.uint32)
+        for variable, own in enumerate(factors):
+            hashes += codes[:, variable, np.newaxis] * own
+        if len(np.unique(hashes, axis=0)) == len(hashes):
+            return factors, hashes
