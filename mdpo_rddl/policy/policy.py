@@ -19,7 +19,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
-from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -125,9 +125,7 @@ class Policy(PolicyAgent):
         Raises:
           InputError: if that is no time.
         """
-        if not 0.0 < seconds < math.inf:
-            raise InputError(f"decision_seconds must be a number above 0, got {seconds!r}")
-        return choose(self, seconds, longest_choice(seconds)).policy or self
+        return thinking_agent(self, seconds) or self
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step.

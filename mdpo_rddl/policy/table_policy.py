@@ -16,6 +16,7 @@ from mdpo_rddl.policy.file import (
     save_policy,
 )
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
+from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.table import ActionTable, Claim, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
@@ -92,6 +93,14 @@ class TablePolicy(PolicyAgent):
     def returns(self) -> np.ndarray:
         """The expected return [1], proven or estimated."""
         return np.array([self.claim.value])
+
+    def with_decision_seconds(self, seconds: float) -> PolicyAgent:
+        """As `Policy.with_decision_seconds`; a proven optimum is played as it is.
+
+        Raises:
+          InputError: if that is no time, in seconds above 0.
+        """
+        return thinking_agent(self, seconds) or self
 
     def explain(self, seconds: float = 0.0) -> Explanation:
         """Says that there is no rule: a table has an action for each state of its own.

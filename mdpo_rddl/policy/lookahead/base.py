@@ -3,12 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.table import ActionTable, Claim
 from mdpo_rddl.problem.load import Problem
 
 
@@ -38,6 +39,25 @@ class Prepared(Protocol):
     @property
     def seed(self) -> int:
         """Of whatever is drawn."""
+
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action at a step."""
+
+    def save(self, path: str | Path) -> None:
+        """Writes it to a file."""
+
+
+@runtime_checkable
+class Tabled(Protocol):
+    """A table of actions, which is played as a policy."""
+
+    table: ActionTable
+    claim: Claim
+    seed: int
+
+    @property
+    def problem(self) -> Problem:
+        """What is played."""
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.policy.lookahead.base import Method, Prepared
+from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
 from mdpo_rddl.policy.lookahead.belief import believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
@@ -25,7 +25,7 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trial,
     Trials,
 )
-from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.policy.table import Optimum
 from mdpo_rddl.problem.load import make_environment
 
 _EPISODES = 4
@@ -75,7 +75,7 @@ def longest_choice(seconds: float) -> float:
 
 
 def choose(
-    policy: Prepared | TablePolicy,
+    policy: Prepared | Tabled,
     seconds: float,
     within: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
@@ -98,7 +98,7 @@ def choose(
     chosen: LookaheadPolicy | None = None
     if not reason:
         try:
-            base = TableBase(policy) if isinstance(policy, TablePolicy) else policy
+            base = TableBase(policy) if isinstance(policy, Tabled) else policy
         except (InputError, ValueError) as error:
             return Choice(None, [], one_line_cause(error), clock() - started)
         components = Components.of(base.planner)
@@ -108,6 +108,23 @@ def choose(
             times = seconds, started + within
             chosen, trials = _tried(base, applying, times, clock)
     return Choice(chosen, trials, reason, clock() - started)
+
+
+def thinking_agent(policy: Prepared | Tabled, seconds: float) -> LookaheadPolicy | None:
+    """What thinks at each decision; None where that does not pay.
+
+    The choice lasts up to `longest_choice(seconds)` seconds.
+
+    Args:
+      policy: the prepared policy, or a table.
+      seconds: of a decision.
+
+    Raises:
+      InputError: if that is no time.
+    """
+    if not 0.0 < seconds < math.inf:
+        raise InputError(f"decision_seconds must be a number above 0, got {seconds!r}")
+    return choose(policy, seconds, longest_choice(seconds)).policy
 
 
 def _tried(
@@ -151,10 +168,10 @@ def _methods() -> list[Method]:
     return [FirstActions(), Coordinate(), Residuals()]
 
 
-def _unsuitable(policy: Prepared | TablePolicy) -> str:
+def _unsuitable(policy: Prepared | Tabled) -> str:
     """Why rollouts from the state at hand cannot be made, or are of no use; empty if they can."""
-    if isinstance(policy, TablePolicy):
-        return "" if policy.optimum is None else OPTIMAL
+    if isinstance(policy, Tabled):
+        return OPTIMAL if isinstance(policy.claim, Optimum) else ""
     if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:

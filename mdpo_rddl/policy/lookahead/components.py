@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,9 @@ import numpy as np
 from mdpo_rddl.noise.units import in_range_units
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.changes import choices
+
+# how far whole numbers of many values are changed; larger ones are not exact in single precision
+_STEPS, _LARGEST = 2.0 ** np.arange(10), 2.0**24
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +25,8 @@ class Components:
       values: per component all its values; none where they are many or real.
       is_real: which components are real [D].
       noop: the no-op [D].
-      lower, upper: the box of the real components, infinite where there is none [D].
+      lower, upper: the box of the components whose values are not listed, infinite where there
+        is none [D].
       units: what 1 means for each real component: the width of its box or, where there is none,
         the plan's own unit; 0 for the others [D].
       most: so many components may differ from the no-op.
@@ -50,11 +54,14 @@ class Components:
         values: list[tuple[float, ...]] = []
         is_real = np.zeros(size, bool)
         for name, part in parts.items():
-            values += [tuple(choices(compiled, name))] * (part.stop - part.start)
-            if rddl.variable_ranges[name] == "real":
-                is_real[part] = True
+            listed, kind = tuple(choices(compiled, name)), rddl.variable_ranges[name]
+            values += [listed] * (part.stop - part.start)
+            is_real[part] = kind == "real"
+            if kind in ("real", "int") and not listed:
                 low, high = compiled.constraints.bounds[name]
                 lower[part], upper[part] = np.ravel(low), np.ravel(high)
+            elif not listed:
+                lower[part], upper[part] = 0.0, len(rddl.type_to_objects[kind]) - 1.0
         flat = np.concatenate([np.ravel(value).astype(np.float32) for value in noop.values()])
         most = int(min(rddl.max_allowed_actions, size))
         units = np.where(is_real, _units(planner, parts), 0.0).astype(np.float32)
@@ -69,6 +76,27 @@ class Components:
     def discrete(self) -> list[int]:
         """The components whose values can be tried one by one."""
         return [place for place, values in enumerate(self.values) if len(values) > 1]
+
+    @property
+    def changeable(self) -> list[int]:
+        """The components that are not real."""
+        return [place for place in range(self.size) if not self.is_real[place]]
+
+    def near(self, place: int, value: float) -> Sequence[float]:
+        """Values of a component that can be tried: all of them or, where they are many, some.
+
+        These are the ends of its box and what is a power of two away.
+
+        Args:
+          place: of a component that is not real.
+          value: where it is now.
+        """
+        if self.values[place]:
+            return self.values[place]
+        ends = np.ceil(self.lower[place]), np.floor(self.upper[place])
+        around = np.clip(np.concatenate([value - _STEPS, value + _STEPS]), *ends)
+        near = {*around.tolist(), *(float(end) for end in ends if abs(end) < _LARGEST)}
+        return sorted(near - {float(value)})
 
     @property
     def joint_actions(self) -> float:

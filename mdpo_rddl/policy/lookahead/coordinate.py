@@ -31,7 +31,7 @@ class Coordinate:
     def applies(self, components: Components) -> bool:
         """Some component can be changed."""
         self._components = components
-        return bool(components.discrete)
+        return bool(components.changeable)
 
     def begin(self, situation: Situation) -> None:
         """Starts at the policy's action."""
@@ -70,8 +70,9 @@ class Coordinate:
         """
         parts = self._components
         assert parts is not None  # `applies` was asked first
-        values = [(place, value) for place in parts.discrete for value in parts.values[place]]
-        on = [place for place in parts.discrete if centre[place] != parts.noop[place]]
+        places = parts.changeable
+        values = [(p, value) for p in places for value in parts.near(p, float(centre[p]))]
+        on = [place for place in places if centre[place] != parts.noop[place]]
         leaving = [None, *on]
         drawn = _some(len(values) * len(leaving), most - 2, random)
         found = [parts.noop, centre]

@@ -33,8 +33,8 @@ _SPREAD = 0.3
 _FEWEST, _MOST = 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
-# calls that take more of it leave no time to compare
-_USABLE_SHARE = 0.5
+# at the first step; later ones have shorter rollouts, and with them time for calls
+_USABLE_SHARE = 1.0
 _MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 # of the time of a step as it was measured first: no step is expected to be faster
 _LEAST_SHARE = 0.5

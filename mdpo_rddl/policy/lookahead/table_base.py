@@ -1,5 +1,6 @@
 """A table of actions as a policy that can be thought beyond."""
 
+import copy
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -7,15 +8,15 @@ from typing import Any
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.policy.lookahead.base import Tabled
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
-from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
 
 
 class TableBase:
     """What `Prepared` asks for, of a table: a planner for its models, the table for its actions."""
 
-    def __init__(self, policy: TablePolicy) -> None:
+    def __init__(self, policy: Tabled) -> None:
         """Compiles the planner.
 
         Raises:
@@ -23,7 +24,7 @@ class TableBase:
           ValueError: if the table is too large.
         """
         # decisions in unknown states are counted apart from those of the policy's own play
-        self._table = TablePolicy(policy.problem, policy.table, policy.claim, policy.seed)
+        self._table = copy.copy(policy)
         self._lookup = TableLookup(policy.table)
         config = auto_preset(policy.problem.domain_name).without_section("Search")
         self._planner = build_planner(policy.problem, config).planner

@@ -9,7 +9,6 @@ from helpers.levers import NONE, lever_policy
 from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
 
-from mdpo_rddl.policy import policy as policies
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.choice import choose
@@ -101,7 +100,7 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
 def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeypatch):
     policy = lever_policy(NONE)
     clock = slow(call=0.01)
-    monkeypatch.setattr(policies, "choose", partial(choose, clock=clock))
+    monkeypatch.setattr(choosing, "choose", partial(choose, clock=clock))
     thinker = policy.with_decision_seconds(SECONDS)
     assert isinstance(thinker, LookaheadPolicy)
     assert thinker.problem is policy.problem

@@ -88,3 +88,29 @@ def test_of_many_components_only_what_is_proposed_is_built():
     assert 300 < len(candidates) <= 600
     changed = np.sum(candidates[1:] != base, axis=1)
     assert {1, 2} <= set(changed.tolist())
+
+
+def test_whole_numbers_of_many_values_are_changed_by_powers_of_two():
+    parts = Components(
+        parts={"order": slice(0, 2), "open": slice(2, 3)},
+        values=((), (), (0.0, 1.0)),
+        is_real=np.zeros(3, bool),
+        noop=np.zeros(3),
+        lower=np.array([-0.5, -np.inf, -np.inf]),
+        upper=np.array([20.0, np.inf, np.inf]),
+        units=np.zeros(3),
+        most=1,
+    )
+    assert parts.near(0, 5.0) == [0.0, 1.0, 3.0, 4.0, 6.0, 7.0, 9.0, 13.0, 20.0]
+    assert {-507.0, 4.0, 517.0} < set(parts.near(1, 5.0))
+    assert parts.near(2, 1.0) == (0.0, 1.0)
+    assert parts.joint_actions == np.inf
+    method = Coordinate()
+    assert method.applies(parts)
+    method.begin(situation(np.array([5.0, 0.0, 0.0])))
+    candidates = set(proposed(method))
+    assert {(0, 0, 0), (20, 0, 0), (4, 0, 0), (5, 1, 0), (5, 0, 1)} <= candidates
+    # five of the one exchanged for four of the other
+    assert (0, 4, 0) in candidates
+    assert all(0 <= first <= 20 for first, _, _ in candidates)
+    assert (5, 0, 0) not in candidates

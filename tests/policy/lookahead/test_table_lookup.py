@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import toy_mdps as toys
 from helpers.clocks import Ticking
+from helpers.mistakes import one_line
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.policy.lookahead.choice import OPTIMAL, choose
@@ -124,6 +125,8 @@ def test_nothing_is_tried_where_the_optimum_is_proven(optimal):
     choice = choose(optimal, 0.5, clock=Ticking(0.01))
     assert choice.policy is None
     assert (choice.note, choice.trials) == (OPTIMAL, [])
+    assert optimal.with_decision_seconds(0.5) is optimal
+    assert "must be a number above 0" in one_line(lambda: optimal.with_decision_seconds(0.0))
 
 
 def test_what_does_not_fit_into_compiled_code_is_said(optimal):
