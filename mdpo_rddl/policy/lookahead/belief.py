@@ -184,15 +184,17 @@ class Believer:
 
     def _filtered(self, number: int, seen: Mapping[str, Any]) -> Filtered:
         """What the first or the second filter makes of what was seen."""
-        if number >= len(self._before):
+        if not self._before:
             count = self._count
             return Filtered(self._filter.start(count), np.float64(count), np.bool_(True))
+        # a second filter may begin later than the first, with its particles
+        before = self._before[min(number, len(self._before) - 1)]
         until = self.clock() + self._seconds
         key = jax.random.fold_in(jax.random.PRNGKey(self.seed), 2 * self._step + number)
         for attempt in range(_ATTEMPTS):
             began = self.clock()
             draw = jax.random.fold_in(key, attempt)
-            found = self._advance(draw, self._before[number], self._action, seen)
+            found = self._advance(draw, before, self._action, seen)
             matches, now = bool(found.matches), self.clock()
             if matches or now + (now - began) > until:
                 break
