@@ -8,7 +8,7 @@ import numpy as np
 
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.lookahead.choice import can_think, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.problem.load import Problem
@@ -60,7 +60,7 @@ class ThinkingMDPO(MDPO):
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy, and in a part of the time for whether to think."""
         decision, kept = self._decision_of(problem), 0.0
-        if can_think(problem) and decision >= _SHORTEST_SECONDS:
+        if decision >= _SHORTEST_SECONDS:
             kept = min(_CHOICE_SHARE * training_seconds(seconds), longest_choice(decision))
         super().prepare(problem, seconds - kept, seed)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,11 +12,14 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.changes import Changes
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.programs.staging import Stages
+from mdpo_rddl.planner.rollouts.plan_memory import Entries
 from mdpo_rddl.planner.start import initial_values
 from mdpo_rddl.problem.limits import group_limits
 
 Actions = dict[str, Array]
 _SHARED, _EARLY, _LATE = range(3)
+# of a root's particles: in so many an action must be legal
+_CHECKED = 64
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,20 @@ class Size:
     def rollouts(self) -> int:
         """C * N."""
         return self.candidates * self.scenarios
+
+
+class HiddenRoot(NamedTuple):
+    """Where rollouts begin whose first state is not observed.
+
+    Attributes:
+      particles: of the state, all of the same weight, per state fluent [P, *shape].
+      observed: what the policy reads at the first step, per observation fluent [*shape].
+      memory: of the policy before the first step, per entry [*shape].
+    """
+
+    particles: Mapping[str, Any]
+    observed: Mapping[str, Any]
+    memory: Entries
 
 
 class Continuations:
@@ -69,18 +86,26 @@ class Continuations:
         """The action fluents, in the order of the components."""
         return list(self._planner.rddl.action_fluents)
 
-    def compile_legality(self) -> Callable[[Mapping[str, Any], Any], Array]:
+    def compile_legality(self) -> Callable[[Mapping[str, Any] | HiddenRoot, Any], Array]:
         """Compiles which actions are legal.
 
         Returns:
-          A function of a state, per state fluent [*shape], and of actions [M, D] that gives
-          whether each is legal [M].
+          A function of a state, per state fluent [*shape], or of a `HiddenRoot`, and of actions
+          [M, D] that gives whether each is legal [M], in all of some particles of a root.
         """
 
         def one(state: Mapping[str, Any], flat: Array) -> Array:
             return self._legal.is_legal(self._tree(flat), state)
 
-        return jax.jit(jax.vmap(one, in_axes=(None, 0)))
+        many = jax.vmap(one, in_axes=(None, 0))
+
+        def legal(state: Any, actions: Array) -> Array:
+            if not isinstance(state, HiddenRoot):
+                return many(state, actions)
+            some = {n: v[:: -(-len(v) // _CHECKED)] for n, v in state.particles.items()}
+            return jnp.all(jax.vmap(many, in_axes=(0, None))(some, actions), axis=0)
+
+        return jax.jit(legal)
 
     def compile(self, size: Size) -> Callable[..., Array]:
         """Compiles the rollouts.
@@ -90,19 +115,21 @@ class Continuations:
 
         Returns:
           A function of a random key, the policy's parameters and hyperparameters, a state (per
-          state fluent [*shape]), its step and candidates [C, k, D] that gives discounted returns
-          [C, N], counted from that step on; all candidates see the same random numbers.
+          state fluent [*shape]; or a `HiddenRoot`), its step and candidates [C, k, D] that gives
+          discounted returns [C, N], counted from that step on; all candidates see the same random
+          numbers, and the same particles.
         """
         step = self._compile_step()
         horizon, discount = self._planner.rddl.horizon, float(self._planner.rddl.discount)
         model = self._compiled.model_aux["params"]
 
         def returns(key, params, hyperparams, state, start, candidates):
-            fluents = {**self._fluents, **self._cast(state)}
+            shape = (size.candidates, size.scenarios)
+            one, many = self._roots(key, state, shape)
             shared = (params, hyperparams, self._nonfluents, model)
             keys = random.split(key, size.scenarios)
             row = candidates[0, 0]
-            stages = Stages(step, shared, (keys[0], start), (fluents, row, start))
+            stages = Stages(step, shared, (keys[0], start), (one, row, start))
             common = stages.run(_SHARED, [], shared)
             draw = jax.vmap(lambda *early: stages.run(_EARLY, [common], early), (0, None))
             late = jax.vmap(
@@ -115,15 +142,13 @@ class Continuations:
                 return (number < horizon) & jnp.any(alive)
 
             def advance(carry):
-                number, fluents, alive, total, weight = carry
+                number, states, alive, total, weight = carry
                 drawn = draw(jax.vmap(random.fold_in, (0, None))(keys, number), number)
                 rows = _rows(candidates, number - start)
-                fluents, reward, ended = all_late(drawn, fluents, rows, start)
+                states, reward, ended = all_late(drawn, states, rows, start)
                 total = total + jnp.where(alive, weight * reward, 0.0)
-                return number + 1, fluents, alive & ~ended, total, weight * discount
+                return number + 1, states, alive & ~ended, total, weight * discount
 
-            shape = (size.candidates, size.scenarios)
-            many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape + leaf.shape), fluents)
             real = self._compiled.REAL
             total = jnp.zeros(shape, real)
             carry = start, many, jnp.ones(shape, bool), total, jnp.ones((), real)
@@ -134,20 +159,37 @@ class Continuations:
     def _compile_step(self) -> Callable[..., tuple[Any, Array, Array]]:
         """One step of one rollout: what follows, the reward, and whether the episode is over."""
         transition = self._compiled.compile_transition(check_constraints=self._stopping)
-        policy = self._policy
+        policy, update = self._policy, self._planner.memory.update
 
         def step(shared, early, late):
             params, hyperparams, nonfluents, model = shared
             key, number = early
-            fluents, row, start = late
+            (fluents, memory), row, start = late
             key, model_key = random.split(key)
-            actions = policy(key, params, hyperparams, number, fluents, {})
+            actions = policy(key, params, hyperparams, number, fluents, memory)
             actions = self._overridden(actions, row, number == start, fluents)
             after, log, _ = transition(model_key, actions, fluents, nonfluents, model)
             after = {name: jnp.asarray(after[name], fluents[name].dtype) for name in fluents}
-            return after, log["reward"], log["termination"] | ~log["invariant"]
+            memory = update(memory, number, fluents, actions)
+            return (after, memory), log["reward"], log["termination"] | ~log["invariant"]
 
         return step
+
+    def _roots(self, key: Array, state: Any, shape: tuple[int, int]) -> tuple[Any, Any]:
+        """A fluent tree and a memory of one rollout, and those of all [C, N, ...]."""
+        if not isinstance(state, HiddenRoot):
+            one: Any = ({**self._fluents, **self._cast(state)}, {})
+            return one, _broadcast(one, shape)
+        common = {**self._fluents, **self._cast(state.observed)}, state.memory
+        count = len(jax.tree.leaves(state.particles)[0])
+        points = (jnp.arange(shape[1]) + random.uniform(random.fold_in(key, shape[1]))) / shape[1]
+        # spread evenly: particles with the same past lie side by side
+        places = jnp.minimum((points * count).astype(int), count - 1)
+        drawn = {name: jnp.asarray(values)[places] for name, values in state.particles.items()}
+        fluents, memory = _broadcast(common, shape)
+        fluents |= {n: jnp.broadcast_to(v, (shape[0], *v.shape)) for n, v in drawn.items()}
+        first = {name: values[0] for name, values in drawn.items()}
+        return ({**common[0], **first}, common[1]), (fluents, memory)
 
     def _overridden(self, actions: Any, row: Array, is_first: Array, state: Any) -> Actions:
         """The row's actions at the first step, the policy's and the row's at others."""
@@ -171,6 +213,10 @@ class Continuations:
             name: jnp.asarray(state[name], like.dtype).reshape(like.shape)
             for name, like in known.items()
         }
+
+
+def _broadcast(tree: Any, shape: tuple[int, int]) -> Any:
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape + jnp.shape(leaf)), tree)
 
 
 def _rows(candidates: Array, offset: Array) -> Array:

@@ -9,12 +9,13 @@ def has_draws(model: Any) -> bool:
     Args:
       model: pyRDDLGym's lifted model.
     """
-    return any(_draws(expression) for _, expression in model.cpfs.values()) or _draws(model.reward)
+    return any(draws(expression) for _, expression in model.cpfs.values()) or draws(model.reward)
 
 
-def _draws(expression: Any) -> bool:
+def draws(expression: Any) -> bool:
+    """Whether an expression, or one of several, draws at random."""
     if isinstance(expression, (tuple, list)):
-        return any(map(_draws, expression))
+        return any(map(draws, expression))
     if not hasattr(expression, "etype"):
         return False
-    return expression.etype[0] in ("randomvar", "randomvector") or _draws(expression.args)
+    return expression.etype[0] in ("randomvar", "randomvector") or draws(expression.args)

@@ -127,7 +127,7 @@ def plan(
             left = max(seconds - watch.elapsed, _LEAST_SECONDS)
             config = config.with_values("Optimize", train_seconds=left)
         watch.seconds = whole = config.budget().seconds
-        kept = choice_seconds(problem, whole, chosen.decision_seconds)
+        kept = choice_seconds(whole, chosen.decision_seconds)
         if kept > 0.0:
             config = config.with_values("Optimize", train_seconds=whole - kept)
         key = config.key if seed is None else seed

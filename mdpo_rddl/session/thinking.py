@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.kinds import AnyPolicy
-from mdpo_rddl.policy.lookahead.choice import Choice, can_think, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import Choice, choose, longest_choice
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import Evaluation
-from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
@@ -19,17 +18,16 @@ from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
 _SHARE, _LEAST_SECONDS, _LARGEST_SHARE = 0.25, 8.0, 0.5
 
 
-def choice_seconds(problem: Problem, seconds: float, decision_seconds: float) -> float:
+def choice_seconds(seconds: float, decision_seconds: float) -> float:
     """How much of the time for planning is kept for preparing to think.
 
-    0 where thinking was not asked for or the problem is one that no method is for.
+    0 where thinking was not asked for.
 
     Args:
-      problem: what is played.
       seconds: for planning, in all.
       decision_seconds: of a decision; 0 if thinking was not asked for.
     """
-    if decision_seconds == 0.0 or not can_think(problem):
+    if decision_seconds == 0.0:
         return 0.0
     wanted = min(max(_SHARE * seconds, _LEAST_SECONDS), _LARGEST_SHARE * seconds)
     return min(wanted, longest_choice(decision_seconds))
@@ -38,7 +36,7 @@ def choice_seconds(problem: Problem, seconds: float, decision_seconds: float) ->
 def choice_times(request: PlanRequest) -> tuple[float, float]:
     """Seconds of a decision, and of the choice, for a request."""
     seconds, decision = request.config.budget().seconds, request.decision_seconds
-    return decision, choice_seconds(request.problem, seconds, decision)
+    return decision, choice_seconds(seconds, decision)
 
 
 def without_choice(request: PlanRequest) -> PlanRequest:

@@ -28,6 +28,7 @@ FIGURES = {
     "p99_seconds",
     "max_seconds",
     "within_budget",
+    "unmatched_beliefs",
     "expected_gain",
     "plain_mean_return",
     "realised_gain",

@@ -12,7 +12,6 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import exact_returns
 from mdpo_rddl.policy.file import load_policy
-from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.transfer import transferred
 from mdpo_rddl.problem.evaluation import evaluate
@@ -150,10 +149,6 @@ def test_the_same_rule_is_carried_over_whole(policy):
     carried = transferred(plan, policy.params, plan, zeros, is_same=True)
     assert carried.left_out == ()
     jax.tree.map(np.testing.assert_allclose, carried.params, policy.params)
-
-
-def test_there_is_no_look_ahead_for_it(policy):
-    assert choose(policy, 0.1).reason == "the state is not observed"
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
+from mdpo_rddl.policy.lookahead.belief import believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -25,7 +26,7 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trials,
 )
 from mdpo_rddl.policy.table import Optimum
-from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.load import make_environment
 
 _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
@@ -62,11 +63,6 @@ class Choice:
             return ""
         short = self.trials and all(trial.note == NO_TIME for trial in self.trials)
         return self.reason or (NO_TIME if short else "no gain")
-
-
-def can_think(problem: Problem) -> bool:
-    """Whether the problem is one for which there are methods, so that time is kept for them."""
-    return not problem.model.observ_fluents
 
 
 def longest_choice(seconds: float) -> float:
@@ -146,6 +142,7 @@ def _tried(
       clock: tells the seconds.
     """
     seconds, until = times
+    policy = believing(policy, seconds, clock)
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
@@ -175,9 +172,7 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
     """Why rollouts from the state at hand cannot be made, or are of no use; empty if they can."""
     if isinstance(policy, Tabled):
         return OPTIMAL if isinstance(policy.claim, Optimum) else ""
-    if policy.planner.rddl.observ_fluents:
-        return "the state is not observed"
-    if policy.planner.memory.initial:
+    if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:
         return "the policy reads the history"
@@ -187,7 +182,7 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
 
 
 def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
-    """Steps and states of a few episodes, in an order in which the first ones are far apart.
+    """Steps and states, or beliefs, of a few episodes, the first ones far apart.
 
     The first is a start.
 
@@ -200,11 +195,14 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
     for episode in range(_EPISODES):
         state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
         while not done and (has_time() or not found):
-            found.append((step, state))
-            state, _, terminated, truncated, _ = env.step(policy(step, state))
+            known = known_at(policy, step, state, is_tried=True)
+            found.append((step, known))
+            action = policy(step, known)
+            note_played(policy, known, action)
+            state, _, terminated, truncated, _ = env.step(action)
             step, done = step + 1, terminated or truncated
     if not found:
-        return [(0, env.reset(seed=policy.seed)[0])]
+        return [(0, known_at(policy, 0, env.reset(seed=policy.seed)[0]))]
     places = np.linspace(0, len(found) - 1, min(MOST_STATES, len(found))).astype(int)
     order = np.argsort(np.arange(len(places)) * _GOLDEN % 1.0)
     return [found[place] for place in places[order]]

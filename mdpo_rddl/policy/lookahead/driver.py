@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
+from mdpo_rddl.policy.lookahead.belief import Believer, is_unmatched, known_at, note_played
 from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -33,6 +35,7 @@ class Decision(NamedTuple):
       left_base: whether something else than the prepared policy's action was played.
       gain: what it is expected to return more than the base, in fresh rollouts; 0 for the base.
       error: the gain's standard error.
+      unmatched: whether the belief had no particle that could have led to what was observed.
     """
 
     step: int
@@ -41,6 +44,7 @@ class Decision(NamedTuple):
     left_base: bool
     gain: float
     error: float
+    unmatched: bool = False
 
 
 class LookaheadPolicy(PolicyAgent):
@@ -107,6 +111,28 @@ class LookaheadPolicy(PolicyAgent):
             self.method.reset()
         return self.decide(step, observation)[0]
 
+    def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """The actions for many observations of one step.
+
+        Args:
+          step: number of decisions before.
+          observations: per fluent its values [batch, *shape].
+
+        Returns:
+          Per action fluent [batch, *shape].
+
+        Raises:
+          InputError: if the state is not observed and they are of several episodes: a belief is of
+            one.
+        """
+        count = len(next(iter(observations.values())))
+        if count > 1 and isinstance(self.base, Believer):
+            raise InputError(
+                f"there are {count} observations at step {step}: a policy that thinks where the "
+                "state is not observed plays one episode at a time"
+            )
+        return super().batch(step, observations)
+
     def decide(
         self, step: int, state: Mapping[str, Any], seconds: float | None = None
     ) -> tuple[Mapping[str, Any], np.ndarray, np.ndarray]:
@@ -114,14 +140,15 @@ class LookaheadPolicy(PolicyAgent):
 
         Args:
           step: its number.
-          state: as a vectorized environment shows it.
+          state: as a vectorized environment shows it; of a problem that is observed in part only,
+            a belief stands for itself.
           seconds: for this decision, if not as for all.
 
         Returns:
           The action, the candidate that it comes from and candidate 0 [k, D].
         """
         started = self._clock()
-        components = self._simulator.components
+        components, state = self._simulator.components, known_at(self.base, step, state)
         proposed = self.base(step, state)
         base = np.zeros((self._simulator.depth, components.size), np.float32)
         base[0] = components.flat(proposed)
@@ -131,9 +158,11 @@ class LookaheadPolicy(PolicyAgent):
         self.method.shift(candidate)
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
+        note_played(self.base, state, action)
         gain, error = (0.0, 0.0) if chosen is None else (chosen.mean, chosen.error)
         took = self._clock() - started
-        self.decisions.append(Decision(step, took, play.calls, left, gain, error))
+        unmatched = is_unmatched(state)
+        self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))
         return action, candidate, base
 
     def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:

@@ -10,8 +10,9 @@ import numpy as np
 
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planner.climbing import Ascent, Climbing, ClimbSize
-from mdpo_rddl.planner.continuations import Continuations, Size
+from mdpo_rddl.planner.continuations import Continuations, HiddenRoot, Size
 from mdpo_rddl.policy.lookahead.base import Climbed, Prepared
+from mdpo_rddl.policy.lookahead.belief import Belief
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.problem.chance import has_draws
 
@@ -92,7 +93,9 @@ class Simulator:
         rollouts, started = _FEWEST, self._clock()
         self._compile(WIDE, rollouts, state, base)
         self._compile_seconds = self._clock() - started
-        self._is_random = self._is_random and self._differs(state)
+        # what a belief has not told yet may differ later
+        is_belief = isinstance(state, Belief)
+        self._is_random = self._is_random and (is_belief or self._differs(state))
         took = self.seconds(WIDE, 0)
         wanted = int(np.clip(_FEWEST * longest / took, _FEWEST, _MOST))
         # without time to compile it again a call of another length does as well
@@ -108,11 +111,13 @@ class Simulator:
     def prepare_climbing(self, state: Mapping[str, Any], until: float = math.inf) -> None:
         """Compiles the gradient steps and measures them, after `prepare`.
 
+        There are none from a belief.
+
         Args:
           state: any state, as the environment shows it.
           until: nothing is compiled if that is likely to end later; `climb` returns None then.
         """
-        if not self._can_compile(_CLIMB_COMPILATION, until):
+        if isinstance(state, Belief) or not self._can_compile(_CLIMB_COMPILATION, until):
             return
         count = _CLIMB_SCENARIOS if self._is_random else 1
         size = ClimbSize(CLIMBERS, count, min(self.horizon, _CLIMB_WINDOW))
@@ -300,12 +305,14 @@ class Simulator:
         key = jax.random.PRNGKey(seed)
         return np.asarray(self._programs[kind](key, *self._policy_arguments, *arguments))
 
-    def _numbers(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """The state with objects as their numbers, in the model's types.
+    def _numbers(self, state: Mapping[str, Any]) -> dict[str, np.ndarray] | HiddenRoot:
+        """The state, of a belief its root, with objects as their numbers, in the model's types.
 
         Environments show some fluents in other types after a step than after a reset, for which
         all would be compiled again.
         """
+        if isinstance(state, Belief):
+            return state.root
         planner, numbers = self.policy.planner, {}
         rddl, known = planner.rddl, planner.test_compiled.init_values
         for name, value in state.items():

@@ -25,5 +25,6 @@ def decision_figures(decisions: Sequence[Decision], budget: float, episodes: int
         "p99_seconds": float(np.quantile(seconds, 0.99)),
         "max_seconds": float(seconds.max()),
         "within_budget": float(np.mean(seconds <= 1.1 * budget)),
+        "unmatched_beliefs": sum(decision.unmatched for decision in decisions),
         "expected_gain": sum(decision.gain for decision in left) / max(1, episodes),
     }

@@ -1,0 +1,273 @@
+"""A prepared policy of a partially observed problem, with its belief of the state."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from mdpo_rddl.planner.continuations import HiddenRoot
+from mdpo_rddl.planner.filtering import Filtered, ParticleFilter, Particles
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.rollouts.plan_memory import Entries
+from mdpo_rddl.policy.lookahead.base import Prepared
+from mdpo_rddl.policy.playable import step_keys
+from mdpo_rddl.policy.recall import Recall
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.observation import is_observed
+
+# particles at first, and the fewest and the most that the time of a decision may allow
+_PARTICLES, _FEWEST, _MOST = 2048, 256, 4096
+# of the time of a decision, the filter may take
+_SHARE = 0.1
+# where no particle matches, others are drawn so often, as long as there is that time
+_ATTEMPTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Belief(Mapping[str, Any]):
+    """What a player knows at a step; it reads as what is observed there.
+
+    Attributes:
+      observed: as the environment shows it.
+      root: where rollouts begin, with the policy's memory before the step.
+      effective: number of particles that the observation has left, as their weights are worth.
+      matches: whether any particle could have led to the observation.
+      deciding: of other particles, in which a decision at this belief begins, so that it can be
+        measured from the root, which it did not see; None if the decision begins in the root.
+    """
+
+    observed: Mapping[str, Any]
+    root: HiddenRoot
+    effective: float
+    matches: bool
+    deciding: HiddenRoot | None = None
+
+    def __getitem__(self, name: str) -> Any:
+        """What is observed of a fluent."""
+        return self.observed[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """The observation fluents."""
+        return iter(self.observed)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.observed)
+
+
+@dataclass
+class Believer:
+    """Follows one episode after the other; plays as the policy does.
+
+    Attributes:
+      policy: the prepared policy, with a memory or without one.
+      clock: tells the seconds.
+    """
+
+    policy: Prepared
+    clock: Callable[[], float] = time.perf_counter
+    _now: Belief | None = field(default=None, init=False)
+    _step: int = field(default=-1, init=False)
+    _before: list[Particles] = field(default_factory=list, init=False)
+    _action: Mapping[str, Any] = field(init=False)
+    _seconds: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        """Compiles nothing yet."""
+        planner = self.policy.planner
+        self._filter = ParticleFilter(planner)
+        self._advance = self._filter.compile()
+        self._keys = step_keys(planner, self.policy.seed)
+        self._recall = Recall(planner)
+        self._count, self._action = _PARTICLES, self._noop()
+
+    @property
+    def problem(self) -> Problem:
+        """What is played."""
+        return self.policy.problem
+
+    @property
+    def planner(self) -> MDPOPlanner:
+        """Its models."""
+        return self.policy.planner
+
+    @property
+    def rollout_policy(self) -> Callable[..., Any]:
+        """What plays in compiled rollouts."""
+        return self.policy.rollout_policy
+
+    @property
+    def params(self) -> Any:
+        """Of the policy."""
+        return self.policy.params
+
+    @property
+    def policy_hyperparams(self) -> Mapping[str, Any]:
+        """JaxPlan's, which go with the parameters."""
+        return self.policy.policy_hyperparams
+
+    @property
+    def seed(self) -> int:
+        """Of whatever is drawn."""
+        return self.policy.seed
+
+    def save(self, path: str | Path) -> None:
+        """Writes the policy to a file."""
+        self.policy.save(path)
+
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The policy's action at a step.
+
+        Args:
+          step: number of decisions before.
+          observation: a belief of `believe`'s, whose memory of the episode counts.
+        """
+        memory = observation.root.memory if isinstance(observation, Belief) else {}
+        given = self._keys[step], self.params, step, dict(observation), self.policy_hyperparams
+        return self.planner.get_action(*given, *([memory] if memory else []))
+
+    def prepare(self, seconds: float) -> None:
+        """Compiles the filter with as many particles as are filtered in time.
+
+        Args:
+          seconds: of a decision.
+        """
+        observed = self._shown(dict.fromkeys(self.planner.rddl.observ_fluents))
+        took = self._measured(observed)
+        count = int(np.clip(self._count * _SHARE * seconds / took, _FEWEST, _MOST))
+        if count < self._count or count >= 2 * self._count:
+            self._count = count
+            self._measured(observed)
+        self._seconds = _SHARE * seconds
+
+    def believe(self, step: int, observation: Mapping[str, Any], is_tried: bool = False) -> Belief:
+        """The belief at a step, and at the first one the initial state.
+
+        A step that is asked for again is the same decision again. One that does not follow the last
+        begins anew: nothing is known of what has led to it.
+
+        Args:
+          step: number of decisions before.
+          observation: what the environment has shown, or a belief, which is given back as a
+            decision sees it.
+          is_tried: whether a second filter gives the particles of the decision.
+        """
+        if isinstance(observation, Belief):
+            root = observation.deciding or observation.root
+            return dataclasses.replace(observation, root=root, deciding=None)
+        memory: Entries = jax.tree.map(lambda leaf: leaf[0], self._recall.at(step, 1))
+        shown, last = self._shown(observation), self._now
+        if last is None or step == 0 or step not in (self._step, self._step + 1):
+            self._before = []
+        elif step == self._step + 1:
+            before = last.root, last.deciding
+            self._before = [dict(root.particles) for root in before if root is not None]
+        self._step = step
+        found = [self._filtered(number, shown) for number in range(1 + is_tried)]
+        roots = [HiddenRoot(each.particles, shown, memory) for each in found]
+        effective, matches = float(found[0].effective), bool(found[0].matches)
+        self._now = Belief(observation, roots[0], effective, matches, *roots[1:])
+        return self._now
+
+    def played(self, belief: Mapping[str, Any], action: Mapping[str, Any]) -> None:
+        """Takes in what was played, if it was at the latest belief of the episode.
+
+        Args:
+          belief: for which the action was chosen.
+          action: per action fluent [*shape].
+        """
+        if belief is not self._now or self._now is None:
+            return
+        seen = {name: np.asarray(v)[np.newaxis] for name, v in self._now.root.observed.items()}
+        self._recall.note(seen, {name: np.asarray(v)[np.newaxis] for name, v in action.items()})
+        self._action = dict(action)
+
+    def _filtered(self, number: int, seen: Mapping[str, Any]) -> Filtered:
+        """What the first or the second filter makes of what was seen."""
+        if not self._before:
+            count = self._count
+            return Filtered(self._filter.start(count), np.float64(count), np.bool_(True))
+        # a second filter may begin later than the first, with its particles
+        before = self._before[min(number, len(self._before) - 1)]
+        until = self.clock() + self._seconds
+        key = jax.random.fold_in(jax.random.PRNGKey(self.seed), 2 * self._step + number)
+        for attempt in range(_ATTEMPTS):
+            began = self.clock()
+            draw = jax.random.fold_in(key, attempt)
+            found = self._advance(draw, before, self._action, seen)
+            matches, now = bool(found.matches), self.clock()
+            if matches or now + (now - began) > until:
+                break
+        return found
+
+    def _measured(self, seen: Mapping[str, Any]) -> float:
+        """Seconds of the filter once it is compiled."""
+        took, action = 0.0, self._noop()
+        for attempt in range(2):
+            began = self.clock()
+            key = jax.random.PRNGKey(attempt)
+            jax.block_until_ready(self._advance(key, self._filter.start(self._count), action, seen))
+            took = self.clock() - began
+        return took
+
+    def _shown(self, observation: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """What is seen as numbers of the model's types, and initial values before step 1."""
+        known, shown = self.planner.test_compiled.init_values, {}
+        for name in self.planner.rddl.observ_fluents:
+            value, like = observation[name], np.asarray(known[name])
+            if is_observed(value):
+                numbers = self.planner.numbers(name, value)
+                like = np.reshape(numbers, like.shape).astype(like.dtype)
+            shown[name] = like
+        return shown
+
+    def _noop(self) -> dict[str, np.ndarray]:
+        known = self.planner.test_compiled.init_values
+        return {name: np.asarray(known[name]) for name in self.planner.rddl.action_fluents}
+
+
+def believing(policy: Prepared, seconds: float, clock: Callable[[], float]) -> Prepared:
+    """The policy, prepared to follow its episodes where the state is not observed.
+
+    Args:
+      policy: the prepared one.
+      seconds: of a decision.
+      clock: tells the seconds.
+    """
+    if not policy.planner.rddl.observ_fluents:
+        return policy
+    believer = Believer(policy, clock)
+    believer.prepare(seconds)
+    return believer
+
+
+def known_at(
+    policy: Prepared, step: int, observation: Mapping[str, Any], is_tried: bool = False
+) -> Mapping[str, Any]:
+    """What rollouts from a step begin with: the state, or a belief where it is not observed.
+
+    Args:
+      policy: the prepared one.
+      step: number of decisions before.
+      observation: what the environment has shown, or a belief.
+      is_tried: whether a decision at a belief is to be measured from particles it does not see.
+    """
+    if isinstance(policy, Believer):
+        return policy.believe(step, observation, is_tried)
+    return observation
+
+
+def is_unmatched(known: Mapping[str, Any]) -> bool:
+    """Whether no particle of a belief could have led to what was observed."""
+    return isinstance(known, Belief) and not known.matches
+
+
+def note_played(policy: Prepared, known: Mapping[str, Any], action: Mapping[str, Any]) -> None:
+    """Tells whoever follows the episode what was played."""
+    if isinstance(policy, Believer):
+        policy.played(known, action)
