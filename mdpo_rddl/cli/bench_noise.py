@@ -17,7 +17,6 @@ def noise_value(options: argparse.Namespace) -> str:
         with_instances(options.problems),
         options.plans,
         options.configurations,
-        options.methods,
         out=options.out,
         seeds=options.seeds,
         iterations=options.iterations,

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, METHODS, NOISE_VALUE_PLANS
+from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, NOISE_VALUE_PLANS
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, positive_int
 
@@ -31,7 +31,6 @@ def add_noise_command(commands: Any) -> OneLineParser:
         default=list(CONFIGURATIONS),
         help="JaxPlan's own for the problem, else its default; the same without PGPE",
     )
-    command.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     command.add_argument("--seeds", type=positive_int, default=5)
     command.add_argument("--iterations", type=positive_int, default=1000)
     command.add_argument(
