@@ -104,6 +104,11 @@ class CallingPlanner(ActingPlanner):
         self._sharding = restart_sharding(self.parallel_updates)
         super()._jax_compile_graph()
 
+    def _jax_compile_pgpe(self) -> None:
+        super()._jax_compile_pgpe()
+        if self.use_pgpe:
+            self.pgpe._update = _with_real_progress(self.pgpe.update)
+
     def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
         initialize, init_optimizer = super()._jax_init_optimizer()
 
@@ -171,3 +176,16 @@ class CallingPlanner(ActingPlanner):
             yield callback
             if once:
                 return
+
+
+def _with_real_progress(update: Callable) -> Callable:
+    """PGPE's update, compiled once: JaxPlan's first progress is an integer, the others are floats.
+
+    Args:
+      update: with the progress, in percent, as its fourth argument.
+    """
+
+    def real(key: Any, params: Any, r_max: Any, progress: float, *rest: Any) -> Any:
+        return update(key, params, r_max, float(progress), *rest)
+
+    return real

@@ -11,6 +11,7 @@ import numpy as np
 from jax import random
 
 from mdpo_rddl.bench.noise_value.cells import OK, Cell, load, save
+from mdpo_rddl.bench.noise_value.exact import mean_returns
 from mdpo_rddl.bench.noise_value.lanes import Trained, best_curve, best_of, train_lanes
 from mdpo_rddl.bench.noise_value.methods import (
     ABSOLUTE,
@@ -31,7 +32,6 @@ from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.exact import exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
@@ -39,8 +39,6 @@ from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 logger = logging.getLogger(__name__)
 
 _CURVE_POINTS = 40
-# no key of a training
-_EVALUATION_KEY = 2**31 - 1
 _NOOP_EPISODES = 10
 
 
@@ -111,9 +109,9 @@ def _measure(cell: Cell) -> dict[str, Any]:
         built.planner.noise = rule
         key = random.PRNGKey(lane.stream)
         trained[name] = train_lanes(built, key, cell.iterations, cell.seeds)
-        play = exact_returns(built.planner, cell.rollouts)
-        played = play(random.PRNGKey(_EVALUATION_KEY), trained[name].params)
-        returns[name] = np.asarray(played, float).mean(axis=1)
+        returns[name] = mean_returns(
+            planners[RANGE].planner, trained[name].params, cell.rollouts
+        )
     points = _curve_points(cell.iterations)
     planner = planners[RANGE].planner
     return {
