@@ -32,7 +32,7 @@ def add_noise_command(commands: Any) -> OneLineParser:
         help="JaxPlan's own for the problem, else its default; the same without PGPE",
     )
     command.add_argument("--seeds", type=positive_int, default=5)
-    command.add_argument("--iterations", type=positive_int, default=1000)
+    command.add_argument("--iterations", type=positive_int, default=280)
     command.add_argument(
         "--max-horizon", type=positive_int, default=40, help="cuts a longer one (default: 40)"
     )
@@ -44,6 +44,11 @@ def add_noise_command(commands: Any) -> OneLineParser:
         metavar="I/N",
         help="measure every N-th cell from the I-th, for machines that share a folder",
     )
+    what = command.add_mutually_exclusive_group()
+    what.add_argument(
+        "--cost", action="store_true", help="measure CPU times instead, here and in turn"
+    )
+    what.add_argument("--report", action="store_true", help="only report what there is")
     add_executor_options(command)
     command.set_defaults(run="noise-value", out=Path("results/noise_value"))
     return command

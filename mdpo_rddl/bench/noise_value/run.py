@@ -109,9 +109,7 @@ def _measure(cell: Cell) -> dict[str, Any]:
         built.planner.noise = rule
         key = random.PRNGKey(lane.stream)
         trained[name] = train_lanes(built, key, cell.iterations, cell.seeds)
-        returns[name] = mean_returns(
-            planners[RANGE].planner, trained[name].params, cell.rollouts
-        )
+        returns[name] = mean_returns(planners[RANGE].planner, trained[name].params, cell.rollouts)
     points = _curve_points(cell.iterations)
     planner = planners[RANGE].planner
     return {
