@@ -6,6 +6,9 @@ import inspect
 from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import Any
 
+import jax.numpy as jnp
+from jax import Array
+
 from mdpo_rddl.planner.acting import ActingPlanner
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.restarts import PerRestart
@@ -107,7 +110,7 @@ class CallingPlanner(ActingPlanner):
     def _jax_compile_pgpe(self) -> None:
         super()._jax_compile_pgpe()
         if self.use_pgpe:
-            self.pgpe._update = _with_real_progress(self.pgpe.update)
+            self.pgpe._update = _with_equal_types(self.pgpe.update)
 
     def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
         initialize, init_optimizer = super()._jax_init_optimizer()
@@ -178,14 +181,17 @@ class CallingPlanner(ActingPlanner):
                 return
 
 
-def _with_real_progress(update: Callable) -> Callable:
-    """PGPE's update, compiled once: JaxPlan's first progress is an integer, the others are floats.
+def _with_equal_types(update: Callable) -> Callable:
+    """PGPE's update, called with the same types each time, so that it is compiled once.
+
+    In JaxPlan the first progress is an integer and the first `r_max` weakly typed, the others not.
 
     Args:
-      update: with the progress, in percent, as its fourth argument.
+      update: with `r_max` and the progress, in percent, as its third and fourth arguments.
     """
 
-    def real(key: Any, params: Any, r_max: Any, progress: float, *rest: Any) -> Any:
-        return update(key, params, r_max, float(progress), *rest)
+    @functools.wraps(update)
+    def typed(key: Any, params: Any, r_max: Array, progress: float, *rest: Any) -> Any:
+        return update(key, params, jnp.asarray(r_max, r_max.dtype), float(progress), *rest)
 
-    return real
+    return typed
