@@ -27,7 +27,7 @@ class Task(NamedTuple):
 
 
 class Lead(NamedTuple):
-    """A method against no noise on one task.
+    """A method against another one on one task.
 
     Attributes:
       mean: of the returns' difference over the seeds.
@@ -74,9 +74,11 @@ def scores_of(kept: Mapping[str, Any]) -> Scores:
     return normalised(returns, float(kept["noop"]))
 
 
-def compare(results: Mapping[Task, Mapping[str, Any]], method: str) -> dict[Task, Lead]:
-    """A method against no noise on every task."""
-    pairs = [(returns_of(kept, method), returns_of(kept, NONE)) for kept in results.values()]
+def compare(
+    results: Mapping[Task, Mapping[str, Any]], method: str, other: str = NONE
+) -> dict[Task, Lead]:
+    """A method against another one on every task."""
+    pairs = [(returns_of(kept, method), returns_of(kept, other)) for kept in results.values()]
     values = [paired_p(ours, theirs) for ours, theirs in pairs]
     return {
         task: Lead(float(np.mean(ours) - np.mean(theirs)), p, float(adjusted))

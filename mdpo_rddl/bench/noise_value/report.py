@@ -18,7 +18,7 @@ from mdpo_rddl.bench.noise_value.compared import (
 )
 from mdpo_rddl.bench.noise_value.cost import SECTIONS, read_costs
 from mdpo_rddl.bench.noise_value.figures import draw_curves, draw_strips
-from mdpo_rddl.bench.noise_value.methods import METHODS, NONE
+from mdpo_rddl.bench.noise_value.methods import DEFAULT, METHODS, NONE, TWICE
 from mdpo_rddl.bench.noise_value.rule import MARGIN, Case, constant_rule, find_rule
 from mdpo_rddl.bench.noise_value.statistics import LEVEL, mean_interval
 from mdpo_rddl.machine.files import write_atomically
@@ -35,7 +35,7 @@ def write_report(out: Path) -> str:
     results, failed = load_results(out)
     scores = {task: scores_of(kept) for task, kept in results.items()}
     leads = {name: compare(results, name) for name in METHODS if name != NONE}
-    lines = [*_summary(scores, leads), "", *_rule(cases(results, scores))]
+    lines = [*_summary(scores, leads), "", *_pairs(results), *_rule(cases(results, scores))]
     lines += ["", *_costs(read_costs(out)), "", *_details(results, leads)]
     if failed:
         lines += ["", f"Not measured: {'; '.join(failed)}."]
@@ -71,6 +71,16 @@ def _counts(leads: Any) -> list[int]:
         found.append(sum(mean > 0 and p < LEVEL for mean, p in pairs))
         found.append(sum(mean < 0 and p < LEVEL for mean, p in pairs))
     return found
+
+
+def _pairs(results: Mapping[Task, Mapping[str, Any]]) -> list[str]:
+    """What the sensitivities add to constant noise, and noise to a second update."""
+    lines = []
+    for method, other in (("adaptive", "constant"), (DEFAULT, TWICE)):
+        better, worse, *nominal = _counts(compare(results, method, other).values())
+        by_p = f"(without Holm {nominal[0]} and {nominal[1]})"
+        lines.append(f"`{method}` against `{other}`: better on {better}, worse on {worse} {by_p}.")
+    return [*lines, ""]
 
 
 def _rule(found: Sequence[Case]) -> list[str]:
