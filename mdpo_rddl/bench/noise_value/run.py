@@ -80,8 +80,8 @@ def all_cells(
             for name in configurations:
                 if name == "own" and "no-pgpe" in configurations and not has_pgpe(own):
                     continue
-                names = {"problem": problem, "instance": instance, "plan": plan}
-                cells.append(Cell(**names, configuration=name, **sizes))
+                named: dict[str, Any] = {"problem": problem, "instance": instance, "plan": plan}
+                cells.append(Cell(**named, configuration=name, **sizes))
     return cells
 
 
