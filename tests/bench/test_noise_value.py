@@ -13,6 +13,7 @@ from scipy import stats
 
 from mdpo_rddl.bench.noise_value import problems, run
 from mdpo_rddl.bench.noise_value.cells import Cell, load, save
+from mdpo_rddl.bench.noise_value.compared import returns_of
 from mdpo_rddl.bench.noise_value.cost import SECTIONS, cost_path
 from mdpo_rddl.bench.noise_value.lanes import Trained, best_curve, best_of, train_lanes
 from mdpo_rddl.bench.noise_value.methods import LANES, METHODS, has_pgpe, task_config
@@ -161,6 +162,13 @@ def test_the_report_says_where_noise_is_better_and_worse(tmp_path):
     assert [part.strip() for part in row.split("|")[4:8]] == ["1", "1", "1", "1"]
     assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 16 \\* | 11 | 11 |" in lines
     assert "Costs: not measured." in lines
+
+
+def test_beside_an_update_without_noise_a_seed_keeps_the_better_tested_one():
+    kept = result({"none": [10.0, 10.0], "constant": [20.0, 5.0]})
+    np.testing.assert_array_equal(returns_of(kept, "constant beside"), [20.0, 10.0])
+    kept["methods"]["constant"]["tested"] = [0.0, 30.0]  # the test need not be right
+    np.testing.assert_array_equal(returns_of(kept, "constant beside"), [10.0, 5.0])
 
 
 def test_costs_are_ratios_to_no_noise(tmp_path):

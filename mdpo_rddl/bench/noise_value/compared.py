@@ -7,9 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mdpo_rddl.bench.noise_value.cells import OK, read
-from mdpo_rddl.bench.noise_value.methods import DEFAULT, METHODS, NONE, TWICE
+from mdpo_rddl.bench.noise_value.methods import METHODS, NONE, TWICE
 from mdpo_rddl.bench.noise_value.rule import Case
 from mdpo_rddl.bench.noise_value.statistics import LEVEL, holm, normalised, paired_p
+
+BESIDE = {f"{name} beside": name for name in ("constant", "adaptive", "paper")}
+"""Other companions for an update without noise: of each seed the better one by JaxPlan's test."""
+
+COMPARED = (*METHODS, *BESIDE)
+"""All methods of the report."""
 
 Scores = Mapping[str, np.ndarray]
 
@@ -65,12 +71,16 @@ def load_results(out: Path) -> tuple[dict[Task, dict[str, Any]], list[str]]:
 
 def returns_of(kept: Mapping[str, Any], method: str) -> np.ndarray:
     """The exact returns of a cell's seeds [S] with a method."""
+    if method in BESIDE:
+        ours, plain = kept["methods"][BESIDE[method]], kept["methods"][NONE]
+        ahead = np.asarray(ours["tested"], float) > np.asarray(plain["tested"], float)
+        return np.where(ahead, ours["returns"], plain["returns"])
     return np.asarray(kept["methods"][method]["returns"], float)
 
 
 def scores_of(kept: Mapping[str, Any]) -> Scores:
     """Normalised scores of a cell per method [S]."""
-    returns = {name: returns_of(kept, name) for name in METHODS}
+    returns = {name: returns_of(kept, name) for name in COMPARED}
     return normalised(returns, float(kept["noop"]))
 
 
@@ -88,13 +98,15 @@ def compare(
     }
 
 
-def cases(results: Mapping[Task, Mapping[str, Any]], scores: Mapping[Task, Scores]) -> list[Case]:
-    """Whether the default's noise is worth more than a second update without noise."""
+def cases(
+    results: Mapping[Task, Mapping[str, Any]], scores: Mapping[Task, Scores], method: str
+) -> list[Case]:
+    """Whether a method's companion with noise is worth more than one without."""
     return [
         Case(
             family=task.problem.split("_")[0],
             signs=kept["signs"],
-            lead=float(np.mean(scores[task][DEFAULT]) - np.mean(scores[task][TWICE])),
+            lead=float(np.mean(scores[task][method]) - np.mean(scores[task][TWICE])),
         )
         for task, kept in results.items()
     ]
