@@ -34,7 +34,7 @@ def add_noise_command(commands: Any) -> OneLineParser:
     command.add_argument("--seeds", type=positive_int, default=5)
     command.add_argument("--iterations", type=positive_int, default=280)
     command.add_argument(
-        "--max-horizon", type=positive_int, default=40, help="cuts a longer one (default: 40)"
+        "--max-horizon", type=positive_int, default=30, help="cuts a longer one (default: 30)"
     )
     command.add_argument("--rollouts", type=positive_int, default=64, help="of each best iterate")
     command.add_argument(
