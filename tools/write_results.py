@@ -159,6 +159,7 @@ PIECES: dict[str, Callable[[], str]] = {
     "auto_jaxplan": auto_jaxplan,
     "paper": paper,
     "paper_preset": plain("paper_preset"),
+    "noise_value": plain("noise_value"),
 }
 
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, METHODS, NOISE_VALUE_PLANS
+from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, NOISE_VALUE_PLANS
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, positive_int
 
@@ -31,11 +31,10 @@ def add_noise_command(commands: Any) -> OneLineParser:
         default=list(CONFIGURATIONS),
         help="JaxPlan's own for the problem, else its default; the same without PGPE",
     )
-    command.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     command.add_argument("--seeds", type=positive_int, default=5)
-    command.add_argument("--iterations", type=positive_int, default=1000)
+    command.add_argument("--iterations", type=positive_int, default=280)
     command.add_argument(
-        "--max-horizon", type=positive_int, default=40, help="cuts a longer one (default: 40)"
+        "--max-horizon", type=positive_int, default=30, help="cuts a longer one (default: 30)"
     )
     command.add_argument("--rollouts", type=positive_int, default=64, help="of each best iterate")
     command.add_argument(
@@ -45,6 +44,11 @@ def add_noise_command(commands: Any) -> OneLineParser:
         metavar="I/N",
         help="measure every N-th cell from the I-th, for machines that share a folder",
     )
+    what = command.add_mutually_exclusive_group()
+    what.add_argument(
+        "--cost", action="store_true", help="measure CPU times instead, here and in turn"
+    )
+    what.add_argument("--report", action="store_true", help="only report what there is")
     add_executor_options(command)
     command.set_defaults(run="noise-value", out=Path("results/noise_value"))
     return command

@@ -6,6 +6,9 @@ import inspect
 from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import Any
 
+import jax.numpy as jnp
+from jax import Array
+
 from mdpo_rddl.planner.acting import ActingPlanner
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.restarts import PerRestart
@@ -104,6 +107,11 @@ class CallingPlanner(ActingPlanner):
         self._sharding = restart_sharding(self.parallel_updates)
         super()._jax_compile_graph()
 
+    def _jax_compile_pgpe(self) -> None:
+        super()._jax_compile_pgpe()
+        if self.use_pgpe:
+            self.pgpe._update = _with_equal_types(self.pgpe.update)
+
     def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
         initialize, init_optimizer = super()._jax_init_optimizer()
 
@@ -171,3 +179,19 @@ class CallingPlanner(ActingPlanner):
             yield callback
             if once:
                 return
+
+
+def _with_equal_types(update: Callable) -> Callable:
+    """PGPE's update, called with the same types each time, so that it is compiled once.
+
+    In JaxPlan the first progress is an integer and the first `r_max` weakly typed, the others not.
+
+    Args:
+      update: with `r_max` and the progress, in percent, as its third and fourth arguments.
+    """
+
+    @functools.wraps(update)
+    def typed(key: Any, params: Any, r_max: Array, progress: float, *rest: Any) -> Any:
+        return update(key, params, jnp.asarray(r_max, r_max.dtype), float(progress), *rest)
+
+    return typed

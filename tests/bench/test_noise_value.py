@@ -1,63 +1,115 @@
 """What noise is worth: cells that are measured once, their statistics and the report."""
 
+import json
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.problems import tiny_files
+from jax import random
 from scipy import stats
 
 from mdpo_rddl.bench.noise_value import problems, run
 from mdpo_rddl.bench.noise_value.cells import Cell, load, save
-from mdpo_rddl.bench.noise_value.methods import METHODS, cell_config
+from mdpo_rddl.bench.noise_value.compared import returns_of
+from mdpo_rddl.bench.noise_value.cost import SECTIONS, cost_path
+from mdpo_rddl.bench.noise_value.lanes import Trained, best_curve, best_of, train_lanes
+from mdpo_rddl.bench.noise_value.methods import LANES, METHODS, has_pgpe, task_config
 from mdpo_rddl.bench.noise_value.report import write_report
+from mdpo_rddl.bench.noise_value.rule import Case, find_rule
+from mdpo_rddl.bench.noise_value.run import all_cells, common_unit
+from mdpo_rddl.bench.noise_value.signs import SIGNS
 from mdpo_rddl.bench.noise_value.statistics import holm, mean_interval, normalised, paired_p
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.executors import make_executor
-from mdpo_rddl.noise import AnnealedNoise
+from mdpo_rddl.noise.actions import ActionKind, ActionSpec
+from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.problem.load import load_problem
 
-SIZES = {"seeds": 2, "iterations": 3, "max_horizon": 3, "rollouts": 40}
+SIZES = {"seeds": 2, "iterations": 4, "max_horizon": 3, "rollouts": 40}
+SIGN_VALUES = dict.fromkeys(SIGNS, 0.0)
 
 
-def cell(out: Path, method: str = "none", problem: str = "Toy", **others) -> Cell:
+def cell(out: Path, problem: str = "Toy", **others) -> Cell:
     names = {"problem": problem, "instance": "1", "plan": "slp", "configuration": "no-pgpe"}
-    return Cell(out, **names, method=method, **{**SIZES, **others})
+    return Cell(out, **names, **{**SIZES, **others})
 
 
-def test_the_default_is_measured_without_a_section_and_the_others_with_theirs():
-    for method, section in METHODS.items():
-        config = cell_config("Reservoir_ippc2023", "slp", "own", method)
-        assert config.section("Noise") == (section or {})
-    assert cell_config("HVAC_ippc2023", "drp", "own", "default").noise() == AnnealedNoise()
-    twice = cell_config("HVAC_ippc2023", "drp", "no-pgpe", "none-twice").section("Planner")
-    assert (twice["parallel_updates"], twice["pgpe"]) == (2, None)
+def test_all_seeds_are_parallel_updates_of_jaxplan_s_configuration():
+    config = task_config("Reservoir_ippc2023", "slp", "no-pgpe", seeds=5)
+    planner = config.section("Planner")
+    assert (planner["parallel_updates"], planner["pgpe"]) == (5, None)
+    assert has_pgpe(task_config("Reservoir_ippc2023", "slp", "own", 1))
+    assert not has_pgpe(task_config("PowerGen_Continuous", "slp", "own", 1))
+
+
+def test_a_configuration_without_pgpe_is_measured_once():
+    problems = [("HVAC_ippc2023", "1"), ("PowerGen_Continuous", "0")]
+    cells = all_cells(problems, ["slp"], ["own", "no-pgpe"], out=Path(), **SIZES)
+    assert [(c.problem, c.configuration) for c in cells] == [
+        ("HVAC_ippc2023", "own"),
+        ("HVAC_ippc2023", "no-pgpe"),
+        ("PowerGen_Continuous", "no-pgpe"),
+    ]
+
+
+def test_the_rules_of_all_trainings_are_one_program():
+    rules = [lane.rule() for lane in LANES.values() if lane.unit == "range"]
+    assert len({str(jax.tree.structure(rule)) for rule in rules}) == 1
+    assert not any(rule.silent for rule in rules)
+    gradients = {"a": jnp.array([[1.0], [0.0]])}
+    profile = {
+        name: lane.rule().profile(gradients, jnp.zeros(()), 2)[0].sigma
+        for name, lane in LANES.items()
+    }
+    np.testing.assert_allclose(profile["none"], [0.0, 0.0])
+    np.testing.assert_allclose(profile["constant"], [0.1, 0.1])
+    np.testing.assert_allclose(profile["adaptive"], [0.1, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(profile["companion"], [0.3, 0.0], rtol=1e-6)
+    in_range = LANES["paper"].in_range_units(4.0)
+    np.testing.assert_allclose(in_range.profile(gradients, 0.0, 2)[0].sigma, [2.5, 0.0])
+
+
+def test_units_are_common_where_all_components_have_the_same():
+    def spec(unit, **others):
+        return ActionSpec("a", np.shape(unit), ActionKind.REAL, 0.0, 1.0, unit=unit, **others)
+
+    assert common_unit({"a": spec(np.full(2, 3.0)), "b": spec(np.array(3.0))}) == 3.0
+    assert common_unit({"a": spec(np.array([1.0, 2.0]))}) is None
+    assert common_unit({"a": spec(np.array(1.0), squashed=True)}) is None
 
 
 @pytest.mark.long
 def test_cells_are_trained_once_and_reported(tmp_path, monkeypatch, capsys):
     files = tiny_files(tmp_path, horizon=4, spread=0.1)
-    monkeypatch.setattr(run, "load_problem", lambda *names: load_problem(*files, *names[2:]))
+    toy = load_problem(*files, 3)
+    monkeypatch.setattr(run, "load_problem", lambda *names: toy)
     monkeypatch.setattr(problems, "repository", lambda: ["Toy"])
     out = tmp_path / "out"
-    arguments = ["noise-value", "--problems", "Toy:1", "--plans", "slp", "--methods", "none"]
-    arguments += ["default", "--configurations", "no-pgpe", "--seeds", "2", "--iterations", "3"]
-    arguments += ["--max-horizon", "3", "--rollouts", "40", "--out", str(out)]
-    assert bench.main([*arguments, "--shard", "2/2"]) == 0
-    assert [path.stem for path in (out / "cells").iterdir()] == ["Toy_1_slp_no-pgpe_default"]
+    arguments = ["noise-value", "--problems", "Toy:1", "--plans", "slp", "--configurations"]
+    arguments += ["no-pgpe", "--seeds", "2", "--iterations", "4", "--max-horizon", "3"]
+    arguments += ["--rollouts", "40", "--out", str(out)]
     assert bench.main(arguments) == 0
-    table = capsys.readouterr().out
-    assert "| Toy | 1 | slp | no-pgpe |" in table
-    assert (out / "strips.png").stat().st_size > 0
-    assert (out / "curves.png").stat().st_size > 0
-    kept = load(cell(out, "default"))
-    assert len(kept["returns"]) == 2
-    assert len(kept["curves"][0]) == len(kept["curve_iterations"]) == 3
+    assert "| Toy | 1 | slp | no-pgpe |" in capsys.readouterr().out
+    kept = load(cell(out))
     assert kept["units"] == {"push": [2.0, 2.0]}  # the box is from -1 to 1
+    assert set(kept["signs"]) == set(SIGNS)
+    found = kept["methods"]
+    assert {len(found[name]["returns"]) for name in METHODS} == {2}
+    assert len(found["none"]["curves"][0]) == len(kept["curve_iterations"]) == 4
+    assert (np.array(found["default"]["tested"]) >= found["none"]["tested"]).all()
+    assert found["paper"]["returns"] != found["none"]["returns"]
+
+    # without noise it is JaxPlan's training
+    config = task_config("Toy", "slp", "no-pgpe", 2).with_section("Noise", {"method": "NoNoise"})
+    plain = train_lanes(build_planner(toy, config), random.PRNGKey(0), 4, 2)
+    np.testing.assert_allclose(plain.best, found["none"]["tested"], rtol=1e-5)
 
     monkeypatch.setattr(run, "_measure", None)  # there is nothing left to do
-    run.run_noise_value([cell(out), cell(out, "default")], make_executor("local", {}))
+    run.run_noise_value([cell(out)], make_executor("local", {}))
     with pytest.raises(InputError, match="was made with another seeds"):
         load(cell(out, seeds=3))
 
@@ -69,28 +121,93 @@ def test_what_fails_is_kept_as_a_finding(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "_measure", fail)
     run.run_cell(cell(tmp_path))
     assert load(cell(tmp_path))["status"] == "no such thing"
-    assert "Not measured: Toy_1_slp_no-pgpe_none." in write_report(tmp_path)
+    assert "Not measured: Toy 1, slp, no-pgpe (no such thing)." in write_report(tmp_path)
 
 
-def result(returns: list[float], noop: float | None = None, seconds: float = 1.0) -> dict:
-    curves = [[0.0, value] for value in returns]
-    spent = [seconds] * len(returns)
-    found = {"status": "ok", "returns": returns, "noop": noop, "train_seconds": spent}
-    return {**found, "curves": curves, "curve_iterations": [0, 9]}
+def test_of_two_trainings_a_seed_keeps_the_better_tested_one():
+    def trained(best):
+        zeros = np.zeros(2)
+        curves = np.array(best)[:, np.newaxis]
+        return Trained(None, np.array(best), curves, zeros, zeros, zeros, zeros, zeros, 1.0)
+
+    pair = [trained([1.0, 5.0]), trained([2.0, 5.0])]
+    values = [np.array([10.0, 20.0]), np.array([30.0, 40.0])]
+    np.testing.assert_array_equal(best_of(pair, values), [30.0, 20.0])
+    np.testing.assert_array_equal(best_curve(pair), [[2.0], [5.0]])
 
 
-def test_the_report_says_where_noise_is_better_and_worse_and_what_it_costs(tmp_path):
+def result(returns: dict[str, list[float]], signs: dict[str, float] | None = None) -> dict:
+    base = {name: returns.get(name, returns["none"]) for name in METHODS}
+    methods = {
+        name: {"returns": values, "tested": values, "curves": [[0.0, v] for v in values]}
+        for name, values in base.items()
+    }
+    found = {"status": "ok", "noop": 0.0, "curve_iterations": [0, 9], "methods": methods}
+    return {**found, "signs": {**SIGN_VALUES, **(signs or {})}}
+
+
+def test_the_report_says_where_noise_is_better_and_worse(tmp_path):
     for problem, lead in (("Gains", 5.0), ("Loses", -5.0), ("Same", 0.0)):
         base = np.array([10.0, 11.0, 12.0])
-        save(cell(tmp_path, problem=problem, seeds=3), result(base.tolist(), noop=0.0))
         ours = base + lead + np.array([0.0, 0.01, -0.01]) * bool(lead)
-        save(cell(tmp_path, "default", problem, seeds=3), result(ours.tolist(), seconds=1.5))
-    lines = write_report(tmp_path).splitlines()
+        kept = result({"none": base.tolist(), "default": ours.tolist()})
+        save(cell(tmp_path, problem, seeds=3), kept)
+    text = write_report(tmp_path)
+    assert (tmp_path / "table.md").read_text() == text
+    assert (tmp_path / "strips.png").stat().st_size > 0
+    assert (tmp_path / "curves.png").stat().st_size > 0
+    lines = text.splitlines()
     row = next(line for line in lines if line.startswith("| default"))
     assert row.split("|")[2].strip() == "3"
-    assert [part.strip() for part in row.split("|")[4:7]] == ["1", "1", "1.50"]
-    assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 16 \\* |" in lines
-    assert "| Same | 1 | slp | no-pgpe | 0 | 11 | 11 |" in lines
+    assert [part.strip() for part in row.split("|")[4:8]] == ["1", "1", "1", "1"]
+    assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 16 \\* | 11 | 11 |" in lines
+    assert "Costs: not measured." in lines
+
+
+def test_beside_an_update_without_noise_a_seed_keeps_the_better_tested_one():
+    kept = result({"none": [10.0, 10.0], "constant": [20.0, 5.0]})
+    np.testing.assert_array_equal(returns_of(kept, "constant beside"), [20.0, 10.0])
+    kept["methods"]["constant"]["tested"] = [0.0, 30.0]  # the test need not be right
+    np.testing.assert_array_equal(returns_of(kept, "constant beside"), [10.0, 5.0])
+
+
+def test_costs_are_ratios_to_no_noise(tmp_path):
+    for number, ratio in enumerate((2.0, 2.5, 4.0)):
+        path = cost_path(cell(tmp_path, f"Toy{number}"))
+        path.parent.mkdir(exist_ok=True)
+        kept = {"ratio": {**dict.fromkeys(SECTIONS, 1.0), "default": ratio}}
+        kept["iteration_ms"] = dict.fromkeys(SECTIONS, 1.0)
+        kept["compile_seconds"] = {**dict.fromkeys(SECTIONS, 4.0), "default": 6.0}
+        path.write_text(json.dumps(kept))
+    text = write_report(tmp_path)
+    assert "| default | 2.50 (2.00 to 4.00) | 1.50 (1.50 to 1.50) |" in text
+    path.write_text("{}")
+    with pytest.raises(InputError, match="holds no costs"):
+        write_report(tmp_path)
+
+
+def cases_of(family: str, pairs: list[tuple[float, float]]) -> list[Case]:
+    return [Case(family, {**SIGN_VALUES, "gap": gap}, lead) for gap, lead in pairs]
+
+
+def test_the_rule_is_a_threshold_found_on_one_half_and_tested_on_the_other():
+    known = cases_of("HVAC", [(0.1, 0.0), (0.2, 0.0), (0.6, 0.3), (0.8, 0.2)])
+    rule = find_rule(known)
+    assert (rule.sign, rule.above) == ("gap", True)
+    assert rule.threshold == pytest.approx(0.4)
+    assert rule.hits(known) == 4
+    assert rule.hits(cases_of("UAV", [(0.9, 0.0), (0.9, 0.1), (0.3, 0.0)])) == 2
+    assert "`gap`" in str(rule)
+
+
+def test_where_noise_never_pays_the_rule_says_nowhere():
+    rule = find_rule(cases_of("HVAC", [(0.1, 0.0), (0.6, 0.005)]))
+    assert str(rule) == "nowhere"
+
+
+def test_the_problems_of_a_family_are_held_out_together():
+    held_out = {name: Case(name, SIGN_VALUES, 0.0).is_held_out for name in ("HVAC", "UAV")}
+    assert held_out == {"HVAC": True, "UAV": False}
 
 
 def test_the_paired_test_is_student_s():

@@ -220,3 +220,5 @@ def test_pgpe_by_default_is_jaxplan_s_but_not_shared():
     one, expected = (planner.optimize(key=KEY, epochs=5, **SILENT) for planner in (ours, theirs))
     assert_same_bits(one["params"], expected["params"])
     assert_same_bits(one["pgpe_params"], expected["pgpe_params"])
+    # in JaxPlan the types of the first call differ from the others', and it compiles twice
+    assert ours.pgpe.update.__wrapped__._cache_size() == 1

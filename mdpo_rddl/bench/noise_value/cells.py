@@ -1,4 +1,4 @@
-"""One problem, plan, configuration and method: what is trained, and what is kept of it."""
+"""One problem, plan and configuration: what is trained with each method, and what is kept of it."""
 
 import json
 from collections.abc import Mapping
@@ -6,10 +6,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.noise_value.methods import cell_config
+from mdpo_rddl.bench.noise_value.methods import LANES, task_config
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.machine.versions import versions
+from mdpo_rddl.noise import default_noise
 
 OK = "ok"
 
@@ -23,8 +24,7 @@ class Cell:
       problem, instance: names of rddlrepository.
       plan: "slp" or "drp".
       configuration: one of `CONFIGURATIONS`.
-      method: one of `METHODS`.
-      seeds: number of seeds, from 0.
+      seeds: number of seeds, trained side by side.
       iterations: of each training.
       max_horizon: a longer horizon is cut to it.
       rollouts: of each best iterate on the exact compiled model.
@@ -35,7 +35,6 @@ class Cell:
     instance: str
     plan: str
     configuration: str
-    method: str
     seeds: int
     iterations: int
     max_horizon: int
@@ -44,15 +43,17 @@ class Cell:
     @property
     def path(self) -> Path:
         """Its file."""
-        names = (self.problem, self.instance, self.plan, self.configuration, self.method)
+        names = (self.problem, self.instance, self.plan, self.configuration)
         return self.out / "cells" / ("_".join(names) + ".json")
 
     @property
     def conditions(self) -> dict[str, Any]:
         """What its results depend on, but for the machine."""
         values = {name: value for name, value in asdict(self).items() if name != "out"}
-        text = cell_config(self.problem, self.plan, self.configuration, self.method).to_text()
-        return {**values, "text": text, "versions": versions("optax")}
+        config = task_config(self.problem, self.plan, self.configuration, self.seeds)
+        lanes = {name: asdict(lane) for name, lane in LANES.items()}
+        rules = {"trainings": lanes, "default": repr(default_noise())}
+        return {**values, "text": config.to_text(), **rules, "versions": versions("optax")}
 
 
 def save(cell: Cell, result: Mapping[str, Any]) -> None:
@@ -86,7 +87,7 @@ def read(path: Path) -> dict[str, Any]:
     """
     try:
         kept = read_json(path)
-        kept["conditions"]["method"], kept["status"]
+        kept["conditions"]["plan"], kept["status"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is not a result of noise-value") from error
     return kept

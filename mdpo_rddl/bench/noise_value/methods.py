@@ -1,42 +1,112 @@
 """The rules that are compared, and the configurations that they are compared in."""
 
-from typing import Any
+import dataclasses
+from dataclasses import dataclass
 
+import jax
+import jax.numpy as jnp
+
+from mdpo_rddl.noise import AnnealedNoise, default_noise
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
-NONE, TWICE = "none", "none-twice"
+NONE, TWICE, DEFAULT = "none", "none-twice", "default"
+ABSOLUTE, RANGE = "absolute", "range"
 
-METHODS: dict[str, dict[str, Any] | None] = {
-    NONE: {"method": "NoNoise"},
-    TWICE: {"method": "NoNoise"},
-    "constant": {"method": "ConstantNoise", "unit": "range", "sigma": 0.1},
-    "default": None,
-    "adaptive": {"method": "AdaptiveNoise", "unit": "range", "sigma_max": 0.1},
-    "paper": {"method": "AdaptiveNoise", "unit": "absolute", "sigma_max": 10.0},
+# a cycle of the annealed rule that no training sees the end of: its scale stays
+_FOREVER = 1e9
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One training of all seeds.
+
+    Attributes:
+      sigma_min, sigma_max: of the adaptive rule; where they are the same, the noise is constant.
+      anneals: whether the scale falls in the default's cycles.
+      unit: of the two.
+      stream: which random key and initial parameters: trainings of one stream are paired by seed.
+    """
+
+    sigma_min: float = 0.0
+    sigma_max: float = 0.0
+    anneals: bool = False
+    unit: str = RANGE
+    stream: int = 0
+
+    def rule(self) -> AnnealedNoise:
+        """The rule, with arrays for numbers, so that a sigma of 0 is the same program."""
+        annealed = default_noise()
+        rule = AnnealedNoise(
+            sigma_min=self.sigma_min,
+            sigma_max=annealed.sigma_max if self.anneals else self.sigma_max,
+            cycle=annealed.cycle if self.anneals else _FOREVER,
+            power=annealed.power,
+            paired=False,
+            unit=self.unit,
+        )
+        return jax.tree.map(lambda number: jnp.asarray(number, jnp.float32), rule)
+
+    def in_range_units(self, unit: float) -> AnnealedNoise:
+        """The rule of an absolute sigma where a unit of the range is so many of the action's."""
+        rule = dataclasses.replace(self, unit=RANGE).rule()
+        return dataclasses.replace(
+            rule.scaled(1.0 / unit), regularization=unit * rule.regularization
+        )
+
+
+LANES = {
+    NONE: Lane(),
+    "constant": Lane(0.1, 0.1),
+    "adaptive": Lane(0.0, 0.1),
+    "companion": Lane(anneals=True, stream=1),
+    "second": Lane(stream=1),
+    "paper": Lane(0.0, 10.0, unit=ABSOLUTE),
 }
-"""Per method its section `[Noise]`; None for the planner's default.
+"""What is trained."""
 
-`none` is JaxPlan's planner. `none-twice` has twice as many parallel updates, as the default has, so
-that what the default's noise adds can be told from what its second update adds.
+METHODS = {
+    NONE: (NONE,),
+    TWICE: (NONE, "second"),
+    "constant": ("constant",),
+    DEFAULT: (NONE, "companion"),
+    "adaptive": ("adaptive",),
+    "paper": ("paper",),
+}
+"""Per method its trainings, of which a seed keeps the best iterate by JaxPlan's own test.
+
+`none` is JaxPlan's planner. The planner's default trains a companion with noise beside each of
+JaxPlan's parallel updates. `none-twice` has a second update without noise instead, so that what the
+default's noise adds can be told from what a second update adds.
 """
 
 
-def cell_config(problem: str, plan: str, configuration: str, method: str) -> PlannerConfig:
-    """JaxPlan's configuration for a problem, else its default, with a method's noise.
+def task_config(problem: str, plan: str, configuration: str, seeds: int) -> PlannerConfig:
+    """JaxPlan's configuration for a problem, else its default, for all seeds side by side.
 
     Args:
       problem: name in rddlrepository.
       plan: "slp" or "drp".
       configuration: "own", or "no-pgpe" for the same without PGPE.
-      method: one of `METHODS`.
+      seeds: each has the parallel updates that the configuration names.
     """
-    config = jaxplan_config(problem, plan)
+    config = jaxplan_config(problem, plan).without_section("Noise")
     if configuration == "no-pgpe":
         config = config.with_values("Planner", pgpe=None)
-    if method == TWICE:
-        count = config.section("Planner").get("parallel_updates", 1)
-        config = config.with_values("Planner", parallel_updates=2 * count)
-    noise = METHODS[method]
-    config = config.without_section("Noise")
-    return config if noise is None else config.with_section("Noise", noise)
+    return config.with_values("Planner", parallel_updates=seeds * updates_of(config))
+
+
+def updates_of(config: PlannerConfig) -> int:
+    """The parallel updates of a configuration."""
+    return int(config.section("Planner").get("parallel_updates", 1))
+
+
+def has_pgpe(config: PlannerConfig) -> bool:
+    """Whether a configuration has PGPE, as JaxPlan does unless told otherwise."""
+    return config.section("Planner").get("pgpe", "GaussianPGPE") is not None
+
+
+def with_rule(config: PlannerConfig, unit: str) -> PlannerConfig:
+    """A configuration with the rule of all lanes of a unit."""
+    section = {"method": "AnnealedNoise", "unit": unit, "paired": False}
+    return config.with_section("Noise", section)

@@ -2,4 +2,3 @@
 
 NOISE_VALUE_PLANS = ("slp", "drp")
 CONFIGURATIONS = ("own", "no-pgpe")
-METHODS = ("none", "none-twice", "constant", "default", "adaptive", "paper")

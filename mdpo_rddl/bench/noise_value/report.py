@@ -1,141 +1,135 @@
 """What the cells say: where noise pays, where it harms, and what it costs."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.bench.noise_value.cells import OK, read
-from mdpo_rddl.bench.noise_value.figures import draw_curves, draw_strips
-from mdpo_rddl.bench.noise_value.methods import METHODS, NONE
-from mdpo_rddl.bench.noise_value.statistics import (
-    LEVEL,
-    holm,
-    mean_interval,
-    normalised,
-    paired_p,
+from mdpo_rddl.bench.noise_value.compared import (
+    COMPARED,
+    Lead,
+    Scores,
+    Task,
+    cases,
+    compare,
+    load_results,
+    returns_of,
+    scores_of,
 )
+from mdpo_rddl.bench.noise_value.cost import SECTIONS, read_costs
+from mdpo_rddl.bench.noise_value.figures import draw_curves, draw_strips
+from mdpo_rddl.bench.noise_value.methods import DEFAULT, METHODS, NONE, TWICE
+from mdpo_rddl.bench.noise_value.rule import MARGIN, Case, constant_rule, find_rule
+from mdpo_rddl.bench.noise_value.statistics import LEVEL, mean_interval
+from mdpo_rddl.machine.files import write_atomically
 
-Results = Mapping[str, dict[str, Any]]
-
-
-class Task(NamedTuple):
-    """What all methods were measured on."""
-
-    problem: str
-    instance: str
-    plan: str
-    configuration: str
-
-
-def load_results(out: Path) -> dict[Task, dict[str, dict[str, Any]]]:
-    """The finished cells of a folder, per task and method, where no noise is among them.
-
-    Raises:
-      InputError: if a file is not a cell's.
-    """
-    results: dict[Task, dict[str, dict[str, Any]]] = {}
-    for path in sorted((out / "cells").glob("*.json")):
-        kept = read(path)
-        if kept["status"] == OK:
-            conditions = kept["conditions"]
-            task = Task(*(conditions[name] for name in Task._fields))
-            results.setdefault(task, {})[conditions["method"]] = kept
-    return {task: found for task, found in results.items() if NONE in found}
+Leads = Mapping[str, Mapping[Task, Lead]]
 
 
 def write_report(out: Path) -> str:
-    """Writes the figures; returns the tables as Markdown.
+    """Writes the figures and `table.md`; returns that text.
 
     Raises:
       InputError: if a file is not a cell's.
     """
-    results = load_results(out)
-    scores = {task: _scores(found) for task, found in results.items()}
-    methods = [name for name in METHODS if any(name in found for found in results.values())]
-    rows = {method: _compared(results, method) for method in methods if method != NONE}
-    lines = [*_summary(results, scores, methods, rows), "", *_details(results, methods, rows)]
-    failed = [path.stem for path in _failed(out)]
+    results, failed = load_results(out)
+    scores = {task: scores_of(kept) for task, kept in results.items()}
+    leads = {name: compare(results, name) for name in COMPARED if name != NONE}
+    lines = [*_summary(scores, leads), "", *_pairs(results)]
+    for method in (DEFAULT, "constant beside"):
+        lines += [*_rule(method, cases(results, scores, method)), ""]
+    lines += [*_costs(read_costs(out)), "", *_details(results, leads)]
     if failed:
-        lines += ["", f"Not measured: {', '.join(failed)}."]
+        lines += ["", f"Not measured: {'; '.join(failed)}."]
     if results:
-        draw_strips(out / "strips.png", scores, [m for m in methods if m != NONE])
+        draw_strips(out / "strips.png", scores, [m for m in METHODS if m != NONE])
         draw_curves(out / "curves.png", results, scores)
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines) + "\n"
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomically(out / "table.md", text.encode())
+    return text
 
 
-def _failed(out: Path) -> Iterable[Path]:
-    return [path for path in sorted((out / "cells").glob("*.json")) if read(path)["status"] != OK]
-
-
-def _scores(found: Results) -> dict[str, np.ndarray]:
-    returns = {name: np.asarray(kept["returns"], float) for name, kept in found.items()}
-    return normalised(returns, float(found[NONE]["noop"]))
-
-
-def _compared(results: Mapping[Task, Results], method: str) -> dict[Task, tuple[float, float]]:
-    """Per task the mean lead over no noise, and its p value after Holm over all tasks."""
-    tasks = [task for task, found in results.items() if method in found]
-    pairs = [(results[t][method]["returns"], results[t][NONE]["returns"]) for t in tasks]
-    leads = [float(np.mean(ours) - np.mean(theirs)) for ours, theirs in pairs]
-    adjusted = holm([paired_p(np.asarray(ours), np.asarray(theirs)) for ours, theirs in pairs])
-    return {t: (lead, float(p)) for t, lead, p in zip(tasks, leads, adjusted, strict=True)}
-
-
-def _summary(
-    results: Mapping[Task, Results],
-    scores: Mapping[Task, Mapping[str, np.ndarray]],
-    methods: Iterable[str],
-    rows: Mapping[str, Mapping[Task, tuple[float, float]]],
-) -> list[str]:
+def _summary(scores: Mapping[Task, Scores], leads: Leads) -> list[str]:
     lines = [
-        "| method | tasks | mean score (95% interval) | better than none | worse | time |",
-        "|---|---|---|---|---|---|",
+        "| method | tasks | mean score (95% interval) | better | worse | better (p) | worse (p) |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for method in methods:
-        found = [s[method] for s in scores.values() if method in s]
-        mean, low, high = mean_interval(found)
-        compared = rows.get(method, {}).values()
-        better = sum(lead > 0 and p < LEVEL for lead, p in compared)
-        worse = sum(lead < 0 and p < LEVEL for lead, p in compared)
-        counts = ["", ""] if method == NONE else [str(better), str(worse)]
+    for method in COMPARED if scores else ():
+        mean, low, high = mean_interval([found[method] for found in scores.values()])
+        counts = [""] * 4 if method == NONE else [str(n) for n in _counts(leads[method].values())]
         score = f"{mean:.3f} [{low:.3f}, {high:.3f}]"
-        cells = [method, str(len(found)), score, *counts, f"{_cost(results, method):.2f}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    note = "Better and worse: p < 0.05, Student's paired t-test by seed, Holm over the tasks. "
-    note += "Time: of training, median over the tasks, as a multiple of that without noise."
+        lines.append("| " + " | ".join([method, str(len(scores)), score, *counts]) + " |")
+    note = "Better and worse than no noise: p < 0.05, Student's paired t-test by seed, with Holm "
+    note += "over the tasks; (p): without. A score is 0 at the no-op and 1 at the best method. "
+    note += "Beside: of each seed the better one of the method and no noise by JaxPlan's test."
     return [*lines, "", note]
 
 
-def _cost(results: Mapping[Task, Results], method: str) -> float:
-    ratios = [
-        np.median(found[method]["train_seconds"]) / np.median(found[NONE]["train_seconds"])
-        for found in results.values()
-        if method in found
+def _counts(leads: Any) -> list[int]:
+    leads = list(leads)
+    found = []
+    for tests in ([lead.adjusted for lead in leads], [lead.p for lead in leads]):
+        pairs = [(lead.mean, p) for lead, p in zip(leads, tests, strict=True)]
+        found.append(sum(mean > 0 and p < LEVEL for mean, p in pairs))
+        found.append(sum(mean < 0 and p < LEVEL for mean, p in pairs))
+    return found
+
+
+def _pairs(results: Mapping[Task, Mapping[str, Any]]) -> list[str]:
+    """What the sensitivities add to constant noise, and noise to a second update."""
+    lines = []
+    for method, other in (("adaptive", "constant"), (DEFAULT, TWICE)):
+        better, worse, *nominal = _counts(compare(results, method, other).values())
+        by_p = f"(without Holm {nominal[0]} and {nominal[1]})"
+        lines.append(f"`{method}` against `{other}`: better on {better}, worse on {worse} {by_p}.")
+    return [*lines, ""]
+
+
+def _rule(method: str, found: Sequence[Case]) -> list[str]:
+    """When noise pays, and of how many problems that the rule was not made for it is right."""
+    known = [case for case in found if not case.is_held_out]
+    others = [case for case in found if case.is_held_out]
+    if not known or not others:
+        return [f"When noise pays (`{method}`): too few tasks for a rule."]
+    rule, plain = find_rule(known), constant_rule(known)
+    pays = [sum(case.pays for case in part) for part in (known, others)]
+    return [
+        f"When noise pays (`{method}` ahead of `{TWICE}` by {MARGIN} of the score: on {pays[0]} of "
+        f"{len(known)} tasks of the problems on which the rule was found, on {pays[1]} of "
+        f"{len(others)} of the others): {rule}. Right on {rule.hits(known)} of "
+        f"{len(known)} and, held out, {rule.hits(others)} of {len(others)}; "
+        f'"{plain}" on {plain.hits(known)} and {plain.hits(others)}.'
     ]
-    return float(np.median(ratios))
 
 
-def _details(
-    results: Mapping[Task, Results],
-    methods: Iterable[str],
-    rows: Mapping[str, Mapping[Task, tuple[float, float]]],
-) -> list[str]:
+def _costs(costs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """CPU time per method against no noise: median over the tasks, smallest to largest."""
+    if not costs:
+        return ["Costs: not measured."]
+    lines = ["| method | iteration | compilation |", "|---|---|---|"]
+    for method in SECTIONS:
+        spent = [kept["ratio"][method] for kept in costs]
+        compiled = [c["compile_seconds"][method] / c["compile_seconds"][NONE] for c in costs]
+        lines.append(f"| {method} | {_spread(spent)} | {_spread(compiled)} |")
+    note = f"CPU time as a multiple of that without noise, in turn in one run, {len(costs)} tasks."
+    return [*lines, "", note]
+
+
+def _spread(values: Sequence[float]) -> str:
+    return f"{np.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
+
+
+def _details(results: Mapping[Task, Mapping[str, Any]], leads: Leads) -> list[str]:
     """A line for each task; a star marks what differs significantly from no noise."""
-    methods = list(methods)
-    heads = ["problem", "instance", "plan", "configuration", "no-op", *methods]
+    heads = ["problem", "instance", "plan", "configuration", "no-op", *METHODS]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    for task, found in results.items():
-        cells = [*task, _number(float(found[NONE]["noop"]))]
-        for method in methods:
-            if method not in found:
-                cells.append("")
-                continue
-            star = ""
-            if method != NONE and rows[method][task][1] < LEVEL:
-                star = " \\*"
-            cells.append(_number(float(np.mean(found[method]["returns"]))) + star)
+    for task, kept in results.items():
+        cells = [*task, _number(float(kept["noop"]))]
+        for method in METHODS:
+            star = " \\*" if method != NONE and leads[method][task].is_significant else ""
+            cells.append(_number(float(np.mean(returns_of(kept, method)))) + star)
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 

@@ -1,32 +1,44 @@
 """Trains and evaluates the cells."""
 
 import logging
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import random
 
-from mdpo_rddl.bench.common.full_training import train_fully
 from mdpo_rddl.bench.noise_value.cells import OK, Cell, load, save
-from mdpo_rddl.bench.noise_value.methods import NONE, cell_config
+from mdpo_rddl.bench.noise_value.exact import mean_returns
+from mdpo_rddl.bench.noise_value.lanes import Trained, best_curve, best_of, train_lanes
+from mdpo_rddl.bench.noise_value.methods import (
+    ABSOLUTE,
+    LANES,
+    METHODS,
+    NONE,
+    RANGE,
+    Lane,
+    has_pgpe,
+    task_config,
+    with_rule,
+)
+from mdpo_rddl.bench.noise_value.signs import signs
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.executors import Executor
+from mdpo_rddl.noise import ActionNoise
+from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.returns import compile_returns
-from mdpo_rddl.planner.training import Record, TrainingResult
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 logger = logging.getLogger(__name__)
 
-_CURVE_POINTS = 60
-# no key of a training: those are 0, 1, ...
-_EVALUATION_KEY = 2**31 - 1
+_CURVE_POINTS = 40
 _NOOP_EPISODES = 10
 
 
@@ -54,25 +66,23 @@ def all_cells(
     problems: Iterable[tuple[str, str]],
     plans: Iterable[str],
     configurations: Iterable[str],
-    methods: Iterable[str],
     **sizes: Any,
 ) -> list[Cell]:
-    """The cells of a measurement; `sizes` are the other attributes of `Cell`."""
-    plans, configurations, methods = list(plans), list(configurations), list(methods)
-    return [
-        Cell(
-            problem=problem,
-            instance=instance,
-            plan=plan,
-            configuration=configuration,
-            method=method,
-            **sizes,
-        )
-        for problem, instance in problems
-        for plan in plans
-        for configuration in configurations
-        for method in methods
-    ]
+    """The cells of a measurement; `sizes` are the other attributes of `Cell`.
+
+    Where JaxPlan's own configuration has no PGPE, it is the one without and is measured once.
+    """
+    plans, configurations = list(plans), list(configurations)
+    cells = []
+    for problem, instance in problems:
+        for plan in plans:
+            own = task_config(problem, plan, "own", sizes["seeds"])
+            for name in configurations:
+                if name == "own" and "no-pgpe" in configurations and not has_pgpe(own):
+                    continue
+                named: dict[str, Any] = {"problem": problem, "instance": instance, "plan": plan}
+                cells.append(Cell(**named, configuration=name, **sizes))
+    return cells
 
 
 def run_cell(cell: Cell) -> None:
@@ -82,29 +92,37 @@ def run_cell(cell: Cell) -> None:
     except Exception as error:  # whatever it is, it is the finding
         result = {"status": one_line_cause(error)}
     save(cell, result)
-    logger.info("%s: %s %s", cell.path.stem, result["status"], result.get("returns", ""))
+    logger.info("%s: %s", cell.path.stem, result["status"])
     jax.clear_caches()
 
 
 def _measure(cell: Cell) -> dict[str, Any]:
+    started = time.process_time()
     problem = load_problem(cell.problem, cell.instance)
     if problem.horizon > cell.max_horizon:
         problem = load_problem(cell.problem, cell.instance, cell.max_horizon)
-    config = cell_config(cell.problem, cell.plan, cell.configuration, cell.method)
-    built = build_planner(problem, config)
-    planner = built.planner
-    results = [
-        train_fully(built, random.PRNGKey(seed), cell.iterations) for seed in range(cell.seeds)
-    ]
-    points = _curve_points(results[0].history)
+    config = task_config(cell.problem, cell.plan, cell.configuration, cell.seeds)
+    planners = _planners(problem, config)
+    trained, returns = {}, {}
+    for name, lane in LANES.items():
+        built, rule = _prepared(planners, lane)
+        built.planner.noise = rule
+        key = random.PRNGKey(lane.stream)
+        trained[name] = train_lanes(built, key, cell.iterations, cell.seeds)
+        returns[name] = mean_returns(planners[RANGE].planner, trained[name].params, cell.rollouts)
+    points = _curve_points(cell.iterations)
+    planner = planners[RANGE].planner
     return {
         "status": OK,
-        "returns": _exact_returns(planner, results, cell.rollouts),
-        "noop": _noop_return(problem) if cell.method == NONE else None,
-        "compile_seconds": round(results[0].compile_seconds, 2),
-        "train_seconds": [round(result.train_seconds, 3) for result in results],
-        "curve_iterations": [int(results[0].history[i].iteration) for i in points],
-        "curves": [_best_so_far(result.history, points) for result in results],
+        "noop": evaluate(make_environment(problem), _no_op, _NOOP_EPISODES, 0).mean,
+        "curve_iterations": points,
+        "methods": {
+            name: _of_method([trained[n] for n in names], [returns[n] for n in names], points)
+            for name, names in METHODS.items()
+        },
+        "signs": signs(planner, trained[NONE]),
+        "cpu_seconds": round(time.process_time() - started, 1),
+        "training_seconds": {name: round(t.seconds, 2) for name, t in trained.items()},
         "units": {
             name: np.broadcast_to(spec.unit, spec.shape).ravel().tolist()
             for name, spec in planner.action_specs.items()
@@ -112,28 +130,51 @@ def _measure(cell: Cell) -> dict[str, Any]:
     }
 
 
-def _exact_returns(
-    planner: MDPOPlanner, results: list[TrainingResult], rollouts: int
-) -> list[float]:
-    """Each seed's mean return, on episodes that all methods share."""
-    params = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[r.best_params for r in results])
-    returns = compile_returns(planner)
-    turns = -(-rollouts // planner.batch_size_test)
-    means = []
-    for key in random.split(random.PRNGKey(_EVALUATION_KEY), turns):
-        means.append(np.mean(returns(random.split(key, len(results)), params), axis=1))
-    return [float(value) for value in np.mean(means, axis=0)]
+def _no_op(step: int, state: Any) -> dict[str, Any]:
+    return {}
 
 
-def _noop_return(problem: Problem) -> float:
-    return evaluate(make_environment(problem), lambda step, state: {}, _NOOP_EPISODES, 0).mean
+def _planners(problem: Problem, config: PlannerConfig) -> dict[str, Built[MDPOPlanner]]:
+    """The planner of each unit, one alone where a program of its own is not needed."""
+    ranged = build_planner(problem, with_rule(config, RANGE))
+    if common_unit(ranged.planner.action_specs) is not None:
+        return {RANGE: ranged}
+    return {RANGE: ranged, ABSOLUTE: build_planner(problem, with_rule(config, ABSOLUTE))}
 
 
-def _curve_points(history: tuple[Record, ...]) -> list[int]:
-    count = min(_CURVE_POINTS, len(history))
-    return sorted({int(i) for i in np.linspace(0, len(history) - 1, count)})
+def _prepared(
+    planners: Mapping[str, Built[MDPOPlanner]], lane: Lane
+) -> tuple[Built[MDPOPlanner], ActionNoise]:
+    """The planner of a training, and its rule in that planner's unit."""
+    if lane.unit in planners:
+        return planners[lane.unit], lane.rule()
+    built = planners[RANGE]
+    unit = common_unit(built.planner.action_specs)
+    assert unit is not None  # else there is a planner for it
+    return built, lane.in_range_units(unit)
 
 
-def _best_so_far(history: tuple[Record, ...], points: list[int]) -> list[float]:
-    best = np.maximum.accumulate([record.test_return for record in history])
-    return [float(best[i]) for i in points]
+def common_unit(specs: Mapping[str, ActionSpec]) -> float | None:
+    """The unit that all components share, so that absolute noise is the same with another sigma.
+
+    Returns:
+      None if they have several, or a squashing function lies between.
+    """
+    units = [np.ravel(spec.unit) for spec in specs.values()]
+    found = np.unique(np.concatenate([np.ones(0), *units]))
+    if len(found) != 1 or any(spec.squashed for spec in specs.values()):
+        return None
+    return float(found[0])
+
+
+def _of_method(trained: list[Trained], returns: list[np.ndarray], points: list[int]) -> Any:
+    curves = best_curve(trained)
+    return {
+        "returns": best_of(trained, returns).tolist(),
+        "tested": np.max([t.best for t in trained], axis=0).tolist(),
+        "curves": curves[:, [min(i, curves.shape[1] - 1) for i in points]].tolist(),
+    }
+
+
+def _curve_points(iterations: int) -> list[int]:
+    return sorted({int(i) for i in np.linspace(0, iterations - 1, min(_CURVE_POINTS, iterations))})
