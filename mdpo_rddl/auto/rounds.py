@@ -7,7 +7,7 @@ independent draws, though, so that none is ever dropped for good.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from mdpo_rddl.auto.arms.base import Arm
@@ -39,6 +39,12 @@ class Contender:
     slices: int = 0
     pace: float = 0.0
     waited: int = field(default=0)
+
+    @property
+    def level(self) -> float:
+        """The return that the arm goes on from; minus infinity before there is any."""
+        reached = self.reached()
+        return -math.inf if reached is None else reached
 
     def claim(self, seconds: float) -> float:
         """What it would reach in so many seconds at its pace."""
@@ -83,3 +89,16 @@ def next_contender(
     promising = max(able, key=lambda contender: contender.claim(seconds))
     is_floor = number % _FLOOR == _FLOOR - 1
     return longest if is_floor or promising.claim(seconds) <= best else promising
+
+
+def raising(reached: Callable[[], float]) -> Iterator[None]:
+    """One turn, and others as long as each raises a return.
+
+    Args:
+      reached: gives the return, before and after each turn.
+    """
+    gains = True
+    while gains:
+        before = reached()
+        yield
+        gains = reached() > before

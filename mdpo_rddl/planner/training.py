@@ -62,8 +62,7 @@ class TrainingResult:
 
     Attributes:
       best_params: parameters of the iterate with the best smoothed exact test return.
-      last_params_by_restart: parameters of the last iterate of every restart, with a
-        leading axis [restarts, ...].
+      last_params_by_restart: of the last iterate of every restart, each leaf [restarts, ...].
       policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
       iterations: iterations done.
       best_iteration: iteration of `best_params`.
@@ -75,6 +74,7 @@ class TrainingResult:
       train_seconds: training without compilation.
       not_finite: training and test returns that were not finite numbers.
       advice: what went wrong and what to try, in a sentence; None if nothing did.
+      best_return: smoothed exact test return of `best_params`, which may not be recorded.
     """
 
     best_params: Any
@@ -90,6 +90,7 @@ class TrainingResult:
     train_seconds: float
     not_finite: int = 0
     advice: str | None = None
+    best_return: float = -math.inf
 
     @property
     def last_params(self) -> Any:
@@ -341,6 +342,7 @@ def _result(
         train_seconds=seconds[1],
         not_finite=found.not_finite,
         advice=advice,
+        best_return=float(found.best_return),
     )
 
 
