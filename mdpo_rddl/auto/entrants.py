@@ -37,14 +37,14 @@ class Entrants:
     def straight_line(self, until: float) -> CompilingArm | None:
         """The one that comes first where no policy returns more than the best plan does.
 
-        That is so where chance plays no part; a gradient needs real actions.
+        That is so where chance plays no part; a gradient needs actions that are all real.
 
         Args:
           until: how long it may work, by the clock.
         """
         ranges = self._arena.planner.rddl.variable_ranges
         kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
-        if not self._arena.probe.deterministic or "real" not in kinds:
+        if not self._arena.probe.deterministic or kinds != {"real"}:
             return None
         return next(self.gradients((STRAIGHT_LINE,), until), None)
 

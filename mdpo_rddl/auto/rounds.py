@@ -21,6 +21,9 @@ _LASTING = 0.5
 # of the pace, after a slice that has gained less
 _DECAY = 0.5
 
+Reached = Callable[[], float]
+"""Gives the return that was reached so far."""
+
 
 @dataclass(eq=False)
 class Contender:
@@ -91,14 +94,15 @@ def next_contender(
     return longest if is_floor or promising.claim(seconds) <= best else promising
 
 
-def raising(reached: Callable[[], float]) -> Iterator[None]:
+def raising(reached: Reached, by: float = 0.0) -> Iterator[None]:
     """One turn, and others as long as each raises a return.
 
     Args:
       reached: gives the return, before and after each turn.
+      by: what a gain must exceed.
     """
     gains = True
     while gains:
         before = reached()
         yield
-        gains = reached() > before
+        gains = reached() > before + by

@@ -33,7 +33,7 @@ from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.polishing import polishing_arm
-from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, next_contender, raising
+from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, next_contender, raising
 from mdpo_rddl.errors import Cancelled, one_line_cause
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -42,8 +42,8 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# and for a straight-line plan that comes first
-_EXPLORATION_SHARE, _OTHERS_SHARE, _PLAN_SHARE = 0.45, 0.4, 0.6
+# and for a straight-line plan that comes first, while a slice gains so much of the first one's gain
+_EXPLORATION_SHARE, _OTHERS_SHARE, _PLAN_SHARE, _LEAST_GAIN = 0.45, 0.4, 0.6, 0.02
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
 # of all the time: a slice; and each of an arm's first ones, of a slice
@@ -138,9 +138,9 @@ class Schedule:
         if is_better:
             self._give_while(contender, until, lambda: judge.best_mean)
 
-    def _give_while(self, one: Contender, until: float, reached: Callable[[], float]) -> None:
-        """Slices for one arm, as long as each of them raises a return."""
-        for _ in raising(reached):
+    def _give_while(self, one: Contender, until: float, reached: Reached, by: float = 0.0) -> None:
+        """Slices for one arm, as long as each of them raises a return by more than that."""
+        for _ in raising(reached, by):
             if one.arm.is_exhausted or until - self._arena.clock() <= _SHORTEST_SECONDS:
                 break
             self._give_slice(one, until)
@@ -255,7 +255,8 @@ class Schedule:
         until = arena.until(_PLAN_SHARE)
         contender = self._open(arm, until, self._affording.patience(rounds_until))
         if contender.slices:
-            self._give_while(contender, until, lambda: contender.level)
+            gain = abs(contender.level - arena.probe.noop_return)
+            self._give_while(contender, until, lambda: contender.level, _LEAST_GAIN * gain)
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
         """Lets an arm that must compile begin; it competes from then on.

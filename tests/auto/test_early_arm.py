@@ -81,11 +81,11 @@ class Planned(Scripted):
 @pytest.mark.parametrize(
     ("returns", "is_pending", "expected"),
     [
-        # the fourth gains nothing more; 0 is a return like others
-        ([-2.0, 0.0, 1.0, 1.0, 9.0], False, 4),
-        ([-2.0, 0.0, 1.0, 1.0, 9.0], True, 0),
+        # the first gains 100, the fourth less than 2 more
+        ([-2.0, 0.5, 3.0, 4.9, 9.0], False, 4),
+        ([-2.0, 0.5, 3.0, 4.9, 9.0], True, 0),
         # slices of 5, 5, and then 10 seconds until 96, six tenths of 160
-        (range(1, 100), False, 2 + 9),
+        (range(5, 1000, 5), False, 2 + 9),
     ],
 )
 def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending, expected):
@@ -93,7 +93,12 @@ def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending
     judge = Judge(1, 0, clock, 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     arena = SimpleNamespace(
-        judge=judge, clock=clock, began=0.0, deadline=160.0, until=lambda share: 160.0 * share
+        judge=judge,
+        clock=clock,
+        probe=SimpleNamespace(noop_return=-102.0),
+        began=0.0,
+        deadline=160.0,
+        until=lambda share: 160.0 * share,
     )
     schedule = Schedule(arena, Search(), lambda name: None)
     arm = Planned(clock, returns, is_pending)

@@ -25,7 +25,7 @@ class Generous:
 
 
 def entrants(*refused, without=(), deterministic=True, kind="real"):
-    rddl = SimpleNamespace(action_fluents=["a"], variable_ranges={"a": kind})
+    rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges={"a": kind, "b": "real"})
     arena = SimpleNamespace(
         clock=lambda: 0.0,
         incumbent=None,

@@ -76,3 +76,10 @@ def test_turns_end_with_the_first_that_raises_nothing(gains, turns):
     for number, _ in enumerate(raising(lambda: sum(reached))):
         reached.append(gains[number])
     assert len(reached) - 1 == turns
+
+
+def test_a_small_gain_is_none():
+    gains, reached = iter([3.0, 2.0]), [0.0]
+    for _ in raising(lambda: sum(reached), by=2.0):
+        reached.append(next(gains))
+    assert reached == [0.0, 3.0, 2.0]
