@@ -103,7 +103,7 @@ class Arena:
     @cached_property
     def plain(self) -> PlainPlanners:
         """Planners of JaxPlan's own classes of policies."""
-        return PlainPlanners(self.problem)
+        return PlainPlanners(self.problem, self.probe.deterministic)
 
     @cached_property
     def compilations(self) -> Compilations:

@@ -41,6 +41,11 @@ def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
     return config.with_policy_arguments(state_scales=scales, units=units)
 
 
+def with_single_rollouts(config: PlannerConfig) -> PlannerConfig:
+    """The configuration for a problem without chance: one rollout shows what a policy returns."""
+    return config.with_values("Planner", batch_size_train=1, batch_size_test=1)
+
+
 def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:
     """The configuration with a memory, where the state is not observed and none is given."""
     if not problem.model.observ_fluents or "memory" in config.policy_arguments:

@@ -1,5 +1,6 @@
 """JaxPlan's own classes of policies as planners of ours, each made once for all arms."""
 
+from mdpo_rddl.auto.fitting import with_single_rollouts
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -13,13 +14,14 @@ _CALL = {"iterations_per_call": 100, "test_every": 20}
 class PlainPlanners:
     """Planners of straight-line plans ("slp") and of deep reactive policies ("drp")."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, deterministic: bool = False) -> None:
         """Makes none yet.
 
         Args:
           problem: the parsed problem.
+          deterministic: whether all rollouts of a policy have the same return.
         """
-        self._problem = problem
+        self._problem, self._deterministic = problem, deterministic
         self._built: dict[str, Built[MDPOPlanner]] = {}
 
     def built(self, method: str) -> Built[MDPOPlanner]:
@@ -46,4 +48,6 @@ class PlainPlanners:
         config = config_for_domain(name, self._problem.domain_name, method)
         config = config.with_section("Noise", {"method": "NoNoise"})
         config = config.with_values("Planner", pgpe=None)
+        if self._deterministic:
+            config = with_single_rollouts(config)
         return config.with_section("MDPO", {**_CALL, **config.section("MDPO")})

@@ -19,6 +19,7 @@ from mdpo_rddl.auto.fitting import (
     scaled,
     simplified,
     with_memory,
+    with_single_rollouts,
     without_plan,
     without_scales,
 )
@@ -281,6 +282,8 @@ def _arena(
         config = simplified(config)
     elif not plans_fit(bare):
         config = without_plan(config)
+    if seen.deterministic:
+        config = with_single_rollouts(config)
     planner = build_planner(problem, config, options.traced_cache).planner
     return Arena(
         problem=problem,

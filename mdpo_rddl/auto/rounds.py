@@ -7,7 +7,7 @@ independent draws, though, so that none is ever dropped for good.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from mdpo_rddl.auto.arms.base import Arm
@@ -20,6 +20,9 @@ _FLOOR = 8
 _LASTING = 0.5
 # of the pace, after a slice that has gained less
 _DECAY = 0.5
+
+Reached = Callable[[], float]
+"""Gives the return that was reached so far."""
 
 
 @dataclass(eq=False)
@@ -39,6 +42,12 @@ class Contender:
     slices: int = 0
     pace: float = 0.0
     waited: int = field(default=0)
+
+    @property
+    def level(self) -> float:
+        """The return that the arm goes on from; minus infinity before there is any."""
+        reached = self.reached()
+        return -math.inf if reached is None else reached
 
     def claim(self, seconds: float) -> float:
         """What it would reach in so many seconds at its pace."""
@@ -83,3 +92,17 @@ def next_contender(
     promising = max(able, key=lambda contender: contender.claim(seconds))
     is_floor = number % _FLOOR == _FLOOR - 1
     return longest if is_floor or promising.claim(seconds) <= best else promising
+
+
+def raising(reached: Reached, by: float = 0.0) -> Iterator[None]:
+    """One turn, and others as long as each raises a return.
+
+    Args:
+      reached: gives the return, before and after each turn.
+      by: what a gain must exceed.
+    """
+    gains = True
+    while gains:
+        before = reached()
+        yield
+        gains = reached() > before + by

@@ -6,7 +6,7 @@ can't, but the rules were grounded, a search by trials has gone ahead.
 1. Constant actions on the exact model say in which units states and actions are of order 1.
 2. The arms begin in the order of what they cost: `pgpe`; the weights that all objects share; an
    open-loop plan, or each object's own weights; and those that need a gradient, as far as there
-   is time to compile them.
+   is time to compile them; but where chance plays no part, a straight-line plan is second.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
@@ -24,28 +24,28 @@ from mdpo_rddl.auto.affording import PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm, CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
-from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
+from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
-from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE, SimpleArm
-from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, next_contender
+from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.auto.polishing import polishing_arm
+from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, next_contender, raising
 from mdpo_rddl.errors import Cancelled, one_line_cause
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
 
-_POLISHED, _POLISHING_SIGMA = "polished", 0.01
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
-# of the time left, for the exploration: before the other arms, and for these if it finds nothing
-_EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_LESS = 0.5
+# of the time left, for the exploration: before the other arms, and for these if it finds nothing;
+# and for a straight-line plan that comes first, while a slice gains so much of the first one's gain
+_EXPLORATION_SHARE, _OTHERS_SHARE, _PLAN_SHARE, _LEAST_GAIN = 0.45, 0.4, 0.6, 0.02
 # of the time left, at most, for an arm that needs no compilation, before the others
-_EARLY_SHARE = 0.3
+_EARLY_SHARE, _LESS = 0.3, 0.5
 # of all the time: a slice; and each of an arm's first ones, of a slice
 _SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
 _FIRST_SLICE = 0.5
@@ -77,6 +77,7 @@ class Schedule:
         """
         self._arena, self._shares, self._on_stage = arena, shares, on_stage
         self._initial, self._judge, self._affording = initial, arena.judge, Affording(arena)
+        self._entrants = Entrants(arena, self._affording, shares.without)
         self.arms: list[Arm] = []
         self.early: Arm | None = None
         self.random_return: float | None = None
@@ -122,26 +123,27 @@ class Schedule:
         logger.warning("there is too little time to search: a rollout takes so long")
         arena = self._arena
         constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
-        mean = arena.probe.start_return
-        self._judge.record(dataclasses.replace(constant, mean=mean, error=0.0))
+        self._judge.record(dataclasses.replace(constant, mean=arena.probe.start_return, error=0.0))
         if self.early is not None:
             self._try_early(self.early, arena.deadline)
 
     def _try_early(self, arm: Arm, until: float) -> None:
-        """Slices for an arm as long as each finds a better policy than any before.
-
-        It may have worked already.
-        """
-        arena, judge = self._arena, self._judge
+        """Slices for one that may have worked already, while each finds a better policy."""
+        judge = self._judge
         self.arms.append(arm)
         is_better = self._judge_candidates(arm)
         contender = Contender(arm, lambda: arm.reached)
         self._contenders.append(contender)
         self._on_stage("searching")
-        while is_better and not arm.is_exhausted and until - arena.clock() > _SHORTEST_SECONDS:
-            before = judge.best_mean
-            self._give_slice(contender, until)
-            is_better = judge.best_mean > before
+        if is_better:
+            self._give_while(contender, until, lambda: judge.best_mean)
+
+    def _give_while(self, one: Contender, until: float, reached: Reached, by: float = 0.0) -> None:
+        """Slices for one arm, as long as each of them raises a return by more than that."""
+        for _ in raising(reached, by):
+            if one.arm.is_exhausted or until - self._arena.clock() <= _SHORTEST_SECONDS:
+                break
+            self._give_slice(one, until)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""
@@ -214,6 +216,7 @@ class Schedule:
     def _improve(self, shared: SharedWeightsArm) -> None:
         """For problems in which a constant or a random rule beats the no-op."""
         arena, shares = self._arena, self._shares
+        self._begin_with_plan()
         parts = shares.shared_until, shares.own_until, shares.rounds_until
         shared_until, own_until, rounds_until = (arena.until(share) for share in parts)
         self.give(shared, shared_until)
@@ -232,27 +235,28 @@ class Schedule:
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
-    def _is_in(self, name: str) -> bool:
-        return name not in self._shares.without
-
     def _open_exploration(self, until: float) -> Contender | None:
-        if not self._is_in(PGPE) or not self._affording.exploration():
-            return None
-        patience = self._affording.patience(until)
-        return self._open(ParameterExplorationArm(self._arena), until, patience)
+        arm = self._entrants.exploration()
+        return None if arm is None else self._open(arm, until, self._affording.patience(until))
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
         """Opens those arms with a gradient that are in the race and can be afforded."""
-        arena, patience = self._arena, self._affording.patience(until)
-        for name in filter(self._is_in, names):
-            usual = self._affording.usual_seconds(name)
-            if self._affording.gradient(name, until):
-                is_plain = name in METHODS
-                arm = TrainingArm(arena, name, usual) if is_plain else GradientArm(arena, usual)
-                self._open(arm, until, patience)
-            elif name == GRADIENT:
-                left = until - arena.clock()
-                logger.warning("there is too little time for the gradient: %.0f s are left", left)
+        patience = self._affording.patience(until)
+        for arm in self._entrants.gradients(names, until, self.arms):
+            self._open(arm, until, patience)
+
+    def _begin_with_plan(self) -> None:
+        """Slices for a straight-line plan as long as each gains, where it comes first."""
+        arena = self._arena
+        rounds_until = arena.until(self._shares.rounds_until)
+        arm = self._entrants.straight_line(rounds_until)
+        if arm is None:
+            return
+        until = arena.until(_PLAN_SHARE)
+        contender = self._open(arm, until, self._affording.patience(rounds_until))
+        if contender.slices:
+            gain = abs(contender.level - arena.probe.noop_return)
+            self._give_while(contender, until, lambda: contender.level, _LEAST_GAIN * gain)
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
         """Lets an arm that must compile begin; it competes from then on.
@@ -343,8 +347,4 @@ class Schedule:
     @cached_property
     def _polisher(self) -> Arm:
         """Around the best policy: its plan, if that is what made it the best, or its weights."""
-        if self._has_plan:
-            evolving = Evolving(False, True, _POLISHED)
-            return PlanArm("polishing the plan", self._arena, evolving)
-        around = Around(None, _POLISHING_SIGMA, _POLISHED)
-        return OwnWeightsArm("polishing the weights", self._arena, around)
+        return polishing_arm(self._arena, self._has_plan)

@@ -56,8 +56,7 @@ class TrainingResult:
 
     Attributes:
       best_params: parameters of the iterate with the best smoothed exact test return.
-      last_params_by_restart: parameters of the last iterate of every restart, with a
-        leading axis [restarts, ...].
+      last_params_by_restart: of the last iterate of every restart, each leaf [restarts, ...].
       policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
       iterations: iterations done.
       best_iteration: iteration of `best_params`.
@@ -70,6 +69,7 @@ class TrainingResult:
       not_finite: training and test returns that were not finite numbers.
       lost_sensitivities: sensitivities of a step that were not finite and counted as zero.
       advice: what went wrong and what to try, in a sentence; None if nothing did.
+      best_return: smoothed exact test return of `best_params`, which may not be recorded.
     """
 
     best_params: Any
@@ -86,6 +86,7 @@ class TrainingResult:
     not_finite: int = 0
     lost_sensitivities: int = 0
     advice: str | None = None
+    best_return: float = -math.inf
 
     @property
     def last_params(self) -> Any:
@@ -315,6 +316,7 @@ def _result(
         not_finite=found.not_finite,
         lost_sensitivities=found.lost_sensitivities,
         advice=advice,
+        best_return=float(found.best_return),
     )
 
 

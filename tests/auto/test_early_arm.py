@@ -59,3 +59,60 @@ def test_it_ends_in_time():
     count, best = slices(range(1, 100))
     # slices of 5, 5, and then 10 seconds until 100
     assert count == best == 1 + 2 + 9
+
+
+class Planned(Scripted):
+    """One that must compile, and does so at once or never."""
+
+    descends = False
+
+    def __init__(self, clock, returns, is_pending=False):
+        super().__init__(clock, returns)
+        self._pending = is_pending
+
+    @property
+    def is_pending(self):
+        return self._pending
+
+    def begin(self, until):
+        """Compiles nothing."""
+
+
+@pytest.mark.parametrize(
+    ("returns", "is_pending", "expected"),
+    [
+        # the first gains 100, the fourth less than 2 more
+        ([-2.0, 0.5, 3.0, 4.9, 9.0], False, 4),
+        ([-2.0, 0.5, 3.0, 4.9, 9.0], True, 0),
+        # slices of 5, 5, and then 10 seconds until 96, six tenths of 160
+        (range(5, 1000, 5), False, 2 + 9),
+    ],
+)
+def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending, expected):
+    clock = Stopped()
+    judge = Judge(1, 0, clock, 0.0)
+    judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
+    arena = SimpleNamespace(
+        judge=judge,
+        clock=clock,
+        probe=SimpleNamespace(noop_return=-102.0),
+        began=0.0,
+        deadline=160.0,
+        until=lambda share: 160.0 * share,
+    )
+    schedule = Schedule(arena, Search(), lambda name: None)
+    arm = Planned(clock, returns, is_pending)
+    schedule._entrants = SimpleNamespace(straight_line=lambda until: arm)
+    schedule._begin_with_plan()
+    assert schedule.arms == [arm]
+    assert arm.log.slices == expected
+    # it competes with the others later
+    assert [contender.arm for contender in schedule._contenders] == [arm]
+
+
+def test_where_none_comes_first_the_others_begin():
+    arena = SimpleNamespace(judge=None, clock=Stopped(), until=lambda share: 160.0 * share)
+    schedule = Schedule(arena, Search(), lambda name: None)
+    schedule._entrants = SimpleNamespace(straight_line=lambda until: None)
+    schedule._begin_with_plan()
+    assert schedule.arms == []

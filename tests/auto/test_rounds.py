@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mdpo_rddl.auto.rounds import Contender, next_contender
+from mdpo_rddl.auto.rounds import Contender, next_contender, raising
 
 
 @dataclass
@@ -68,3 +68,18 @@ def test_the_pace_is_the_gain_a_second_and_lasts_a_while():
 @pytest.mark.parametrize("reached", [None, float("-inf")])
 def test_who_has_found_nothing_claims_nothing(reached):
     assert contender(reached, pace=1.0).claim(10.0) == float("-inf")
+
+
+@pytest.mark.parametrize(("gains", "turns"), [([1.0, 1.0, 0.0], 3), ([-1.0], 1)])
+def test_turns_end_with_the_first_that_raises_nothing(gains, turns):
+    reached = [0.0]
+    for number, _ in enumerate(raising(lambda: sum(reached))):
+        reached.append(gains[number])
+    assert len(reached) - 1 == turns
+
+
+def test_a_small_gain_is_none():
+    gains, reached = iter([3.0, 2.0]), [0.0]
+    for _ in raising(lambda: sum(reached), by=2.0):
+        reached.append(next(gains))
+    assert reached == [0.0, 3.0, 2.0]

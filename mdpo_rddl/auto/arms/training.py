@@ -1,27 +1,36 @@
 """The arms that train JaxPlan's own classes of policies in our calls, each on its own line."""
 
 import logging
-import math
+
+import jax
+import jax.numpy as jnp
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.search.steps import has_stalled, step_factor
 from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.training import Training
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.training import Record, Training, TrainingResult
+from mdpo_rddl.planner.update.restarts import PerRestart
 
 logger = logging.getLogger(__name__)
 
 METHODS = ("slp", "drp")
 _FOREVER = 1e9
+# from one look at what a phase gains to the next
+_LOOKING_SECONDS = 0.5
 
 
 class TrainingArm(CompilingArm):
     """Follows the relaxed model's gradient on a straight-line plan or a deep reactive policy.
 
     Compilation goes on in a thread while other arms work, for nothing interrupts it. Each slice
-    goes on with the training of the last.
+    goes on with the training of the last. Where nothing more is gained, another phase begins at the
+    best iterate, with another step size (`search/steps.py`).
     """
 
     def __init__(self, arena: Arena, method: str, usual_seconds: float = 0.0) -> None:
@@ -34,7 +43,10 @@ class TrainingArm(CompilingArm):
         """
         super().__init__(method, arena, usual_seconds)
         self._training: Training | None = None
-        self._offered = -1
+        self._best: TrainingResult | None = None
+        self._records: tuple[Record, ...] = ()
+        self._iterations = self._phase = 0
+        self._offered = self._best_iteration = -1
 
     def _begin(self) -> None:
         seconds = max(1.0, self._arena.deadline - self._clock())
@@ -49,8 +61,14 @@ class TrainingArm(CompilingArm):
         try:
             if self._is_compiled(until):
                 assert self._training is not None
-                if not self._training.has_ended:
-                    self._training.advance(until - self._clock())
+                while not self._training.has_ended:
+                    left = until - self._clock()
+                    self._training.advance(min(left, _LOOKING_SECONDS))
+                    result = self._noted(self._training)
+                    if self._training.has_ended or self._clock() >= until:
+                        break
+                    if has_stalled(result.iterations, result.best_iteration):
+                        self._begin_phase()
                 self._offer_best(self._training, until)
         except InputError as error:
             # other arms find a policy without this one
@@ -59,40 +77,70 @@ class TrainingArm(CompilingArm):
             self.is_exhausted = True
 
     def _compile(self, seconds: float) -> None:
-        arena = self._arena
-        built = arena.plain.built(self.name)
+        built = self._built
         if (guess := self._earlier_params(built.planner)) is not None:
             built = built.with_arguments(guess=guess)
-        key = key_for(Draws.TRAINING, arena.seed)
-        budget = Budget(arena.most_iterations, seconds)
-        training = Training(built, key, budget, arena.tell)
+        self._training = self._compiled_training(built, seconds)
+
+    @property
+    def _built(self) -> Built[MDPOPlanner]:
+        return self._arena.plain.built(self.name)
+
+    def _compiled_training(self, built: Built[MDPOPlanner], seconds: float) -> Training:
+        arena = self._arena
+        key = jax.random.fold_in(key_for(Draws.TRAINING, arena.seed), self._phase)
+        left = max(1, arena.most_iterations - self._iterations)
+        training = Training(built, key, Budget(left, seconds), arena.tell)
         training.compile()
         # the arm's slices end it
         training.limit(_FOREVER)
-        self._training = training
+        return training
+
+    def _begin_phase(self) -> None:
+        """Goes on from the best iterate with another step size, if the optimiser has one."""
+        built, best = self._built, self._best
+        rate = built.planner.optimizer_kwargs.get("learning_rate")
+        if rate is None or best is None or self._log.iterations >= self._arena.most_iterations:
+            return
+        self._iterations, self._records = self._log.iterations, self._log.records
+        self._phase += 1
+        count = built.planner.parallel_updates
+        built.planner.vary_restarts(learning_rate=[rate * step_factor(self._phase)] * count)
+        guess = jax.tree.map(lambda leaf: jnp.stack([leaf] * count), best.best_params)
+        left = max(1.0, self._arena.deadline - self._clock())
+        self._training = self._compiled_training(
+            built.with_arguments(guess=PerRestart(guess)), left
+        )
+
+    def _noted(self, training: Training) -> TrainingResult:
+        """What the phase has found so far, which is kept if it is the best of all phases."""
+        result, done = training.result(), self._iterations
+        history = (r._replace(iteration=r.iteration + done) for r in result.history)
+        self._log.iterations = done + result.iterations
+        self._log.records = (*self._records, *history)
+        if result.best_return > self._estimate or self._best is None:
+            self._estimate, self._best = result.best_return, result
+            self._best_iteration = done + result.best_iteration
+        return result
 
     def _offer_best(self, training: Training, until: float) -> None:
-        result, arena = training.result(), self._arena
-        planner = arena.plain.built(self.name).planner
-        self._log.iterations = result.iterations
-        self._log.records = result.history
-        returns = [record.test_return for record in result.history]
-        self._estimate = max(filter(math.isfinite, returns), default=-math.inf)
-        is_interrupted = result.status == "interrupted"
+        best, arena = self._best, self._arena
+        assert best is not None
+        is_interrupted = self._noted(training).status == "interrupted"
         if is_interrupted and not self._is_judged:
             self.is_exhausted = True
             raise Cancelled  # whoever interrupts does not wait for a compilation
-        is_new = result.best_iteration != self._offered
-        if is_new and self._may_be_judged(planner, result.best_params, until):
-            self._offered = result.best_iteration
+        planner, is_new = self._built.planner, self._best_iteration != self._offered
+        if is_new and self._may_be_judged(planner, best.best_params, until):
+            self._offered = self._best_iteration
             self._offer(
                 Candidate(
                     arm=self.name,
-                    label=f"{self.name}, iteration {result.best_iteration:,}",
+                    label=f"{self.name}, iteration {self._best_iteration:,}",
                     config=arena.plain.config(self.name),
                     planner=planner,
-                    params=result.best_params,
-                    policy_hyperparams=result.policy_hyperparams,
+                    params=best.best_params,
+                    policy_hyperparams=best.policy_hyperparams,
                 )
             )
         self.is_exhausted = training.has_ended and not self.awaits_judge

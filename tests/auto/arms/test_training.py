@@ -13,11 +13,14 @@ from helpers.problems import assert_same_bits
 from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.auto import RaceOptions, race
+from mdpo_rddl.auto.arms import training
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
+from mdpo_rddl.auto.search.steps import step_factor
 from mdpo_rddl.errors import Cancelled, InputError
 
 FOREVER = 300.0
@@ -78,6 +81,39 @@ def test_a_straight_line_plan_is_trained_in_slices(arena):
     later = TrainingArm(arena, "slp")
     later.begin(time.monotonic() + FOREVER)
     assert_same_bits(later._training._built.arguments["guess"], best.params)
+
+
+def test_where_nothing_more_is_gained_the_steps_change(arena, monkeypatch):
+    monkeypatch.setattr(training, "has_stalled", lambda iterations, best: True)
+    monkeypatch.setattr(training, "_LOOKING_SECONDS", 0.0)  # at each call
+    planner, rates = arena.plain.built("slp").planner, []
+    first = planner.optimizer_kwargs["learning_rate"]
+    vary = planner.vary_restarts
+    monkeypatch.setattr(
+        planner, "vary_restarts", lambda **given: (rates.append(given), vary(**given))
+    )
+    arm, found = TrainingArm(replace_told(arena, []), "slp"), []
+    arm.begin(time.monotonic() + FOREVER)
+    while not arm.is_exhausted:
+        arm.work(time.monotonic() + FOREVER)
+        found += judged(arm, arena.judge)
+    assert rates
+    expected = [first * step_factor(phase) for phase in range(1, len(rates) + 1)]
+    assert [given["learning_rate"] for given in rates] == [[rate] for rate in expected]
+    # the phases follow each other, and the best of all is what is offered
+    assert arm.log.iterations == ITERATIONS
+    iterations = [record.iteration for record in arm.log.records]
+    assert iterations == sorted(set(iterations))
+    best = max(arm.log.records, key=lambda record: record.test_return)
+    assert arm.log.details["estimate"] >= best.test_return
+    assert found[-1].label == f"slp, iteration {arm._best_iteration:,}"
+    vary()
+
+
+def test_without_chance_one_rollout_is_enough(arena):
+    for deterministic, size in ((True, 1), (False, 32)):
+        config = PlainPlanners(arena.problem, deterministic).config("slp")
+        assert config.section("Planner")["batch_size_train"] == size
 
 
 def replace_told(arena, told: list):

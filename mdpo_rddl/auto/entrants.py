@@ -1,0 +1,75 @@
+"""Which arms that must compile a program take part in a race."""
+
+import logging
+from collections.abc import Iterator, Sequence
+
+from mdpo_rddl.auto.affording import Affording
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
+from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
+from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+
+logger = logging.getLogger(__name__)
+
+STRAIGHT_LINE = "slp"
+
+
+class Entrants:
+    """Makes the arms that are wanted and that there is time for."""
+
+    def __init__(self, arena: Arena, affording: Affording, without: Sequence[str]) -> None:
+        """Makes none yet.
+
+        Args:
+          arena: where the arms meet.
+          affording: says what there is time for.
+          without: names of arms that are left out.
+        """
+        self._arena, self._affording, self._without = arena, affording, without
+
+    def exploration(self) -> CompilingArm | None:
+        """The one that explores the parameters of a net."""
+        if PGPE in self._without or not self._affording.exploration():
+            return None
+        return ParameterExplorationArm(self._arena)
+
+    def straight_line(self, until: float) -> CompilingArm | None:
+        """The one that comes first where no policy returns more than the best plan does.
+
+        That is so where chance plays no part; a gradient needs actions that are all real.
+
+        Args:
+          until: how long it may work, by the clock.
+        """
+        ranges = self._arena.planner.rddl.variable_ranges
+        kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
+        if not self._arena.probe.deterministic or kinds != {"real"}:
+            return None
+        return next(self.gradients((STRAIGHT_LINE,), until), None)
+
+    def gradients(
+        self, names: Sequence[str], until: float, arms: Sequence[Arm] = ()
+    ) -> Iterator[CompilingArm]:
+        """Those that follow a gradient, each asked for once the one before it has begun.
+
+        Args:
+          names: of the arms.
+          until: how long they may work, by the clock.
+          arms: that take part already.
+        """
+        taken = {*self._without, *(arm.name for arm in arms)}
+        for name in names:
+            if name in taken:
+                continue
+            if self._affording.gradient(name, until):
+                usual = self._affording.usual_seconds(name)
+                is_plain = name in METHODS
+                yield (
+                    TrainingArm(self._arena, name, usual)
+                    if is_plain
+                    else GradientArm(self._arena, usual)
+                )
+            elif name == GRADIENT:
+                left = until - self._arena.clock()
+                logger.warning("there is too little time for the gradient: %.0f s are left", left)

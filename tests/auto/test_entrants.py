@@ -1,0 +1,63 @@
+"""Which arms that must compile take part."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from mdpo_rddl.auto.entrants import Entrants
+
+
+class Generous:
+    """There is time for everything but what is named."""
+
+    def __init__(self, *refused: str) -> None:
+        """Refuses these."""
+        self.refused = refused
+
+    def exploration(self) -> bool:
+        return "pgpe" not in self.refused
+
+    def gradient(self, name: str, until: float) -> bool:
+        return name not in self.refused
+
+    def usual_seconds(self, name: str) -> float:
+        return 3.0
+
+
+def entrants(*refused, without=(), deterministic=True, kind="real"):
+    rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges={"a": kind, "b": "real"})
+    arena = SimpleNamespace(
+        clock=lambda: 0.0,
+        incumbent=None,
+        planner=SimpleNamespace(rddl=rddl),
+        probe=SimpleNamespace(deterministic=deterministic),
+    )
+    return Entrants(arena, Generous(*refused), without)
+
+
+def test_those_that_are_left_out_or_take_part_already_do_not_come_again():
+    taken = [SimpleNamespace(name="slp")]
+    arms = entrants(without=["drp"]).gradients(("gradient", "slp", "drp"), 60.0, taken)
+    assert [(arm.name, arm.usual_seconds) for arm in arms] == [("gradient", 3.0)]
+
+
+def test_what_takes_too_long_is_left_out_and_the_gradient_is_missed(caplog):
+    arms = entrants("gradient", "drp", "pgpe")
+    assert [arm.name for arm in arms.gradients(("gradient", "slp", "drp"), 60.0)] == ["slp"]
+    assert "too little time for the gradient: 60 s" in caplog.text
+    assert arms.exploration() is None
+
+
+@pytest.mark.parametrize(
+    ("case", "comes"),
+    [
+        ({}, True),
+        ({"deterministic": False}, False),
+        ({"kind": "bool"}, False),
+        ({"without": ["slp"]}, False),
+    ],
+)
+def test_a_plan_comes_first_where_nothing_returns_more(case, comes):
+    arm = entrants(**case).straight_line(60.0)
+    assert (arm is not None) == comes
+    assert arm is None or arm.name == "slp"
