@@ -1,7 +1,7 @@
 """Where a number that is not finite comes from, and what to try where training gets nowhere."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -17,16 +17,17 @@ from mdpo_rddl.planner.update.restarts import PerRestart
 _SECONDS = 10.0
 
 
-def origin(planner: MDPOPlanner, params: Any) -> str | None:
+def origin(planner: MDPOPlanner, params: Any, seconds: float = _SECONDS) -> str | None:
     """Replays a rollout of the relaxed model, without noise, expression by expression.
 
     Args:
       planner: compiled.
       params: parameters of one policy.
+      seconds: that it may take, about.
 
     Returns:
       The first expression whose value or derivative is not finite, and the step; None if there
-      is none, or none was met in ten seconds.
+      is none, or none was met in that time.
     """
     compiled, horizon = planner.compiled, planner.horizon
     fluents, nonfluents = initial_values(planner).training
@@ -37,7 +38,7 @@ def origin(planner: MDPOPlanner, params: Any) -> str | None:
     values = {what: jax.jit(function) for what, (_, function) in expressions.items()}
     slopes = {what: jax.jit(_slope(function)) for what, (_, function) in expressions.items()}
     policy = jax.jit(planner.plan.train_policy)
-    key, until = jax.random.PRNGKey(0), time.monotonic() + _SECONDS
+    key, until = jax.random.PRNGKey(0), time.monotonic() + seconds
     memory = open_plan(planner.plan).memory
     entries = memory.initial
     for step in range(horizon):
@@ -82,7 +83,9 @@ def _is_finite(tree: Any) -> bool:
     return all(np.isfinite(leaf).all() for leaf in leaves if leaf.dtype.kind in "fc")
 
 
-def what_to_try(planner: MDPOPlanner, found: Found, key: Any, guess: Any = None) -> str | None:
+def what_to_try(
+    planner: MDPOPlanner, found: Found, key: Any, guess: Any = None, seconds: float = _SECONDS
+) -> str | None:
     """What went wrong with a training and what to try, in a sentence.
 
     Args:
@@ -90,6 +93,7 @@ def what_to_try(planner: MDPOPlanner, found: Found, key: Any, guess: Any = None)
       found: what the iterations have found.
       key: of the training.
       guess: what the training began with, as JaxPlan takes it; None for parameters by the key.
+      seconds: that a replay may take, about.
 
     Returns:
       The sentence; None if nothing went wrong.
@@ -99,11 +103,11 @@ def what_to_try(planner: MDPOPlanner, found: Found, key: Any, guess: Any = None)
             f"{found.not_finite:,} returns were not finite, the first in iteration "
             f"{found.first_not_finite + 1:,}"
         )
-        message += _at(planner, found.suspect, key, guess)
+        message += _at(planner, lambda: _suspect(planner, found, key, guess), seconds)
         return f"{message}: try a smaller learning rate, sigma or weight, or clip_grad"
     if found.lost_sensitivities:
         message = f"{found.lost_sensitivities:,} sensitivities of a step were not finite"
-        message += _at(planner, found.suspect, key, guess)
+        message += _at(planner, lambda: _suspect(planner, found, key, guess), seconds)
         return f"{message}: they count as zero, and those steps have the smallest sigma"
     if found.is_flat:
         return (
@@ -113,15 +117,19 @@ def what_to_try(planner: MDPOPlanner, found: Found, key: Any, guess: Any = None)
     return None
 
 
-def _at(planner: MDPOPlanner, suspect: Any, key: Any, guess: Any) -> str:
-    """What is first not finite, in brackets; of the first iterate if there is no suspect."""
+def _suspect(planner: MDPOPlanner, found: Found, key: Any, guess: Any) -> Any:
+    """Parameters that led to what is not finite; those of the beginning if it was there at once."""
+    if found.suspect is not None:
+        return found.suspect
+    if guess is None:
+        return select_restart(initial_parameters(planner, key), 0)
+    return select_restart(guess.params, 0) if isinstance(guess, PerRestart) else guess
+
+
+def _at(planner: MDPOPlanner, suspect: Callable[[], Any], seconds: float) -> str:
+    """What is first not finite with these parameters, in brackets."""
     try:
-        if suspect is None and guess is not None and not isinstance(guess, PerRestart):
-            suspect = guess
-        if suspect is None:
-            several = initial_parameters(planner, key) if guess is None else guess.params
-            suspect = select_restart(several, 0)
-        where = origin(planner, suspect)
+        where = origin(planner, suspect(), seconds)
     except Exception as error:  # it must not hide what is to be told
         where = f"cannot be replayed: {type(error).__name__}"
     return f" (first not finite: {where})" if where else ""

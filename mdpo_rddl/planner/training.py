@@ -217,12 +217,19 @@ class Training:
         found = self._loop.found
         is_over = self.has_ended or not np.isfinite(found.best_return)
         # an arm of a race is asked again and again
-        guess, advice = self._built.arguments.get("guess"), None
-        if is_over:
-            advice = what_to_try(self._built.planner, found, self._key, guess)
+        advice = self.diagnosis() if is_over else None
         earlier = 0.0 if self._resumed is None else self._resumed.seconds
         seconds = self.compile_seconds, self.train_seconds + earlier
         return _result(found, self._status, seconds, advice)
+
+    def diagnosis(self, **limits: float) -> str | None:
+        """What went wrong so far and what to try; None if nothing did.
+
+        Args:
+          **limits: the `seconds` of a replay.
+        """
+        guess = self._built.arguments.get("guess")
+        return what_to_try(self._built.planner, self._loop.found, self._key, guess, **limits)
 
     def _next(self, callbacks: Iterator[dict[str, Any]]) -> dict[str, Any] | None:
         """The next callback, or None; an `InputError` if a checkpoint turns out not to fit."""

@@ -18,9 +18,12 @@ from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
-from mdpo_rddl.planner.training import Record
+from mdpo_rddl.planner.training import Record, Training, TrainingResult
 
 logger = logging.getLogger(__name__)
+
+# to find what is not finite: the other arms wait
+_REPLAY_SECONDS = 2.0
 
 
 @dataclass
@@ -233,6 +236,15 @@ class CompilingArm(ArenaArm):
         fits = has_structure(planner, found.params, found.policy_hyperparams)
         return found.params if fits else None
 
+    def _note_not_finite(self, training: Training, result: TrainingResult) -> None:
+        """Counts numbers that are not finite, and says once where they arise."""
+        count, details = result.not_finite + result.lost_sensitivities, self._log.details
+        if count and "advice" not in details:
+            advice = training.diagnosis(seconds=_REPLAY_SECONDS)
+            self._log.details = {**details, "advice": advice}
+        if count:
+            self._log.details = {**self._log.details, "not_finite": count}
+
     def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:
         """Whether the judge can play a planner's policies.
 
@@ -246,7 +258,7 @@ class CompilingArm(ArenaArm):
         """
         judge = self._arena.judge
         if not self._is_judged:
-            self._log.details = {"estimate": self._estimate}
+            self._log.details = {**self._log.details, "estimate": self._estimate}
             # also where it is no number
             if not self._estimate > judge.best_mean:
                 return False

@@ -149,6 +149,7 @@ class GradientArm(CompilingArm):
             training.limit(_FOREVER)
         training.advance(until - self._clock())
         result = training.result()
+        self._note_not_finite(training, result)
         number = len(self.phases) + is_new
         labels = f"phase {number}", f"phase {number}, last iterate"
         self.phases[number - 1 :] = [PhaseLog(self._steps, self._noise, result, labels)]

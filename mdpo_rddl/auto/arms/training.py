@@ -115,6 +115,7 @@ class TrainingArm(CompilingArm):
     def _noted(self, training: Training) -> TrainingResult:
         """What the phase has found so far, which is kept if it is the best of all phases."""
         result, done = training.result(), self._iterations
+        self._note_not_finite(training, result)
         history = (r._replace(iteration=r.iteration + done) for r in result.history)
         self._log.iterations = done + result.iterations
         self._log.records = (*self._records, *history)

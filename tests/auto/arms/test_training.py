@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -206,6 +207,19 @@ def test_what_would_be_compiled_too_late_ends_the_arm(arena):
     assert not arm.is_pending
     assert "too little time" in arm.log.details["cause"]
     assert arm.log.compile_seconds == 0.0
+
+
+def test_numbers_that_are_not_finite_are_counted_and_traced_once(arena):
+    asked = []
+    training = SimpleNamespace(diagnosis=lambda seconds: asked.append(seconds) or "the cause")
+    arm = TrainingArm(arena, "slp")
+    for returns, sensitivities in ((0, 0), (2, 0), (2, 3)):
+        result = SimpleNamespace(not_finite=returns, lost_sensitivities=sensitivities)
+        arm._note_not_finite(training, result)
+        if not returns:
+            assert arm.log.details == {}
+    assert arm.log.details == {"advice": "the cause", "not_finite": 5}
+    assert len(asked) == 1
 
 
 def test_what_cannot_be_compiled_ends_the_arm_alone(arena, monkeypatch):
