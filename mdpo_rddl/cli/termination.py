@@ -67,7 +67,15 @@ def stopped_in_two_steps(name: str) -> Iterator[Stop]:
         stop.is_wanted, stop.status = True, 128 + number
         raise (Terminated if number == signal.SIGTERM else KeyboardInterrupt)
 
+    plain_hook = sys.unraisablehook
+
+    def without_ours(unraisable: Any) -> None:
+        # what a callback has swallowed is not lost: `is_wanted` says it
+        if not (stop.is_wanted and isinstance(unraisable.exc_value, KeyboardInterrupt)):
+            plain_hook(unraisable)
+
     before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    sys.unraisablehook = without_ours
     ours, theirs = socket.socketpair()
     theirs.setblocking(False)
     waker = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
@@ -77,6 +85,7 @@ def stopped_in_two_steps(name: str) -> Iterator[Stop]:
     try:
         yield stop
     finally:
+        sys.unraisablehook = plain_hook
         signal.set_wakeup_fd(waker)
         theirs.close()
         watcher.join()

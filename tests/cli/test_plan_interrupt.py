@@ -176,3 +176,24 @@ def test_the_command_runs_in_a_thread_where_there_are_no_signals(workplace: Path
     thread.start()
     thread.join()
     assert found == [2]
+
+
+SWALLOWED = """
+import gc, os, signal, sys
+from mdpo_rddl.cli.termination import stopped_in_two_steps
+def swallow(phase, info):
+    gc.callbacks.remove(swallow)
+    os.kill(os.getpid(), signal.SIGTERM)
+    [None for _ in range(1000)]
+with stopped_in_two_steps("mdpo-plan") as stop:
+    gc.callbacks.append(swallow)
+    gc.collect()
+    print(stop.is_wanted, stop.status)
+"""
+
+
+def test_a_signal_that_python_swallows_is_neither_lost_nor_printed() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SWALLOWED], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr, done.returncode) == ("True 143\n", "", 0)
