@@ -125,8 +125,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(if $(HASHES),$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  --require-hashes --requirement constraints-hashes.txt)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev,tuning,slurm]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  $(if $(HASHES),--no-deps) --editable '.[dev,tuning,slurm]'
+	$(if $(HASHES),$(BIN)/python -m pip check --disable-pip-version-check)
 	touch $@
 
 .venv-lowest/.installed: pyproject.toml tools/lowest.py

@@ -103,7 +103,10 @@ class Arena:
     @cached_property
     def plain(self) -> PlainPlanners:
         """Planners of JaxPlan's own classes of policies."""
-        return PlainPlanners(self.problem, self.probe.deterministic)
+        # a plan does not see the states, which may be random where the return is not
+        probe = self.probe
+        single = ["slp"] * probe.deterministic + ["drp"] * probe.certain
+        return PlainPlanners(self.problem, single)
 
     @cached_property
     def compilations(self) -> Compilations:

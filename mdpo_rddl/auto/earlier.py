@@ -35,10 +35,12 @@ class EarlierPolicy:
     def candidate(self, arena: Arena) -> Candidate:
         """The policy as a candidate: of the arena's planner where it fits, to be judged anew.
 
-        Else it keeps what the earlier judge has said, whose rollouts had the same seed.
+        Else, and on a large problem, it keeps what the earlier judge has said, whose rollouts had
+        the same seed.
         """
         fits = _plain(self.config) == _plain(arena.config)
         fits = fits and has_structure(arena.planner, self.params, self.policy_hyperparams)
+        is_judged = fits and arena.probe.policy_seconds is None
         return Candidate(
             arm=self.arm,
             label=self.label,
@@ -48,8 +50,8 @@ class EarlierPolicy:
             policy_hyperparams=self.policy_hyperparams,
             parents=self.parents,
             uses_noise=self.uses_noise,
-            mean=None if fits else self.mean,
-            error=float("inf") if fits else self.error,
+            mean=None if is_judged else self.mean,
+            error=float("inf") if is_judged else self.error,
         )
 
 

@@ -1,5 +1,7 @@
 """JaxPlan's own classes of policies as planners of ours, each made once for all arms."""
 
+from collections.abc import Collection
+
 from mdpo_rddl.auto.fitting import with_single_rollouts
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
@@ -14,14 +16,14 @@ _CALL = {"iterations_per_call": 100, "test_every": 20}
 class PlainPlanners:
     """Planners of straight-line plans ("slp") and of deep reactive policies ("drp")."""
 
-    def __init__(self, problem: Problem, deterministic: bool = False) -> None:
+    def __init__(self, problem: Problem, single: Collection[str] = ()) -> None:
         """Makes none yet.
 
         Args:
           problem: the parsed problem.
-          deterministic: whether all rollouts of a policy have the same return.
+          single: methods for which one rollout shows what a policy returns.
         """
-        self._problem, self._deterministic = problem, deterministic
+        self._problem, self._single = problem, single
         self._built: dict[str, Built[MDPOPlanner]] = {}
 
     def built(self, method: str) -> Built[MDPOPlanner]:
@@ -48,6 +50,6 @@ class PlainPlanners:
         config = config_for_domain(name, self._problem.domain_name, method)
         config = config.with_section("Noise", {"method": "NoNoise"})
         config = config.with_values("Planner", pgpe=None)
-        if self._deterministic:
+        if method in self._single:
             config = with_single_rollouts(config)
         return config.with_section("MDPO", {**_CALL, **config.section("MDPO")})

@@ -43,6 +43,7 @@ class Probe:
       start: the constant raw action of the largest return, per fluent [*shape].
       start_return: its mean return.
       deterministic: whether all rollouts of each constant had the same return.
+      certain: whether there were several, and they had the same states, too.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
     """
 
@@ -52,6 +53,7 @@ class Probe:
     start: dict[str, np.ndarray]
     start_return: float
     deterministic: bool
+    certain: bool
     policy_seconds: float | None
 
 
@@ -75,6 +77,7 @@ def probe(
     numbers = list(planner.feedback_plan.units)
 
     spreads: list[float] = []
+    state_spreads: list[float] = []
 
     def returns(starts: list[dict[str, np.ndarray]]) -> tuple[np.ndarray, dict[str, Any]]:
         batch = jax.tree.map(
@@ -83,6 +86,7 @@ def probe(
         played, states = play(key, batch)
         each = np.asarray(played, float)
         spreads.append(float(np.max(np.ptp(each, axis=1))))
+        state_spreads.extend(_spread(values) for values in states.values())
         means = np.mean(each, axis=1)
         return np.where(np.isfinite(means), means, -np.inf), states
 
@@ -122,6 +126,7 @@ def probe(
         start=starts[best],
         start_return=float(means[best]),
         deterministic=not any(spreads),
+        certain=rollouts > 1 and not any(spreads) and not any(state_spreads),
         policy_seconds=seconds if large else None,
     )
 
@@ -183,6 +188,11 @@ def _random_start(
         place = random.random(lower.shape) if random.random() < 0.5 else random.random()
         start[name] = (lower + (upper - lower) * place) * (random.random() < 0.75)
     return start
+
+
+def _spread(values: Any) -> float:
+    """The largest difference between rollouts of one policy, of values [P, rollouts, ...]."""
+    return float(np.max(np.ptp(np.asarray(values, float), axis=1), initial=0.0))
 
 
 def _scale(values: Any) -> tuple[float, float]:

@@ -282,7 +282,7 @@ def _arena(
         config = simplified(config)
     elif not plans_fit(bare):
         config = without_plan(config)
-    if seen.deterministic:
+    if seen.certain:
         config = with_single_rollouts(config)
     planner = build_planner(problem, config, options.traced_cache).planner
     return Arena(

@@ -15,7 +15,6 @@ Where no constant and no random rule returns more than the no-op, a search for a
 comes first. JaxPlan's default planners are trained meanwhile, in a second process.
 """
 
-import dataclasses
 import logging
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -28,12 +27,13 @@ from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, next_contender, raising
+from mdpo_rddl.auto.unsearched import known_without_rollouts
 from mdpo_rddl.errors import Cancelled, one_line_cause
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -47,8 +47,7 @@ _EXPLORATION_SHARE, _OTHERS_SHARE, _PLAN_SHARE, _LEAST_GAIN = 0.45, 0.4, 0.6, 0.
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
 # of all the time: a slice; and each of an arm's first ones, of a slice
-_SLICE_SHARE, _SHORTEST_SECONDS = 1 / 16, 0.5
-_FIRST_SLICE = 0.5
+_SLICE_SHARE, _SHORTEST_SECONDS, _FIRST_SLICE = 1 / 16, 0.5, 0.5
 
 
 class Schedule:
@@ -120,27 +119,26 @@ class Schedule:
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
-        logger.warning("there is too little time to search: a rollout takes so long")
-        arena = self._arena
-        constant = arena.candidate(SIMPLE, CONSTANT, arena.constant)
-        self._judge.record(dataclasses.replace(constant, mean=arena.probe.start_return, error=0.0))
+        for candidate in known_without_rollouts(self._arena, self._initial):
+            self._judge.record(candidate)
         if self.early is not None:
-            self._try_early(self.early, arena.deadline)
+            self._try_early(self.early, self._arena.deadline)
 
     def _try_early(self, arm: Arm, until: float) -> None:
         """Slices for one that may have worked already, while each finds a better policy."""
-        judge = self._judge
         self.arms.append(arm)
         is_better = self._judge_candidates(arm)
         contender = Contender(arm, lambda: arm.reached)
         self._contenders.append(contender)
         self._on_stage("searching")
         if is_better:
-            self._give_while(contender, until, lambda: judge.best_mean)
+            self._give_while(contender, until, lambda: self._judge.best_mean)
 
     def _give_while(self, one: Contender, until: float, reached: Reached, by: float = 0.0) -> None:
         """Slices for one arm, as long as each of them raises a return by more than that."""
         for _ in raising(reached, by):
+            # what plays its policies may be compiled still, and nothing is gained before
+            one.arm.await_program(min(until, self._arena.clock() + self._slice_seconds))
             if one.arm.is_exhausted or until - self._arena.clock() <= _SHORTEST_SECONDS:
                 break
             self._give_slice(one, until)
@@ -254,6 +252,8 @@ class Schedule:
             return
         until = arena.until(_PLAN_SHARE)
         contender = self._open(arm, until, self._affording.patience(rounds_until))
+        if not contender.slices:
+            self._first_slice(contender, arena.until(PATIENCE))
         if contender.slices:
             gain = abs(contender.level - arena.probe.noop_return)
             self._give_while(contender, until, lambda: contender.level, _LEAST_GAIN * gain)

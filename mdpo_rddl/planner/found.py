@@ -80,6 +80,8 @@ class Found:
           KeyError, ValueError: if something is missing or does not fit.
         """
         found = cls(in_calls)
+        # checkpoints of earlier versions do not count sensitivities
+        tensors = {"lost_sensitivities": np.asarray(0), **tensors}
         numbers = {name: tensors[name].item() for name in _NUMBERS}
         for name, value in numbers.items():
             setattr(found, name, value if name.endswith("_return") else int(value))

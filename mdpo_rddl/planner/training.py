@@ -160,7 +160,8 @@ class Training:
         self._sizes: tuple[int, int] | None = None
         self._status = "iter_budget_reached"
         self.compile_seconds = self.train_seconds = 0.0
-        self.has_ended = False
+        self.has_ended = self._is_diagnosed = False
+        self._advice: str | None = None
 
     def compile(self) -> None:
         """Compiles an iteration, and bounds the length of a call by the budget's seconds.
@@ -208,8 +209,11 @@ class Training:
             self._loop.save()
         self.train_seconds = before + time.perf_counter() - started
 
-    def result(self) -> TrainingResult:
+    def result(self, **limits: float) -> TrainingResult:
         """What was found so far; at least one iteration must be done.
+
+        Args:
+          **limits: the `seconds` of a replay, of what is not finite.
 
         Raises:
           InputError: if no restart has reached a finite test return.
@@ -217,7 +221,11 @@ class Training:
         found = self._loop.found
         is_over = self.has_ended or not np.isfinite(found.best_return)
         # an arm of a race is asked again and again
-        advice = self.diagnosis() if is_over else None
+        if is_over and not self._is_diagnosed:
+            self._advice, self._is_diagnosed = self.diagnosis(**limits), True
+            if self._advice is not None:
+                logger.warning("%s", self._advice)
+        advice = self._advice if is_over else None
         earlier = 0.0 if self._resumed is None else self._resumed.seconds
         seconds = self.compile_seconds, self.train_seconds + earlier
         return _result(found, self._status, seconds, advice)
@@ -250,6 +258,7 @@ class Training:
         self._on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
         if callback["status"].is_terminal():
             self._status = callback["status"].name.lower()
+            logger.info("training ended after %d iterations: %s", iteration + 1, self._status)
 
 
 class _Loop:
@@ -296,9 +305,6 @@ def _result(
         raise InputError(
             f"training diverged: the best policy is not finite; {advice or ''}".rstrip("; ")
         )
-    if advice is not None:
-        logger.warning("%s", advice)
-    logger.info("training ended after %d iterations: %s", callback["iteration"] + 1, status)
     history = tuple(
         Record(
             iteration=entry["iteration"],

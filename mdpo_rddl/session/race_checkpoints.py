@@ -80,10 +80,14 @@ class RaceCheckpoints:
     def _save(self, seconds: float) -> None:
         if self._incumbent is None:
             return
-        others = [best for best in self._best.values() if best is not self._incumbent]
+        others: list[Candidate | EarlierPolicy] = [
+            best for best in self._best.values() if best is not self._incumbent
+        ]
+        if self.start is not None:  # those that were not judged yet in this race
+            others += [policy for policy in self.start.others if policy.arm not in self._best]
         tensors: Tensors = {}
         about: list[dict[str, Any]] = []
-        others = [best for best in others if math.isfinite(best.known_mean)]
+        others = [best for best in others if math.isfinite(best.mean or 0.0)]
         for number, found in enumerate([self._incumbent, *others]):
             tree = {"params": found.params, "hyperparams": dict(found.policy_hyperparams)}
             tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
@@ -91,14 +95,14 @@ class RaceCheckpoints:
         self._kept.write(tensors, {"seconds": str(seconds), "about": json.dumps(about)})
 
 
-def _about(found: "Candidate") -> dict[str, Any]:
+def _about(found: "Candidate | EarlierPolicy") -> dict[str, Any]:
     return {
         "config": found.config.to_text(),
         "arm": found.arm,
         "label": found.label,
         "parents": list(found.parents),
         "uses_noise": found.uses_noise,
-        "mean": found.known_mean,
+        "mean": found.mean,
         "error": found.error,
     }
 

@@ -33,7 +33,7 @@ def test_the_measurement_goes_on_and_its_table_compares(tmp_path, monkeypatch):
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant_is_a_configuration_of_its_own(variant, lake):
     config = VARIANTS[variant](auto_preset("toy")).without_section("Search")
-    seen = Probe({"pump": 1.0}, {"depth": (0.0, 1.0)}, 0.0, {}, 0.0, False, None)
+    seen = Probe({"pump": 1.0}, {"depth": (0.0, 1.0)}, 0.0, {}, 0.0, False, False, None)
     planner = build_planner(lake, scaled(config, seen)).planner
     assert isinstance(planner.plan, FeedbackPlan)
     others = [change(auto_preset("toy")) for name, change in VARIANTS.items() if name != variant]

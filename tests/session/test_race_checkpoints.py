@@ -45,7 +45,8 @@ def arena(config: Any, shapes: Any) -> Any:
         "b": SimpleNamespace(shape=shapes[1]),
     }
     planner = SimpleNamespace(params_structure=lambda hyperparams: structure)
-    return SimpleNamespace(config=config, planner=planner)
+    probe = SimpleNamespace(policy_seconds=None)
+    return SimpleNamespace(config=config, planner=planner, probe=probe)
 
 
 def kept(folder: Path, *found: Judged, seconds: float = 60.0) -> Any:
@@ -111,6 +112,14 @@ def test_a_policy_of_the_new_race_s_planner_is_judged_anew(tmp_path, shapes):
     fits = shapes[1] == (2,)
     assert candidate.planner is (here.planner if fits else None)
     assert candidate.mean == (None if fits else -5.0)
+
+
+def test_on_a_large_problem_it_keeps_its_return(tmp_path):
+    start = kept(tmp_path, judged(-5.0, 1.0))
+    here = arena(CONFIG, ((2, 3), (2,)))
+    here.probe.policy_seconds = 2.0
+    candidate = start.incumbent.candidate(here)
+    assert (candidate.planner, candidate.mean) == (here.planner, -5.0)
 
 
 def test_a_policy_of_another_planner_keeps_its_return(tmp_path):

@@ -22,8 +22,8 @@ from mdpo_rddl.planner.training import Record, Training, TrainingResult
 
 logger = logging.getLogger(__name__)
 
-# to find what is not finite: the other arms wait
-_REPLAY_SECONDS = 2.0
+REPLAY_SECONDS = 2.0
+"""To find what is not finite, while the other arms wait."""
 
 
 @dataclass
@@ -237,12 +237,13 @@ class CompilingArm(ArenaArm):
         return found.params if fits else None
 
     def _note_not_finite(self, training: Training, result: TrainingResult) -> None:
-        """Counts numbers that are not finite, and says once where they arise."""
+        """Counts what is not finite, in the worst phase, and says once where it arises."""
         count, details = result.not_finite + result.lost_sensitivities, self._log.details
         if count and "advice" not in details:
-            advice = training.diagnosis(seconds=_REPLAY_SECONDS)
+            advice = result.advice or training.diagnosis(seconds=REPLAY_SECONDS)
             self._log.details = {**details, "advice": advice}
         if count:
+            count = max(count, details.get("not_finite", 0))
             self._log.details = {**self._log.details, "not_finite": count}
 
     def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:

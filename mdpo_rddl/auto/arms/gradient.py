@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import ArmLog, CompilingArm
+from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, ArmLog, CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.errors import Cancelled, InputError
@@ -148,7 +148,7 @@ class GradientArm(CompilingArm):
         if is_new:
             training.limit(_FOREVER)
         training.advance(until - self._clock())
-        result = training.result()
+        result = training.result(seconds=REPLAY_SECONDS)
         self._note_not_finite(training, result)
         number = len(self.phases) + is_new
         labels = f"phase {number}", f"phase {number}, last iterate"

@@ -81,7 +81,7 @@ class ParameterExplorationArm(CompilingArm):
             params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
         start, self._to_params = ravel_pytree(params)
         self._to_each = jax.jit(jax.vmap(self._to_params))
-        rollouts = 1 if arena.probe.deterministic else _ROLLOUTS
+        rollouts = 1 if arena.probe.certain else _ROLLOUTS
         self._returns = compile_exact_returns(planner, rollouts)
         self._key = jax.random.fold_in(key, 1)
         exploring = Exploring(seed=arena.seed)
@@ -100,7 +100,7 @@ class ParameterExplorationArm(CompilingArm):
         vectors = [exploration.mean, exploration.best]
         vectors = vectors if record is None else [record.vector, *vectors]
         batches = max(1, min(_FRESH_BATCHES, int(_FRESH_SHARE * iterations)))
-        means = self._fresh(vectors, 1 if self._arena.probe.deterministic else batches)
+        means = self._fresh(vectors, 1 if self._arena.probe.certain else batches)
         best = int(np.argmax(means))
         self._is_stalled = record is not None and best == 0
         self._record = _Record(vectors[best], float(means[best]))

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import CompilingArm
+from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
@@ -71,10 +71,15 @@ class TrainingArm(CompilingArm):
                         self._begin_phase()
                 self._offer_best(self._training, until)
         except InputError as error:
-            # other arms find a policy without this one
+            # other arms find a policy without this one, or it has found one in an earlier phase
             logger.info("%s is of no use: %s", self.name, error)
-            self._log.details = {"cause": str(error)}
-            self.is_exhausted = True
+            self._log.details = {**self._log.details, "cause": str(error)}
+            self._offer_known(until)
+            self.is_exhausted = not self.awaits_judge
+        except (KeyboardInterrupt, Cancelled):
+            if self._is_judged:
+                self._offer_known(self._clock())  # nobody waits for a compilation now
+            raise
 
     def _compile(self, seconds: float) -> None:
         built = self._built
@@ -114,7 +119,7 @@ class TrainingArm(CompilingArm):
 
     def _noted(self, training: Training) -> TrainingResult:
         """What the phase has found so far, which is kept if it is the best of all phases."""
-        result, done = training.result(), self._iterations
+        result, done = training.result(seconds=REPLAY_SECONDS), self._iterations
         self._note_not_finite(training, result)
         history = (r._replace(iteration=r.iteration + done) for r in result.history)
         self._log.iterations = done + result.iterations
@@ -125,25 +130,31 @@ class TrainingArm(CompilingArm):
         return result
 
     def _offer_best(self, training: Training, until: float) -> None:
-        best, arena = self._best, self._arena
-        assert best is not None
         is_interrupted = self._noted(training).status == "interrupted"
         if is_interrupted and not self._is_judged:
             self.is_exhausted = True
             raise Cancelled  # whoever interrupts does not wait for a compilation
-        planner, is_new = self._built.planner, self._best_iteration != self._offered
-        if is_new and self._may_be_judged(planner, best.best_params, until):
-            self._offered = self._best_iteration
-            self._offer(
-                Candidate(
-                    arm=self.name,
-                    label=f"{self.name}, iteration {self._best_iteration:,}",
-                    config=arena.plain.config(self.name),
-                    planner=planner,
-                    params=best.best_params,
-                    policy_hyperparams=best.policy_hyperparams,
-                )
-            )
+        self._offer_known(until)
         self.is_exhausted = training.has_ended and not self.awaits_judge
         if is_interrupted:
             raise Cancelled
+
+    def _offer_known(self, until: float) -> None:
+        """Hands in the best policy of all phases, if the judge can play it and has not yet."""
+        best, arena = self._best, self._arena
+        if best is None or self._best_iteration == self._offered:
+            return
+        planner = self._built.planner
+        if not self._may_be_judged(planner, best.best_params, until):
+            return
+        self._offered = self._best_iteration
+        self._offer(
+            Candidate(
+                arm=self.name,
+                label=f"{self.name}, iteration {self._best_iteration:,}",
+                config=arena.plain.config(self.name),
+                planner=planner,
+                params=best.best_params,
+                policy_hyperparams=best.policy_hyperparams,
+            )
+        )

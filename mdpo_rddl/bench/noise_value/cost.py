@@ -1,6 +1,7 @@
 """What an iteration costs with each rule, measured in turn with one without noise."""
 
 import json
+import logging
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -12,11 +13,13 @@ from jax import random
 
 from mdpo_rddl.bench.noise_value.cells import Cell
 from mdpo_rddl.bench.noise_value.methods import DEFAULT, NONE, task_config
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import A_DAY, Budget
 from mdpo_rddl.problem.load import Problem, load_problem
+
+logger = logging.getLogger(__name__)
 
 SECTIONS: Mapping[str, dict[str, Any] | None] = {
     NONE: {"method": "NoNoise"},
@@ -35,11 +38,15 @@ def run_costs(cells: Iterable[Cell]) -> None:
         path = cost_path(cell)
         if path.exists():
             continue
-        problem = load_problem(cell.problem, cell.instance)
-        if problem.horizon > cell.max_horizon:
-            problem = load_problem(cell.problem, cell.instance, cell.max_horizon)
+        try:
+            problem = load_problem(cell.problem, cell.instance)
+            if problem.horizon > cell.max_horizon:
+                problem = load_problem(cell.problem, cell.instance, cell.max_horizon)
+            found = measure(problem, cell)
+        except Exception as error:  # the other problems are measured
+            logger.warning("%s: no costs: %s", path.stem, one_line_cause(error))
+            continue
         path.parent.mkdir(parents=True, exist_ok=True)
-        found = measure(problem, cell)
         names = {"problem": cell.problem, "plan": cell.plan, "configuration": cell.configuration}
         write_atomically(path, (json.dumps({**names, **found}, indent=1) + "\n").encode())
         jax.clear_caches()

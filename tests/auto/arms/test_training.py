@@ -112,8 +112,8 @@ def test_where_nothing_more_is_gained_the_steps_change(arena, monkeypatch):
 
 
 def test_without_chance_one_rollout_is_enough(arena):
-    for deterministic, size in ((True, 1), (False, 32)):
-        config = PlainPlanners(arena.problem, deterministic).config("slp")
+    for single, size in ((["slp"], 1), (["drp"], 32), ([], 32)):
+        config = PlainPlanners(arena.problem, single).config("slp")
         assert config.section("Planner")["batch_size_train"] == size
 
 
