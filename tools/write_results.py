@@ -153,6 +153,7 @@ def plain(folder: str) -> Callable[[], str]:
 PIECES: dict[str, Callable[[], str]] = {
     "index": index,
     "published": plain("published"),
+    "published_thinking": plain("published_thinking"),
     "ipc2023": competition,
     "better-of-two": better_of_two,
     "auto": plain("auto"),

@@ -214,7 +214,7 @@ def test_numbers_that_are_not_finite_are_counted_and_traced_once(arena):
     training = SimpleNamespace(diagnosis=lambda seconds: asked.append(seconds) or "the cause")
     arm = TrainingArm(arena, "slp")
     for returns, sensitivities in ((0, 0), (2, 0), (2, 3)):
-        result = SimpleNamespace(not_finite=returns, lost_sensitivities=sensitivities)
+        result = SimpleNamespace(not_finite=returns, lost_sensitivities=sensitivities, advice=None)
         arm._note_not_finite(training, result)
         if not returns:
             assert arm.log.details == {}
@@ -232,6 +232,27 @@ def test_what_cannot_be_compiled_ends_the_arm_alone(arena, monkeypatch):
     arm.work(time.monotonic() + 60.0)
     assert arm.is_exhausted
     assert arm.log.details == {"cause": "no gradient"}
+
+
+def test_a_phase_that_fails_leaves_what_an_earlier_one_has_found(arena, monkeypatch):
+    arm = TrainingArm(arena, "slp")
+    arm.begin(time.monotonic() + FOREVER)
+    arm.work(time.monotonic())
+    arm.await_program(time.monotonic() + FOREVER)
+    arm.take_candidates()
+    arm._offered = -1
+
+    def diverged(training):
+        raise InputError("training diverged")
+
+    monkeypatch.setattr(arm, "_noted", diverged)
+    arm.work(time.monotonic())
+    assert [candidate.params is arm._best.best_params for candidate in arm.take_candidates()] == [
+        True
+    ]
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "training diverged"
+    assert "estimate" in arm.log.details
 
 
 def test_an_interrupted_training_ends_the_race(arena, monkeypatch):
