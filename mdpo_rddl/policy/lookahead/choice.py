@@ -36,6 +36,8 @@ OPTIMAL = "the optimum is proven"
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # of the time for the choice, the episodes that give the states may take
 _VISITING_SHARE = 0.1
+# at so many states it is seen whether anything is random
+_PLACES = 12
 # the fractional parts of its multiples are spread evenly
 _GOLDEN = 0.618033988749895
 
@@ -146,7 +148,7 @@ def _tried(
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
-    if not simulator.prepare(visited[0][1], seconds, until):
+    if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
         return None, [Trial(method.name, None, None, NO_TIME) for method in methods]
     if any(method.climbs for method in methods):
         simulator.prepare_climbing(visited[0][1], until)

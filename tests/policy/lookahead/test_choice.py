@@ -9,6 +9,7 @@ from helpers.levers import NONE, lever_policy
 from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
 
+from mdpo_rddl.planner.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.choice import choose
@@ -95,6 +96,32 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     assert simulator.prepare(START, 0.2, until=0.7)
     assert simulator.scenarios(WIDE) == 128 // 2**3
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
+
+
+@pytest.mark.parametrize("place", [(0, START), (2, {"pulled": np.array([True, False, False])})])
+def test_what_is_random_where_the_policy_leads_alone_is_not_certain(place, monkeypatch):
+    """Elsewhere, and after all other first actions, all scenarios return the same."""
+    base = np.array([1.0, 0.0, 1.0], np.float32)
+    is_drawn, random_step = [], place[0]
+
+    def compile_one(_, size):
+        def returns(key, params, hyperparams, state, step, candidates):
+            is_base = np.all(candidates[:, 0] == base, axis=1)
+            is_drawn.append(np.any(is_base[1:]) and not np.all(is_base))
+            return (is_base & (step == random_step))[:, None] * np.arange(size.scenarios)
+
+        return returns
+
+    monkeypatch.setattr(Continuations, "compile", compile_one)
+
+    def scenarios(*others):
+        simulator = Simulator(lever_policy(base, LIKELIHOOD="0.75"), 1, Ticking(0.01))
+        assert simulator.prepare(START, SECONDS, np.inf, others)
+        return simulator.scenarios(WIDE)
+
+    assert scenarios((1, START), place) > 2
+    assert not any(is_drawn)
+    assert (scenarios((1, START)) == 2) == (random_step > 0)
 
 
 def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeypatch):
