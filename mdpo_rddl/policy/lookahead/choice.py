@@ -9,7 +9,7 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
-from mdpo_rddl.policy.lookahead.belief import believing, known_at, note_played
+from mdpo_rddl.policy.lookahead.belief import Believer, believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -103,6 +103,8 @@ def choose(
             base = TableBase(policy) if isinstance(policy, Tabled) else policy
         except (InputError, ValueError) as error:
             return Choice(None, [], one_line_cause(error), clock() - started)
+        if clock() - started >= within:
+            return Choice(None, [], NO_TIME, clock() - started)
         components = Components.of(base.planner)
         applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
@@ -144,12 +146,17 @@ def _tried(
       clock: tells the seconds.
     """
     seconds, until = times
-    policy = believing(policy, seconds, clock)
+    no_time = [Trial(method.name, None, None, NO_TIME) for method in methods]
+    before = clock()
+    policy = believing(policy, seconds, until, clock)
+    # rollouts take longer to compile than the filter
+    if isinstance(policy, Believer) and clock() + (clock() - before) > until:
+        return None, no_time
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
-        return None, [Trial(method.name, None, None, NO_TIME) for method in methods]
+        return None, no_time
     if any(method.climbs for method in methods):
         simulator.prepare_climbing(visited[0][1], until)
     few = 2 * FEWEST_STATES * seconds * len(methods)

@@ -1,6 +1,7 @@
 """Whether to think at all: what the trials of the methods say, and how long they may take."""
 
 from functools import partial
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.planner.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
+from mdpo_rddl.policy.lookahead.base import Tabled
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
@@ -88,6 +90,18 @@ def test_no_compilation_begins_that_would_end_late():
     assert {trial.note for trial in choice.trials} == {NO_TIME}
     assert choice.note == NO_TIME
     assert choice.seconds <= 50.0
+
+
+def test_a_table_that_takes_all_the_time_is_played_alone(monkeypatch):
+    clock, table = Stopped(), create_autospec(Tabled, claim=None)
+
+    def take_long(_):
+        clock.now += 5.0
+        return lever_policy(NONE)
+
+    monkeypatch.setattr(choosing, "TableBase", take_long)
+    choice = choose(table, SECONDS, within=5.0, clock=clock)
+    assert (choice.policy, choice.note, choice.seconds) == (None, NO_TIME, 5.0)
 
 
 def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
