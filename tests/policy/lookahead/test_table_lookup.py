@@ -8,6 +8,7 @@ import pytest
 from helpers import toy_mdps as toys
 from helpers.clocks import Ticking
 from helpers.mistakes import one_line
+from helpers.x64 import enable_x64
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.policy.lookahead.choice import OPTIMAL, choose
@@ -46,6 +47,12 @@ def test_the_same_actions_in_all_states_at_all_steps(assert_same):
     for cell in range(3):
         for sky in range(2):
             assert_same({"at": np.arange(3) == cell, "sky": np.array([sky])})
+
+
+def test_the_same_where_numbers_of_64_bits_are_enabled(assert_same):
+    with enable_x64(True):
+        for cell in range(3):
+            assert_same({"at": np.arange(3) == cell, "sky": np.array([1])}, range(2))
 
 
 def test_unknown_states_get_the_no_op(optimal, assert_same):
