@@ -193,7 +193,7 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
 def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
     """Steps and states, or beliefs, of a few episodes, the first ones far apart.
 
-    The first is a start.
+    The first is a start. Not all are kept meanwhile: a belief has thousands of particles.
 
     Args:
       policy: plays.
@@ -201,11 +201,16 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
     """
     env = make_environment(policy.problem)
     found: list[tuple[int, State]] = []
+    count, stride = 0, 1
     for episode in range(_EPISODES):
         state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
         while not done and (has_time() or not found):
             known = known_at(policy, step, state, is_tried=True)
-            found.append((step, known))
+            if count % stride == 0:
+                found.append((step, known))
+            if len(found) > 2 * MOST_STATES:
+                found, stride = found[::2], 2 * stride
+            count += 1
             action = policy(step, known)
             note_played(policy, known, action)
             state, _, terminated, truncated, _ = env.step(action)

@@ -1,5 +1,6 @@
 """Whether to think at all: what the trials of the methods say, and how long they may take."""
 
+import weakref
 from functools import partial
 from unittest.mock import create_autospec
 
@@ -90,6 +91,29 @@ def test_no_compilation_begins_that_would_end_late():
     assert {trial.note for trial in choice.trials} == {NO_TIME}
     assert choice.note == NO_TIME
     assert choice.seconds <= 50.0
+
+
+def test_few_of_the_states_are_kept_while_they_are_visited(monkeypatch):
+    class Known(dict):
+        """A state of which it can be seen whether it is kept."""
+
+    references, kept = [], []
+
+    def known_at(policy, step, state, is_tried=False):
+        kept.append(sum(reference() is not None for reference in references))
+        known = Known(state)
+        references.append(weakref.ref(known))
+        return known
+
+    monkeypatch.setattr(choosing, "known_at", known_at)
+    monkeypatch.setattr(choosing, "MOST_STATES", 3)
+    # of four episodes with four steps each
+    visited = choosing._visited(lever_policy(NONE), lambda: True)
+    assert len(references) == 16
+    assert len(visited) == 3
+    assert visited[0][1] is references[0]()
+    # and the one at hand
+    assert max(kept) <= 2 * 3 + 1
 
 
 def test_a_table_that_takes_all_the_time_is_played_alone(monkeypatch):
