@@ -49,12 +49,6 @@ def test_the_same_actions_in_all_states_at_all_steps(assert_same):
             assert_same({"at": np.arange(3) == cell, "sky": np.array([sky])})
 
 
-def test_the_same_where_numbers_of_64_bits_are_enabled(assert_same):
-    with enable_x64(True):
-        for cell in range(3):
-            assert_same({"at": np.arange(3) == cell, "sky": np.array([1])}, range(2))
-
-
 def test_unknown_states_get_the_no_op(optimal, assert_same):
     misses = optimal.misses
     assert_same({"at": np.zeros(3, bool), "sky": np.array([0])}, range(1))
@@ -63,7 +57,8 @@ def test_unknown_states_get_the_no_op(optimal, assert_same):
     assert optimal.misses == misses + 2
 
 
-def test_states_of_several_words_numbers_and_merges(optimal):
+@pytest.mark.parametrize("has_64_bits", [False, True])
+def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     random, count = np.random.default_rng(0), 300
     packing = Packing(
         (
@@ -99,7 +94,8 @@ def test_states_of_several_words_numbers_and_merges(optimal):
     play = jax.jit(jax.vmap(lookup.policy, (None, None, None, 0, 0, None)))
     seen = np.concatenate([variables, variables + np.array([0, 9, 0, 0, 0, 0])])
     steps = random.integers(7, size=len(seen))
-    found = play(None, lookup.arrays, {}, steps, {"all": seen}, {})["number"]
+    with enable_x64(has_64_bits):
+        found = play(None, lookup.arrays, {}, steps, {"all": seen}, {})["number"]
     expected = [policy._number(step, {"all": row}) for step, row in zip(steps, seen, strict=True)]
     np.testing.assert_array_equal(found, expected)
     assert 0 in expected
