@@ -192,8 +192,9 @@ class Believer:
         if belief is not self._now or self._now is None:
             return
         seen = {name: np.asarray(v)[np.newaxis] for name, v in self._now.root.observed.items()}
-        self._recall.note(seen, {name: np.asarray(v)[np.newaxis] for name, v in action.items()})
-        self._action = dict(action)
+        numbers = {name: self.planner.numbers(name, value) for name, value in action.items()}
+        self._recall.note(seen, {name: value[np.newaxis] for name, value in numbers.items()})
+        self._action = numbers
 
     def _filtered(self, number: int, seen: Mapping[str, Any]) -> Filtered:
         """What the first or the second filter makes of what was seen."""

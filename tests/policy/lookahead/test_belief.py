@@ -18,6 +18,7 @@ from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.episode import Episode, Verdict
 from mdpo_rddl.problem.load import make_environment
 
 HEARS = 0.85
@@ -156,6 +157,32 @@ def test_a_door_is_opened_as_soon_as_the_belief_is_worth_it(simulator):
         lead = 0 if opened else lead
     assert played == ["open-right", "open-left"]
     assert [decision.step for decision in thinker.decisions if decision.left_base] == [2, 6]
+
+
+def test_what_is_played_instead_of_a_decision_is_taken_in(simulator, believing, monkeypatch):
+    """By a referee in an evaluation, and by what makes an agent's actions legal."""
+    method = FirstActions()
+    assert method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 1.0, seed=0, clock=Ticking(0.01))
+    opened, memories = {**LISTEN, "open-left": np.bool_(True)}, []
+
+    class Opening:
+        def rule(self, proposal, state=None):
+            memories.append(believing._now.root.memory)
+            return Verdict(opened, illegal=True, fallback=True)
+
+    env = make_environment(thinker.problem)
+    Episode(env, thinker, Opening()).play(env.reset(seed=0)[0])
+    assert len(memories) == env.horizon
+    monkeypatch.setattr(thinker, "_moves", Opening())
+    thinker.reset()
+    for state in (NOTHING_SHOWN, heard(True), heard(True)):
+        thinker.sample_action(state)
+    lasts = [float(memory["last open-left"]) for memory in memories]
+    starts = [0, env.horizon]
+    assert lasts == [float(place not in starts) for place in range(len(memories))]
+    # the tiger has chosen anew at each step, and one growl is heard of it
+    assert share_left(believing._now) == pytest.approx(HEARS, abs=0.03)
 
 
 def test_a_filter_is_not_compiled_again_where_that_would_end_late(monkeypatch):
