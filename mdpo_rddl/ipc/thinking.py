@@ -88,6 +88,7 @@ class ThinkingMDPO(MDPO):
             self._between = max(self._between, now - self._acted)
         action = self._thinker.decide(step, state, self._seconds_at(step, now))[0]
         legal = self._moves.rule(action, state).actions
+        self._thinker.was_played(legal)
         self._acted = self._clock()
         return legal
 

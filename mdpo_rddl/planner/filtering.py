@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
-from mdpo_rddl.planner.likelihood import LEAST, Likelihood
+from mdpo_rddl.planner.likelihood import LEAST, ROUNDING, Likelihood
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import initial_values
 
@@ -17,8 +17,6 @@ Particles = dict[str, Array]
 
 # a component that is as unlikely as that is one that does not match
 _MISMATCH = 0.99 * LEAST
-# of a scale, where all particles agree: what rounding may differ by
-_ROUNDING = 1e-4
 
 
 class Filtered(NamedTuple):
@@ -119,15 +117,18 @@ def kernel(distances: Array) -> Array:
     The bandwidth is Silverman's, 1.06 times the standard deviation times P^(-1/5).
 
     Args:
-      distances: of the particles [P, *shape].
+      distances: of the particles [P, *shape]; one that is not finite weighs least.
 
     Returns:
       Per component, at least `LEAST` [P, N].
     """
     flat = distances.reshape(len(distances), int(np.prod(distances.shape[1:])))
-    spread = 1.06 * jnp.std(flat, axis=0) * len(flat) ** -0.2
-    width = jnp.maximum(spread, _ROUNDING * (1.0 + jnp.min(jnp.abs(flat), axis=0)))
-    return jnp.maximum(-0.5 * jnp.square(flat / width), LEAST)
+    known = jnp.where(jnp.isfinite(flat), flat, jnp.nan)
+    spread = 1.06 * jnp.nanstd(known, axis=0) * len(flat) ** -0.2
+    # where all particles agree
+    width = jnp.maximum(spread, ROUNDING * (1.0 + jnp.nanmin(jnp.abs(known), axis=0)))
+    logs = jnp.maximum(-0.5 * jnp.square(known / width), LEAST)
+    return jnp.where(jnp.isfinite(logs), logs, LEAST)
 
 
 def resampled(key: Array, weights: Array) -> Array:

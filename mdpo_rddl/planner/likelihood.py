@@ -10,6 +10,8 @@ from jax import Array
 
 from mdpo_rddl.problem.chance import draws
 
+ROUNDING = 1e-4
+"""Of a scale: what rounding may differ by."""
 LEAST = -30.0
 """Log-likelihood of a component that cannot be: with it, the fewest mismatches weigh most."""
 
@@ -126,4 +128,6 @@ def _bernoulli(probability: Any, value: Array) -> Array:
 
 
 def _normal(mean: Any, variance: Any, value: Array) -> Array:
+    # a variance of 0 has no density
+    variance = jnp.maximum(variance, jnp.square(ROUNDING * (1.0 + jnp.abs(mean))))
     return -0.5 * (jnp.square(value - mean) / variance + jnp.log(variance) + _LOG_2_PI)

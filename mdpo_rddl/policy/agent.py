@@ -11,6 +11,7 @@ from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.policy import BaseAgent
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.legal_moves import LegalMoves
@@ -76,6 +77,7 @@ class PolicyAgent(BaseAgent):
         verdict = self._moves.rule(self(step, observation), observation)
         decisions.illegal += verdict.illegal
         decisions.fallback += verdict.fallback
+        tell_played(self, verdict.actions)
         return grounded(model, verdict.actions) if ground else verdict.actions
 
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from pyRDDLGym import RDDLEnv
 
@@ -29,6 +29,20 @@ class EpisodeReferee(Protocol):
 
     def rule(self, proposal: Mapping[str, Any]) -> Verdict:
         """What to play; what it raises ends the episode."""
+
+
+@runtime_checkable
+class Informed(Protocol):
+    """A policy that is told what is played, which may be another action than its own."""
+
+    def was_played(self, actions: Mapping[str, Any]) -> None:
+        """What was played at the step that it decided last, per action fluent."""
+
+
+def tell_played(policy: object, actions: Mapping[str, Any]) -> None:
+    """Tells a policy what is played, if it is one that is to be told."""
+    if isinstance(policy, Informed):
+        policy.was_played(actions)
 
 
 class Recorder(Protocol):
@@ -80,6 +94,7 @@ class Episode:
             verdict = self.referee.rule(self.policy(self.steps, state))
             self.illegal += verdict.illegal
             self.fallback += verdict.fallback
+            tell_played(self.policy, verdict.actions)
             following, reward, terminated, truncated, _ = self.env.step(verdict.actions)
             if self.recorder is not None:
                 self.recorder.add(state, verdict.actions, float(reward))

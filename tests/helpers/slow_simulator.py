@@ -24,7 +24,7 @@ class SlowSimulator:
     def __post_init__(self):
         self.components = Components.of(self.policy.planner)
 
-    def prepare(self, state, seconds, until):
+    def prepare(self, state, seconds, until, others):
         self.clock.now += self.preparation
         return True
 

@@ -13,6 +13,7 @@ from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
+from mdpo_rddl.problem.episode import Verdict
 
 START = {"pulled": np.zeros(3, bool)}
 
@@ -86,6 +87,15 @@ def test_no_trial_runs_out_of_time(ready):
     # a second trial has its own time
     began = clock.now
     assert play(planner, clock)[1][-1] - began <= 0.7 * 2.0
+
+
+def test_the_thinker_is_told_what_is_played_instead(ready, monkeypatch):
+    planner, _ = ready(trial_seconds=2.0, call=0.01)
+    other, told = {"pull": np.array([True, False, False])}, []
+    monkeypatch.setattr(planner._moves, "rule", lambda *_: Verdict(other, True, True))
+    monkeypatch.setattr(planner.thinker, "was_played", told.append)
+    assert planner.act(0, START, np.random.default_rng(0)) is other
+    assert told[-1] is other
 
 
 def test_a_slow_environment_leaves_less_to_think(ready):

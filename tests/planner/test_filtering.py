@@ -103,3 +103,29 @@ def test_the_kernel_is_silverman_s():
     np.testing.assert_allclose(kernel(distances)[:, 0], expected, rtol=1e-5)
     # where all agree, what is seen need only be the same up to rounding
     assert kernel(jnp.full(4, 1e-6)).min() > -0.1
+
+
+def test_a_particle_that_is_not_finite_leaves_the_others_their_weights():
+    distances = np.array([[-1.0, 1.0], [1.0, np.inf], [3.0, 2.0], [np.nan, 3.0]])
+    logs = np.asarray(kernel(jnp.asarray(distances)))
+    assert np.all(logs[~np.isfinite(distances)] == LEAST)
+    for place in range(2):
+        finite = np.isfinite(distances[:, place])
+        width = 1.06 * np.std(distances[finite, place]) * 4**-0.2
+        expected = -0.5 * np.square(distances[finite, place] / width)
+        np.testing.assert_allclose(logs[finite, place], expected, rtol=1e-5)
+    assert np.all(kernel(jnp.full(4, jnp.nan)) == LEAST)
+
+
+def test_a_normal_law_without_variance_is_met_by_its_mean_alone():
+    likelihood = Likelihood(planner("gauges", **{"height', 1.0": "height', 0.0"}).test_compiled)
+    after = {
+        "height'": jnp.float32(1.5),
+        "is-open'": jnp.zeros(3, bool),
+        "is-fixed'": jnp.zeros(3, bool),
+        **{name: jnp.asarray(value) for name, value in gauged(0.0, 3.0, [False] * 3).items()},
+    }
+    for measured, is_met in ((1.5, True), (1.5 + 1e-6, True), (1.6, False)):
+        known, _ = likelihood(after, gauged(measured, 5.0, [False] * 3))
+        assert (float(known[0]) > 0.0) == is_met
+        assert (float(known[0]) == LEAST) != is_met

@@ -1,6 +1,7 @@
 """A prepared policy of a partially observed problem, with its belief of the state."""
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -74,7 +75,9 @@ class Believer:
     _now: Belief | None = field(default=None, init=False)
     _step: int = field(default=-1, init=False)
     _before: list[Particles] = field(default_factory=list, init=False)
+    # what was played last, and what was played before the latest step
     _action: Mapping[str, Any] = field(init=False)
+    _led: Mapping[str, Any] = field(init=False)
     _seconds: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
@@ -84,7 +87,7 @@ class Believer:
         self._advance = self._filter.compile()
         self._keys = step_keys(planner, self.policy.seed)
         self._recall = Recall(planner)
-        self._count, self._action = _PARTICLES, self._noop()
+        self._count, self._action, self._led = _PARTICLES, self._noop(), self._noop()
 
     @property
     def problem(self) -> Problem:
@@ -131,16 +134,21 @@ class Believer:
         given = self._keys[step], self.params, step, dict(observation), self.policy_hyperparams
         return self.planner.get_action(*given, *([memory] if memory else []))
 
-    def prepare(self, seconds: float) -> None:
+    def prepare(self, seconds: float, until: float = math.inf) -> None:
         """Compiles the filter with as many particles as are filtered in time.
 
         Args:
           seconds: of a decision.
+          until: a second compilation that is likely to end later, as long as the first one, is not
+            begun.
         """
         observed = self._shown(dict.fromkeys(self.planner.rddl.observ_fluents))
+        began = self.clock()
         took = self._measured(observed)
+        now = self.clock()
+        is_in_time = now + (now - began) <= until
         count = int(np.clip(self._count * _SHARE * seconds / took, _FEWEST, _MOST))
-        if count < self._count or count >= 2 * self._count:
+        if is_in_time and (count < self._count or count >= 2 * self._count):
             self._count = count
             self._measured(observed)
         self._seconds = _SHARE * seconds
@@ -163,9 +171,9 @@ class Believer:
         memory: Entries = jax.tree.map(lambda leaf: leaf[0], self._recall.at(step, 1))
         shown, last = self._shown(observation), self._now
         if last is None or step == 0 or step not in (self._step, self._step + 1):
-            self._before = []
+            self._before, self._action, self._led = [], self._noop(), self._noop()
         elif step == self._step + 1:
-            before = last.root, last.deciding
+            before, self._led = (last.root, last.deciding), self._action
             self._before = [dict(root.particles) for root in before if root is not None]
         self._step = step
         found = [self._filtered(number, shown) for number in range(1 + is_tried)]
@@ -184,8 +192,9 @@ class Believer:
         if belief is not self._now or self._now is None:
             return
         seen = {name: np.asarray(v)[np.newaxis] for name, v in self._now.root.observed.items()}
-        self._recall.note(seen, {name: np.asarray(v)[np.newaxis] for name, v in action.items()})
-        self._action = dict(action)
+        numbers = {name: self.planner.numbers(name, value) for name, value in action.items()}
+        self._recall.note(seen, {name: value[np.newaxis] for name, value in numbers.items()})
+        self._action = numbers
 
     def _filtered(self, number: int, seen: Mapping[str, Any]) -> Filtered:
         """What the first or the second filter makes of what was seen."""
@@ -199,7 +208,7 @@ class Believer:
         for attempt in range(_ATTEMPTS):
             began = self.clock()
             draw = jax.random.fold_in(key, attempt)
-            found = self._advance(draw, before, self._action, seen)
+            found = self._advance(draw, before, self._led, seen)
             matches, now = bool(found.matches), self.clock()
             if matches or now + (now - began) > until:
                 break
@@ -231,18 +240,21 @@ class Believer:
         return {name: np.asarray(known[name]) for name in self.planner.rddl.action_fluents}
 
 
-def believing(policy: Prepared, seconds: float, clock: Callable[[], float]) -> Prepared:
+def believing(
+    policy: Prepared, seconds: float, until: float, clock: Callable[[], float]
+) -> Prepared:
     """The policy, prepared to follow its episodes where the state is not observed.
 
     Args:
       policy: the prepared one.
       seconds: of a decision.
+      until: no second compilation of a filter is begun that is likely to end later.
       clock: tells the seconds.
     """
     if not policy.planner.rddl.observ_fluents:
         return policy
     believer = Believer(policy, clock)
-    believer.prepare(seconds)
+    believer.prepare(seconds, until)
     return believer
 
 

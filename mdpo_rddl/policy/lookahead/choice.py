@@ -9,7 +9,7 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
-from mdpo_rddl.policy.lookahead.belief import believing, known_at, note_played
+from mdpo_rddl.policy.lookahead.belief import Believer, believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -36,6 +36,8 @@ OPTIMAL = "the optimum is proven"
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # of the time for the choice, the episodes that give the states may take
 _VISITING_SHARE = 0.1
+# at so many states it is seen whether anything is random
+_PLACES = 12
 # the fractional parts of its multiples are spread evenly
 _GOLDEN = 0.618033988749895
 
@@ -101,6 +103,8 @@ def choose(
             base = TableBase(policy) if isinstance(policy, Tabled) else policy
         except (InputError, ValueError) as error:
             return Choice(None, [], one_line_cause(error), clock() - started)
+        if clock() - started >= within:
+            return Choice(None, [], NO_TIME, clock() - started)
         components = Components.of(base.planner)
         applying = [method for method in _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
@@ -142,12 +146,17 @@ def _tried(
       clock: tells the seconds.
     """
     seconds, until = times
-    policy = believing(policy, seconds, clock)
+    no_time = [Trial(method.name, None, None, NO_TIME) for method in methods]
+    before = clock()
+    policy = believing(policy, seconds, until, clock)
+    # rollouts take longer to compile than the filter
+    if isinstance(policy, Believer) and clock() + (clock() - before) > until:
+        return None, no_time
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
-    if not simulator.prepare(visited[0][1], seconds, until):
-        return None, [Trial(method.name, None, None, NO_TIME) for method in methods]
+    if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
+        return None, no_time
     if any(method.climbs for method in methods):
         simulator.prepare_climbing(visited[0][1], until)
     few = 2 * FEWEST_STATES * seconds * len(methods)
@@ -184,7 +193,7 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
 def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
     """Steps and states, or beliefs, of a few episodes, the first ones far apart.
 
-    The first is a start.
+    The first is a start. Not all are kept meanwhile: a belief has thousands of particles.
 
     Args:
       policy: plays.
@@ -192,11 +201,16 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
     """
     env = make_environment(policy.problem)
     found: list[tuple[int, State]] = []
+    count, stride = 0, 1
     for episode in range(_EPISODES):
         state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
         while not done and (has_time() or not found):
             known = known_at(policy, step, state, is_tried=True)
-            found.append((step, known))
+            if count % stride == 0:
+                found.append((step, known))
+            if len(found) > 2 * MOST_STATES:
+                found, stride = found[::2], 2 * stride
+            count += 1
             action = policy(step, known)
             note_played(policy, known, action)
             state, _, terminated, truncated, _ = env.step(action)

@@ -79,6 +79,7 @@ class LookaheadPolicy(PolicyAgent):
         self.method, self.decisions = method, list[Decision]()
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
         self._random = np.random.default_rng(seed)
+        self._known: Mapping[str, Any] = {}
 
     @property
     def problem(self) -> Problem:
@@ -158,12 +159,21 @@ class LookaheadPolicy(PolicyAgent):
         self.method.shift(candidate)
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
-        note_played(self.base, state, action)
+        self._known = state
+        self.was_played(action)
         gain, error = (0.0, 0.0) if chosen is None else (chosen.mean, chosen.error)
         took = self._clock() - started
         unmatched = is_unmatched(state)
         self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))
         return action, candidate, base
+
+    def was_played(self, actions: Mapping[str, Any]) -> None:
+        """Takes in what was played at the latest decision, where it may not be what was decided.
+
+        Args:
+          actions: per action fluent [*shape].
+        """
+        note_played(self.base, self._known, actions)
 
     def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
         """The finalist to play; None for the base."""

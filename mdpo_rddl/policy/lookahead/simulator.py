@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -75,13 +75,20 @@ class Simulator:
         self._is_random = has_draws(policy.problem.model)
         self._policy_arguments = jax.device_put((policy.params, hyperparams))
 
-    def prepare(self, state: Mapping[str, Any], seconds: float, until: float = math.inf) -> bool:
+    def prepare(
+        self,
+        state: Mapping[str, Any],
+        seconds: float,
+        until: float = math.inf,
+        others: Sequence[tuple[int, Mapping[str, Any]]] = (),
+    ) -> bool:
         """Compiles the calls for a decision of so many seconds, and measures them.
 
         Args:
-          state: any state, as the environment shows it.
+          state: a state of the first step, as the environment shows it.
           seconds: of a decision.
           until: a compilation that is likely to end later, as long as the first one, is not begun.
+          others: more steps and states, at which it is seen as well whether anything is random.
 
         Returns:
           Whether all that a decision needs is there.
@@ -95,7 +102,8 @@ class Simulator:
         self._compile_seconds = self._clock() - started
         # what a belief has not told yet may differ later
         is_belief = isinstance(state, Belief)
-        self._is_random = self._is_random and (is_belief or self._differs(state))
+        places = [(0, state), *others]
+        self._is_random = self._is_random and (is_belief or any(self._differs(*p) for p in places))
         took = self.seconds(WIDE, 0)
         wanted = int(np.clip(_FEWEST * longest / took, _FEWEST, _MOST))
         # without time to compile it again a call of another length does as well
@@ -287,15 +295,18 @@ class Simulator:
         wide = int(min(max(count, rollouts // 4), most))
         return Size(wide if kind == WIDE else count, _CERTAIN_SCENARIOS)
 
-    def _differs(self, state: Mapping[str, Any]) -> bool:
-        """Whether returns differ between scenarios, after actions of many kinds."""
+    def _differs(self, step: int, state: Mapping[str, Any]) -> bool:
+        """Whether returns differ between scenarios, after the policy's action and many others."""
         parts, random = self.components, np.random.default_rng(0)
         shape = self._sizes[WIDE].candidates, self.depth, parts.size
         candidates = _SPREAD * parts.units * random.normal(size=shape)
         for place in parts.discrete:
             candidates[:, 0, place] = random.choice(parts.values[place], size=len(candidates))
         candidates[:, 0] = np.clip(candidates[:, 0], parts.lower, parts.upper)
-        returns = self._returns(WIDE, state, 0, candidates, 0)
+        # others may lead away from where the policy goes, or out of a table
+        candidates[0] = 0.0
+        candidates[0, 0] = parts.flat(self.policy(step, state))
+        returns = self._returns(WIDE, state, step, candidates, step)
         return bool(np.any(np.ptp(np.where(np.isfinite(returns), returns, 0.0), axis=1) > 0.0))
 
     def _returns(

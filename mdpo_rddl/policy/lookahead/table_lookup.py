@@ -98,7 +98,9 @@ class TableLookup:
         fits = jnp.all((shifted >= 0) & (codes < self._ends))
         if len(arrays.merges):
             codes = lax.scan(_merged, codes, arrays.merges)[0]
-        first, second = jnp.sum(codes[:, None] * jnp.asarray(arrays.factors), axis=0)
+        products = codes[:, None] * jnp.asarray(arrays.factors)
+        # modulo 2^32, where numbers of 64 bits are enabled too
+        first, second = jnp.sum(products, axis=0, dtype=jnp.uint32)
         hashes = jnp.asarray(arrays.hashes)
         places = jnp.searchsorted(hashes[:, 0], first) + jnp.arange(self._ties)
         places = jnp.minimum(places, len(hashes) - 1)

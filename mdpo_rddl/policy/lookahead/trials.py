@@ -91,7 +91,7 @@ class Trials:
                 break
             self._gains.append(self._at(number, (step, state), decision))
             longest = max(longest, self.clock() - before)
-        enough = len(self._gains) >= min(FEWEST_STATES, len(visited))
+        enough = len(self._gains) >= FEWEST_STATES
         return [self._trial(place, enough) for place in range(len(self.thinkers))]
 
     def _decision_seconds(self, until: float) -> float:

@@ -5,7 +5,7 @@ import functools
 import jax
 import numpy as np
 import pytest
-from helpers.clocks import Ticking
+from helpers.clocks import Stopped, Ticking
 from helpers.lakes import preset
 from helpers.mistakes import one_line
 from helpers.toys import toy
@@ -16,7 +16,9 @@ from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
+from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.episode import Episode, Verdict
 from mdpo_rddl.problem.load import make_environment
 
 HEARS = 0.85
@@ -32,7 +34,8 @@ def heard(is_left):
 def listener():
     """A policy that listens, whatever it hears, and remembers."""
     config = preset(1.0).without_section("Search")
-    config = config.with_policy_arguments(topology=[], plan=False, memory={"observations": [1.0]})
+    memory = {"observations": [1.0], "actions": [1.0]}
+    config = config.with_policy_arguments(topology=[], plan=False, memory=memory)
     problem = toy("tiger")
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
@@ -86,6 +89,10 @@ def test_a_belief_reads_as_what_is_observed(believing):
     believing.played(dict(belief), {**LISTEN, "open-left": np.bool_(True)})
     again = believing.believe(2, heard(False))
     assert share_left(again) == share_left(belief)
+    # a door that is opened at it leads to the next step, not to this one
+    believing.played(again, {**LISTEN, "open-left": np.bool_(True)})
+    again = believing.believe(2, heard(False))
+    assert share_left(again) == share_left(belief)
     # a new episode begins in the initial state
     assert not np.any(believing.believe(0, NOTHING_SHOWN).root.particles["begun"])
 
@@ -105,6 +112,12 @@ def test_the_policy_remembers_what_was_played(believing):
         }
         believing.played(belief, action)
         state = env.step(action)[0]
+    # it is what was played that counts, not what the policy would have played
+    belief = believing.believe(4, heard(True))
+    believing.played(belief, {**LISTEN, "open-left": np.bool_(True)})
+    memory = believing.believe(5, heard(False)).root.memory
+    lasts = [float(memory[f"last {name}"]) for name in ("open-left", "open-right", "growl-left")]
+    assert lasts == [1.0, 0.0, 1.0]
 
 
 def test_doors_are_worth_what_the_belief_says(simulator, believing):
@@ -144,6 +157,47 @@ def test_a_door_is_opened_as_soon_as_the_belief_is_worth_it(simulator):
         lead = 0 if opened else lead
     assert played == ["open-right", "open-left"]
     assert [decision.step for decision in thinker.decisions if decision.left_base] == [2, 6]
+
+
+def test_what_is_played_instead_of_a_decision_is_taken_in(simulator, believing, monkeypatch):
+    """By a referee in an evaluation, and by what makes an agent's actions legal."""
+    method = FirstActions()
+    assert method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 1.0, seed=0, clock=Ticking(0.01))
+    opened, memories = {**LISTEN, "open-left": np.bool_(True)}, []
+
+    class Opening:
+        def rule(self, proposal, state=None):
+            memories.append(believing._now.root.memory)
+            return Verdict(opened, illegal=True, fallback=True)
+
+    env = make_environment(thinker.problem)
+    Episode(env, thinker, Opening()).play(env.reset(seed=0)[0])
+    assert len(memories) == env.horizon
+    monkeypatch.setattr(thinker, "_moves", Opening())
+    thinker.reset()
+    for state in (NOTHING_SHOWN, heard(True), heard(True)):
+        thinker.sample_action(state)
+    lasts = [float(memory["last open-left"]) for memory in memories]
+    starts = [0, env.horizon]
+    assert lasts == [float(place not in starts) for place in range(len(memories))]
+    # the tiger has chosen anew at each step, and one growl is heard of it
+    assert share_left(believing._now) == pytest.approx(HEARS, abs=0.03)
+
+
+def test_a_filter_is_not_compiled_again_where_that_would_end_late(monkeypatch):
+    clock = Stopped()
+
+    def measured(_, seen):
+        clock.now += 4.0
+        return 2.0
+
+    monkeypatch.setattr(Believer, "_measured", measured)
+    monkeypatch.setattr(choosing, "_visited", None)
+    for until, expected in ((7.9, 4.0), (8.1, 8.0)):
+        clock.now = 0.0
+        choice = choosing.choose(listener(), 2.0, until, clock)
+        assert (choice.policy, choice.note, choice.seconds) == (None, NO_TIME, expected)
 
 
 def test_thinking_is_chosen_where_the_belief_pays(simulator, believing, monkeypatch):

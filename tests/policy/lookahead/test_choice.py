@@ -1,6 +1,8 @@
 """Whether to think at all: what the trials of the methods say, and how long they may take."""
 
+import weakref
 from functools import partial
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -9,8 +11,10 @@ from helpers.levers import NONE, lever_policy
 from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
 
+from mdpo_rddl.planner.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
+from mdpo_rddl.policy.lookahead.base import Tabled
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
@@ -89,12 +93,73 @@ def test_no_compilation_begins_that_would_end_late():
     assert choice.seconds <= 50.0
 
 
+def test_few_of_the_states_are_kept_while_they_are_visited(monkeypatch):
+    class Known(dict):
+        """A state of which it can be seen whether it is kept."""
+
+    references, kept = [], []
+
+    def known_at(policy, step, state, is_tried=False):
+        kept.append(sum(reference() is not None for reference in references))
+        known = Known(state)
+        references.append(weakref.ref(known))
+        return known
+
+    monkeypatch.setattr(choosing, "known_at", known_at)
+    monkeypatch.setattr(choosing, "MOST_STATES", 3)
+    # of four episodes with four steps each
+    visited = choosing._visited(lever_policy(NONE), lambda: True)
+    assert len(references) == 16
+    assert len(visited) == 3
+    assert visited[0][1] is references[0]()
+    # and the one at hand
+    assert max(kept) <= 2 * 3 + 1
+
+
+def test_a_table_that_takes_all_the_time_is_played_alone(monkeypatch):
+    clock, table = Stopped(), create_autospec(Tabled, claim=None)
+
+    def take_long(_):
+        clock.now += 5.0
+        return lever_policy(NONE)
+
+    monkeypatch.setattr(choosing, "TableBase", take_long)
+    choice = choose(table, SECONDS, within=5.0, clock=clock)
+    assert (choice.policy, choice.note, choice.seconds) == (None, NO_TIME, 5.0)
+
+
 def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
     # calls are too long for such decisions, and there is time for one more program
     assert simulator.prepare(START, 0.2, until=0.7)
     assert simulator.scenarios(WIDE) == 128 // 2**3
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
+
+
+@pytest.mark.parametrize("place", [(0, START), (2, {"pulled": np.array([True, False, False])})])
+def test_what_is_random_where_the_policy_leads_alone_is_not_certain(place, monkeypatch):
+    """Elsewhere, and after all other first actions, all scenarios return the same."""
+    base = np.array([1.0, 0.0, 1.0], np.float32)
+    is_drawn, random_step = [], place[0]
+
+    def compile_one(_, size):
+        def returns(key, params, hyperparams, state, step, candidates):
+            is_base = np.all(candidates[:, 0] == base, axis=1)
+            is_drawn.append(np.any(is_base[1:]) and not np.all(is_base))
+            return (is_base & (step == random_step))[:, None] * np.arange(size.scenarios)
+
+        return returns
+
+    monkeypatch.setattr(Continuations, "compile", compile_one)
+
+    def scenarios(*others):
+        simulator = Simulator(lever_policy(base, LIKELIHOOD="0.75"), 1, Ticking(0.01))
+        assert simulator.prepare(START, SECONDS, np.inf, others)
+        return simulator.scenarios(WIDE)
+
+    assert scenarios((1, START), place) > 2
+    assert not any(is_drawn)
+    assert (scenarios((1, START)) == 2) == (random_step > 0)
 
 
 def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeypatch):

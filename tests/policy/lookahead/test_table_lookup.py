@@ -8,6 +8,7 @@ import pytest
 from helpers import toy_mdps as toys
 from helpers.clocks import Ticking
 from helpers.mistakes import one_line
+from helpers.x64 import enable_x64
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.policy.lookahead.choice import OPTIMAL, choose
@@ -56,7 +57,8 @@ def test_unknown_states_get_the_no_op(optimal, assert_same):
     assert optimal.misses == misses + 2
 
 
-def test_states_of_several_words_numbers_and_merges(optimal):
+@pytest.mark.parametrize("has_64_bits", [False, True])
+def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     random, count = np.random.default_rng(0), 300
     packing = Packing(
         (
@@ -92,7 +94,8 @@ def test_states_of_several_words_numbers_and_merges(optimal):
     play = jax.jit(jax.vmap(lookup.policy, (None, None, None, 0, 0, None)))
     seen = np.concatenate([variables, variables + np.array([0, 9, 0, 0, 0, 0])])
     steps = random.integers(7, size=len(seen))
-    found = play(None, lookup.arrays, {}, steps, {"all": seen}, {})["number"]
+    with enable_x64(has_64_bits):
+        found = play(None, lookup.arrays, {}, steps, {"all": seen}, {})["number"]
     expected = [policy._number(step, {"all": row}) for step, row in zip(steps, seen, strict=True)]
     np.testing.assert_array_equal(found, expected)
     assert 0 in expected

@@ -12,7 +12,12 @@ from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
-from mdpo_rddl.policy.lookahead.trials import MOST_STATES, NO_TIME, Trials
+from mdpo_rddl.policy.lookahead.trials import (
+    FEWEST_STATES,
+    MOST_STATES,
+    NO_TIME,
+    Trials,
+)
 
 SECONDS = 0.2
 
@@ -74,6 +79,14 @@ def test_trials_end_where_the_best_method_is_clear():
     both = tried.at(states(1), np.inf)
     assert [trial.states for trial in both] == [MOST_STATES] * 2
     assert clock.now < 2 * MOST_STATES * 1.2 * SECONDS
+
+
+def test_one_or_two_states_decide_nothing():
+    for count, note in ((1, NO_TIME), (FEWEST_STATES - 1, NO_TIME), (FEWEST_STATES, "")):
+        tried, _ = trials()
+        (trial,) = tried.at(states(1)[:count], np.inf)
+        assert trial.note == note
+        assert trial.pays == (note == "")
 
 
 def test_where_time_is_short_decisions_are_too():
