@@ -10,7 +10,7 @@ import pytest
 from helpers.problems import assert_same_bits
 from helpers.trainings import FOREVER, KEY, paper_config, reservoir
 
-from mdpo_rddl.planner import training
+from mdpo_rddl.planner import first_iteration, training
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
@@ -87,7 +87,8 @@ def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
     for tick in (0.001, 0.3):
         clock = itertools.count(0.0, tick)
         passing = SimpleNamespace(perf_counter=lambda clock=clock: next(clock))
-        monkeypatch.setattr(training, "time", passing)
+        for module in (first_iteration, training):
+            monkeypatch.setattr(module, "time", passing)
         calls: list[Progress] = []
         result = train(calling_planner, KEY, Budget(1200, FOREVER), on_progress=calls.append)
         found[len(calls)] = result
