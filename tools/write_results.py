@@ -94,7 +94,14 @@ def index() -> str:
 
 def main_file(folder: str) -> str:
     """The file of a folder that a reader opens first."""
-    names = ("table.md", "scores.md", "noise_sweep/table.md", "rows.csv", "plays.csv")
+    names = (
+        "table.md",
+        "scores.md",
+        "noise_sweep/table.md",
+        "rows.csv",
+        "plays.csv",
+        "figures.json",
+    )
     return next(name for name in names if (RESULTS / folder / name).exists())
 
 
