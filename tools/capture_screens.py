@@ -166,11 +166,12 @@ def main() -> None:
     """Captures the screens for the docs, or all of them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--all", metavar="OUT", type=Path)
-    parser.add_argument("--names", nargs="+", choices=SCREENS, default=list(SCREENS))
+    parser.add_argument("--names", nargs="+", choices=SCREENS)
     options = parser.parse_args()
     out = options.all or DOCS
     out.mkdir(parents=True, exist_ok=True)
-    for name in options.names:
+    shown = [name for name in SCREENS if options.all or (DOCS / f"{name}.svg").exists()]
+    for name in options.names or shown:
         for width in WIDTHS if options.all else WIDTHS[:1]:
             text = as_text(screen(name, width))
             for theme in THEMES if options.all else ("light",):
