@@ -21,7 +21,6 @@ from mdpo_rddl.auto import (
     sizes,
 )
 from mdpo_rddl.auto.arms import gradient, jaxplan
-from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
@@ -346,13 +345,3 @@ def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch)
     assert outcome.chosen.label == CONSTANT
     assert outcome.arms == []
     assert outcome.chosen.mean >= outcome.probe.noop_return
-
-
-def test_a_child_knows_whom_it_was_made_from():
-    config = preset(1.0)
-    first = Candidate("plan", "plan", config, None, {}, mean=1.0)
-    child = replace(first.child("gradient", "phase 1", {}), uses_noise=True, mean=2.0)
-    last = child.child("plan", "polished", {}).child("own weights", "polished", {})
-    assert last.parents == ("plan", "gradient")
-    assert last.uses_noise
-    assert last.mean is None

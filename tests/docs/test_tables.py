@@ -162,3 +162,28 @@ def test_a_changed_figure_would_be_seen(table):
     changed[place] = changed[place].replace(figure, figure[:-1] + str((int(figure[-1]) + 5) % 10))
     rows = [changed if other is row else other for other in table.rows]
     assert disagreements(table._replace(rows=rows)) != []
+
+
+def scores(folder: str) -> dict[tuple[str, str], float]:
+    """Per task the score in a folder's table."""
+    text = (ROOT / "results" / folder / "table.md").read_text(encoding="utf-8")
+    rows = [cells(line) for line in text.splitlines() if line.startswith("|")][2:]
+    return {(row[0], row[1]): float(row[3]) for row in rows}
+
+
+def test_the_published_tasks_with_and_without_time_to_think_are_those_of_the_pages():
+    alone = scores("published")
+    together = {**alone, **scores("published_thinking")}
+    said = []
+    for found in (alone, together):
+        assert len(found) == 81
+        best = sum(score >= 0.99 for score in found.values())
+        said.append((best, sum(min(1.0, score) for score in found.values()) / 81))
+    readme, thinking = (
+        (ROOT / name).read_text(encoding="utf-8").replace("\n", " ")
+        for name in ("README.md", "docs/thinking.md")
+    )
+    (best, mean), (more, higher) = said
+    assert f"on {best} of 81 public tasks, with a mean score of {mean:.2f}" in readme
+    assert f"ours reaches {more} tasks and {higher:.2f}" in readme
+    assert f"that is {more} of 81 and a mean of {higher:.2f}" in thinking

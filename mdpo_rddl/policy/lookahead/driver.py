@@ -113,14 +113,7 @@ class LookaheadPolicy(PolicyAgent):
         return self.decide(step, observation)[0]
 
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """The actions for many observations of one step.
-
-        Args:
-          step: number of decisions before.
-          observations: per fluent its values [batch, *shape].
-
-        Returns:
-          Per action fluent [batch, *shape].
+        """As `PolicyAgent.batch`.
 
         Raises:
           InputError: if the state is not observed and they are of several episodes: a belief is of
