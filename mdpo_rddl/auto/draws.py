@@ -15,6 +15,7 @@ class Draws(IntEnum):
     PGPE = 6
     POPULATION = 7
     GRADIENT = 8
+    PPO = 9
 
 
 def key_for(part: Draws, seed: int) -> Array:

@@ -8,7 +8,9 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm, CompilingArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
+from mdpo_rddl.auto.arms.policy_gradient import PPO, PolicyGradientArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 
 logger = logging.getLogger(__name__)
 
@@ -27,6 +29,16 @@ class Entrants:
           without: names of arms that are left out.
         """
         self._arena, self._affording, self._without = arena, affording, without
+
+    def learner(self, until: float) -> CompilingArm | None:
+        """The one that learns from exact rollouts, where actions can be drawn from a law.
+
+        Args:
+          until: how long it is to work before others do, by the clock.
+        """
+        if PPO in self._without or not can_be_drawn(self._arena.planner):
+            return None
+        return PolicyGradientArm(self._arena, until) if self._affording.learning() else None
 
     def exploration(self) -> CompilingArm | None:
         """The one that explores the parameters of a net."""

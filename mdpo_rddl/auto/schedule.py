@@ -4,9 +4,10 @@ Where all states can be enumerated, the optimum is known before any of this begi
 can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
-2. The arms begin in the order of what they cost: `pgpe`; the weights that all objects share; an
-   open-loop plan, or each object's own weights; and those that need a gradient, as far as there
-   is time to compile them; but where chance plays no part, a straight-line plan is second.
+2. The arms begin in the order of what they cost: `ppo`, where all actions are bools; `pgpe`; the
+   weights that all objects share; an open-loop plan, or each object's own weights; and those that
+   need the model's gradient, as far as there is time to compile them; but where chance plays no
+   part, a straight-line plan is second.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
@@ -42,8 +43,9 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# and for a straight-line plan that comes first, while a slice gains so much of the first one's gain
-_EXPLORATION_SHARE, _OTHERS_SHARE, _PLAN_SHARE, _LEAST_GAIN = 0.45, 0.4, 0.6, 0.02
+# for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
+_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING = 0.45, 0.4, 0.6
+_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
 # of all the time: a slice; and each of an arm's first ones, of a slice
@@ -100,8 +102,10 @@ class Schedule:
             if self.early is not None:
                 self._end_with(self.early)
             return
+        self._begin_with(self._entrants.learner(arena.until(_LEARNING)), _LEARNING)
         # before the population, whose program takes longer
-        exploration = self._open_exploration(arena.until(self._shares.rounds_until))
+        until = arena.until(self._shares.rounds_until)
+        exploration = self._opened(self._entrants.exploration(), until)
         self._on_stage("searching")
         self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
         if arena.has_plan and self._affording.population():
@@ -112,10 +116,8 @@ class Schedule:
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if not self._finds_reward():
             self.give(simple, arena.until(_MORE_RULES_SHARE))
-        if self._finds_reward():
-            self._improve(shared)
-        else:
-            self._explore(shared)
+        go_on = self._improve if self._finds_reward() else self._explore
+        go_on(shared)
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
@@ -214,7 +216,8 @@ class Schedule:
     def _improve(self, shared: SharedWeightsArm) -> None:
         """For problems in which a constant or a random rule beats the no-op."""
         arena, shares = self._arena, self._shares
-        self._begin_with_plan()
+        plan = self._entrants.straight_line(arena.until(shares.rounds_until))
+        self._begin_with(plan, _PLAN_SHARE, _LEAST_GAIN)
         parts = shares.shared_until, shares.own_until, shares.rounds_until
         shared_until, own_until, rounds_until = (arena.until(share) for share in parts)
         self.give(shared, shared_until)
@@ -233,8 +236,7 @@ class Schedule:
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
-    def _open_exploration(self, until: float) -> Contender | None:
-        arm = self._entrants.exploration()
+    def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
         return None if arm is None else self._open(arm, until, self._affording.patience(until))
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
@@ -243,20 +245,17 @@ class Schedule:
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
 
-    def _begin_with_plan(self) -> None:
-        """Slices for a straight-line plan as long as each gains, where it comes first."""
-        arena = self._arena
-        rounds_until = arena.until(self._shares.rounds_until)
-        arm = self._entrants.straight_line(rounds_until)
-        if arm is None:
+    def _begin_with(self, arm: CompilingArm | None, share: float, least_gain: float = 0.0) -> None:
+        """Slices before others', while each gains such a share of what the first has gained."""
+        arena, until = self._arena, self._arena.until(share)
+        contender = self._opened(arm, arena.until(self._shares.rounds_until))
+        if arm is None or contender is None:
             return
-        until = arena.until(_PLAN_SHARE)
-        contender = self._open(arm, until, self._affording.patience(rounds_until))
         if not contender.slices:
             self._first_slice(contender, arena.until(PATIENCE))
         if contender.slices:
             gain = abs(contender.level - arena.probe.noop_return)
-            self._give_while(contender, until, lambda: contender.level, _LEAST_GAIN * gain)
+            self._give_while(contender, until, lambda: arm.progress, least_gain * gain)
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
         """Lets an arm that must compile begin; it competes from then on.

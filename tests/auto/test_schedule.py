@@ -240,7 +240,7 @@ def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_are
 def test_nothing_is_compiled_that_the_deadline_would_meet(lake, in_one_arena, caplog, monkeypatch):
     # the judge's program took longer than what is left
     monkeypatch.setattr(Judge, "usual_seconds", 1e9)
-    monkeypatch.setattr(schedule.Schedule, "_open_exploration", refuse)
+    monkeypatch.setattr(schedule.Schedule, "_opened", refuse)
     outcome = raced(lake, 600.0)
     assert "too little time to search" in caplog.text
     assert outcome.chosen.label == CONSTANT

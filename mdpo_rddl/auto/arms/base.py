@@ -133,6 +133,11 @@ class Arm(ABC):
         return self._log.best_return
 
     @property
+    def progress(self) -> float:
+        """What rises while slices in a row are of use; minus infinity before there is any."""
+        return -math.inf if self.reached is None else self.reached
+
+    @property
     def log(self) -> ArmLog:
         """What it was given and what it did so far."""
         return self._log

@@ -7,6 +7,7 @@ VARIANT_NAMES = (
     "auto",
     "auto-without-searches",
     "auto-without-own-weights",
+    "auto-without-ppo",
     "auto-without-gradient",
     "auto-without-pgpe",
     "auto-without-slp",

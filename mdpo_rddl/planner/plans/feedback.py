@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax, random
@@ -15,6 +16,7 @@ from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
+_OUTPUT = "output_"
 GAIN = "gain on "
 """How the entries of `own` begin that are gains on a fluent."""
 
@@ -143,7 +145,7 @@ class Feedback:
             width = size
         if net:
             for name, shape in self.action_shapes.items():
-                net[f"output_{name}"] = jnp.zeros((width, math.prod(shape)), self.dtype)
+                net[f"{_OUTPUT}{name}"] = jnp.zeros((width, math.prod(shape)), self.dtype)
         parts = {"plan": plan, "net": net}
         return {
             "shared": shared,
@@ -201,9 +203,16 @@ class Feedback:
             if self.shape.plan:
                 value = value + params["plan"][name][step]
             if hidden is not None:
-                value = value + jnp.reshape(hidden @ params["net"][f"output_{name}"], shape)
+                value = value + jnp.reshape(hidden @ params["net"][f"{_OUTPUT}{name}"], shape)
             actions[name] = value
         return actions
+
+    def flat(self, state: Mapping[str, Array]) -> Array:
+        """All that the policy reads, in the units in which it does, side by side."""
+        return self._side_by_side({name: self._scaled(name, state[name]) for name in self.fluents})
+
+    def _side_by_side(self, scaled: Mapping[str, Array]) -> Array:
+        return jnp.concatenate([jnp.ravel(scaled[name]) for name in self.fluents])
 
     def _scaled(self, name: str, value: Any) -> Array:
         center, scale = self.scale(name)
@@ -246,9 +255,18 @@ class Feedback:
     def _hidden(self, net: Mapping[str, Any], scaled: Mapping[str, Array]) -> Array | None:
         if not net:
             return None
-        hidden = jnp.concatenate([jnp.ravel(scaled[name]) for name in self.fluents])
+        hidden = self._side_by_side(scaled)
         hidden = jnp.clip(hidden, -_LARGEST_NET_INPUT, _LARGEST_NET_INPUT)
         for number in range(len(self.shape.layers)):
             layer = net[f"hidden_{number}"]
             hidden = jnp.tanh(hidden @ layer["kernel"] + layer["bias"])
         return hidden
+
+
+def with_raw_scale(params: Params, factor: float) -> Params:
+    """Parameters whose raw actions are so many times as large."""
+    net = params.get("net", {})
+    parts = {name: params[name] for name in ("shared", "own", "plan") if name in params}
+    scaled = jax.tree.map(lambda leaf: factor * leaf, parts)
+    outputs = {n: factor * w if n.startswith(_OUTPUT) else w for n, w in net.items()}
+    return {**params, **scaled, **({"net": outputs} if net else {})}

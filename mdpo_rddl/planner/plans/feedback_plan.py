@@ -129,6 +129,11 @@ class FeedbackPlan(JaxPlan):
             }
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
 
+    def log_odds(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
+        """Per bool fluent the log-odds of not being at the no-op [*shape]."""
+        raw = self.feedback.raw(params, {**self.memory.initial, **state}, step)
+        return {name: _BOOL_SCALE * raw[name] for name in raw if name not in self.units}
+
     def _compile_memory(self, noop: Mapping[str, np.ndarray]) -> PlanMemory:
         """The policy's memory, told of actions as they are played."""
         feedback, initial = self.feedback, self.feedback.empty_memory()

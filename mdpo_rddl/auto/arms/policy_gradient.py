@@ -1,0 +1,155 @@
+"""The arm that learns from exact rollouts: a policy gradient by likelihood ratios (PPO)."""
+
+import math
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import CompilingArm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.planner.plans.feedback import Params, with_raw_scale
+from mdpo_rddl.planner.policy_gradient.ppo import Learner, Pace, PolicyGradient
+
+PPO = "ppo"
+# of the first phase: Adam's step size, and the worth of a nat in units of the advantage
+_STEP, _ENTROPY = 5e-3, 0.02
+# of both, in a phase that goes on from a policy
+_LATER = 0.3
+# of a phase: when the bonus for the entropy ends; of the step size, what is left in the end
+_NO_BONUS, _LAST_STEP = 0.8, 0.02
+# of a policy to go on from: nats for each proposal, found by so many bisections
+_EXPLORING_ENTROPY, _BISECTIONS, _SMALLEST_SCALE = 0.2, 8, 1e-3
+
+
+_STILL = Pace(0.0, 0.0)
+
+
+class _Phase(NamedTuple):
+    """Where learning begins, and when its step size and bonus have faded.
+
+    Attributes:
+      parent: what it goes on from; None for the no-op.
+      began, ends: by the clock.
+      factor: of the step size and the bonus.
+    """
+
+    parent: Candidate | None
+    began: float
+    ends: float
+    factor: float
+
+    def pace(self, now: float) -> Pace:
+        """How far an iteration goes now."""
+        done = min(1.0, (now - self.began) / max(self.ends - self.began, 1e-9))
+        step = _STEP * max(_LAST_STEP, 1.0 - done)
+        bonus = _ENTROPY * max(0.0, 1.0 - done / _NO_BONUS)
+        return Pace(self.factor * step, self.factor * bonus)
+
+
+class PolicyGradientArm(CompilingArm):
+    """Learns the arena's own policy as a law of actions, and offers its likeliest actions.
+
+    The first phase begins at the no-op. The next ones begin at the best policy so far, whoever has
+    found it, its raw actions scaled down until its law explores. Within a phase, step size and
+    bonus fall.
+    """
+
+    def __init__(self, arena: Arena, until: float) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          arena: what all arms have in common; all actions are bools, the state is observed.
+          until: when the first phase ends, by the clock.
+        """
+        super().__init__(PPO, arena)
+        self._key = key_for(Draws.PPO, arena.seed)
+        self._phase: _Phase | None = None
+        self._first_until = until
+        self._phases = 0
+        self._learner: Learner | None = None
+        self._means: list[float] = []
+
+    @property
+    def progress(self) -> float:
+        """The mean return of the law in the latest slice.
+
+        A law that explores may return less than what is known for a while, and yet learn.
+        """
+        return float(np.mean(self._means)) if self._means else -math.inf
+
+    def _begin(self) -> None:
+        self._start(self._compile)
+
+    def _compile(self) -> None:
+        """Makes the law, and learns nothing from the first rollouts."""
+        self._gradient = PolicyGradient(self._arena.planner)
+        learner = self._gradient.begin(self._arena.noop, self._key)
+        jax.block_until_ready(self._gradient.iterate(learner, self._key, _STILL))
+
+    def _work(self, until: float) -> None:
+        """Goes on learning.
+
+        Raises:
+          Cancelled: if interrupted; what was learnt till then is offered.
+        """
+        if not self._is_compiled(until):
+            return
+        if self._phase is None or self._clock() >= self._phase.ends:
+            self._begin_phase()
+        try:
+            self._learn(until)
+        except (KeyboardInterrupt, Cancelled):
+            self._offer_learnt()
+            raise
+        self._offer_learnt()
+
+    def _learn(self, until: float) -> None:
+        assert self._phase is not None
+        assert self._learner is not None
+        self._means = []
+        while True:
+            key = jax.random.fold_in(self._key, self._log.iterations)
+            pace = self._phase.pace(self._clock())
+            learner, shown = self._gradient.iterate(self._learner, key, pace)
+            self._means.append(float(shown.mean_return))
+            if not math.isfinite(self._means[-1]):
+                self._log.details = {"cause": "rollouts of it have returns that are not finite"}
+                self.is_exhausted = True
+                break
+            self._learner = learner
+            self._log.iterations += 1
+            if self._clock() >= until:
+                break
+
+    def _begin_phase(self) -> None:
+        arena, now = self._arena, self._clock()
+        is_first = not self._phases
+        parent = None if is_first else arena.incumbent
+        best = self._earlier_params(arena.planner) if parent is None else parent.params
+        params = arena.noop if best is None else self._exploring(best)
+        ends = self._first_until if is_first else arena.deadline
+        factor = 1.0 if best is None else _LATER
+        self._phase = _Phase(parent, now, ends, factor)
+        self._phases += 1
+        self._learner = self._gradient.begin(params, jax.random.fold_in(self._key, self._phases))
+
+    def _exploring(self, params: Params) -> Params:
+        """A policy with the same likeliest actions, whose law explores."""
+        low, high = math.log(_SMALLEST_SCALE), 0.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            learner = self._gradient.begin(with_raw_scale(params, math.exp(middle)), self._key)
+            _, shown = self._gradient.iterate(learner, self._key, _STILL)
+            explores = float(shown.entropy) > _EXPLORING_ENTROPY
+            low, high = (middle, high) if explores else (low, middle)
+        return with_raw_scale(params, math.exp(high))
+
+    def _offer_learnt(self) -> None:
+        assert self._phase is not None
+        assert self._learner is not None
+        params = jax.tree.map(np.asarray, self._learner.params)
+        self._offer_child(self._phase.parent, f"ppo, phase {self._phases}", params)
