@@ -14,6 +14,9 @@ class Generous:
         """Refuses these."""
         self.refused = refused
 
+    def learning(self) -> bool:
+        return "ppo" not in self.refused
+
     def exploration(self) -> bool:
         return "pgpe" not in self.refused
 
@@ -24,10 +27,12 @@ class Generous:
         return 3.0
 
 
-def entrants(*refused, without=(), deterministic=True, kind="real"):
-    rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges={"a": kind, "b": "real"})
+def entrants(*refused, without=(), deterministic=True, kind="real", seen=()):
+    kinds = {"a": kind, "b": kind if kind == "bool" else "real"}
+    rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen)
     arena = SimpleNamespace(
         clock=lambda: 0.0,
+        seed=0,
         incumbent=None,
         planner=SimpleNamespace(rddl=rddl),
         probe=SimpleNamespace(deterministic=deterministic),
@@ -61,3 +66,19 @@ def test_a_plan_comes_first_where_nothing_returns_more(case, comes):
     arm = entrants(**case).straight_line(60.0)
     assert (arm is not None) == comes
     assert arm is None or arm.name == "slp"
+
+
+@pytest.mark.parametrize(
+    ("refused", "case", "comes"),
+    [
+        ((), {"kind": "bool"}, True),
+        ((), {"kind": "int"}, False),
+        ((), {"kind": "bool", "seen": ["noise"]}, False),
+        ((), {"kind": "bool", "without": ["ppo"]}, False),
+        (("ppo",), {"kind": "bool"}, False),
+    ],
+)
+def test_bools_are_learnt_where_the_state_is_seen(refused, case, comes):
+    arm = entrants(*refused, **case).learner(60.0)
+    assert (arm is not None) == comes
+    assert arm is None or arm.name == "ppo"
