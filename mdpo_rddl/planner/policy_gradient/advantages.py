@@ -5,6 +5,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array, lax
 
+# of advantages in units of the returns' scale: smaller ones are rounding errors
+_NO_SPREAD = 1e-3
+
 
 class Decay(NamedTuple):
     """How rewards and errors count that come later.
@@ -50,10 +53,10 @@ def returns_from(rewards: Array, discount: float) -> Array:
 
 
 def normalised(values: Array, alive: Array) -> Array:
-    """Values [B, H] with mean 0 and variance 1 over the steps that count."""
+    """Values [B, H] with mean 0 and, unless all are alike, variance 1 over the steps that count."""
     share = alive / jnp.mean(alive)
     centred = values - jnp.mean(values * share)
-    return centred / (jnp.sqrt(jnp.mean(centred**2 * share)) + 1e-8)
+    return centred / (jnp.sqrt(jnp.mean(centred**2 * share)) + _NO_SPREAD)
 
 
 def _next(values: Array) -> Array:

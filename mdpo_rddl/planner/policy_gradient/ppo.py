@@ -27,8 +27,9 @@ from mdpo_rddl.planner.policy_gradient.advantages import (
 from mdpo_rddl.planner.policy_gradient.critic import Critic
 from mdpo_rddl.planner.policy_gradient.playing import Rollouts, compile_drawn_rollouts
 
-# of the scale of returns: what an iteration changes, and its smallest share of all that varies
-_NEWS, _LEAST_SCALE = 0.1, 1e-2
+# of the scale of returns: what an iteration changes; and the least, of how they differ from step
+# to step and of their size
+_NEWS, _LEAST_SPREAD, _LEAST_SIZE = 0.1, 1e-2, 1e-3
 _TINY = 1e-6
 
 
@@ -147,8 +148,8 @@ class PolicyGradient:
         critic = self._critic.initial(key)
         policy, value = self._optimizers
         params = jax.tree.map(jnp.asarray, params)
-        moments = policy.init(params), value.init(critic)
-        return Learner(params, critic, moments, jnp.zeros((), jnp.float32))
+        moments = policy.init(_learnt(params)), value.init(critic)
+        return Learner(params, critic, moments, jnp.zeros_like(critic["times"][0]))
 
     def _iterate(self, learner: Learner, key: Array, pace: Pace) -> tuple[Learner, Shown]:
         playing, shuffling = random.split(key)
@@ -193,7 +194,10 @@ class PolicyGradient:
         """The critic in units of what returns lately differ by at one step, and these units."""
         following = returns_from(played.rewards, self._decay.discount)
         means = jnp.mean(following, axis=0)
-        scale = jnp.maximum(jnp.std(following - means), _LEAST_SCALE * jnp.std(following)) + _TINY
+        least = jnp.maximum(
+            _LEAST_SPREAD * jnp.std(following), _LEAST_SIZE * jnp.max(jnp.abs(following))
+        )
+        scale = jnp.maximum(jnp.std(following - means), least) + _TINY
         is_first = learner.scale == 0.0
         scale = jnp.where(is_first, scale, (1.0 - _NEWS) * learner.scale + _NEWS * scale)
         factor = jnp.where(is_first, 1.0, learner.scale / scale)
@@ -202,15 +206,17 @@ class PolicyGradient:
         return {**critic, "times": times}, scale
 
     def _update(self, learner: Learner, batch: _Batch, pace: Pace) -> tuple[Learner, None]:
-        gradients = jax.grad(self._loss, argnums=(0, 1))
-        of_policy, of_critic = gradients(learner.params, learner.critic, batch, pace.entropy)
-        # a value for every step is learnt too slowly, and disturbs the rule
-        if "plan" in of_policy:
-            none = jax.tree.map(jnp.zeros_like, of_policy["plan"])
-            of_policy = {**of_policy, "plan": none}
+        learnt = _learnt(learner.params)
+
+        def loss(learnt: Params, critic: Any) -> Array:
+            params = {**learner.params, **learnt}
+            return self._loss(params, critic, batch, pace.entropy)
+
+        of_policy, of_critic = jax.grad(loss, argnums=(0, 1))(learnt, learner.critic)
         policy, value = self._optimizers
         moves, policy_moments = policy.update(of_policy, learner.moments[0])
-        params = jax.tree.map(lambda p, move: p - pace.step * move, learner.params, moves)
+        moved = jax.tree.map(lambda p, move: p - pace.step * move, learnt, moves)
+        params = {**learner.params, **moved}
         moves, value_moments = value.update(of_critic, learner.moments[1])
         critic = optax.apply_updates(learner.critic, moves)
         moments = policy_moments, value_moments
@@ -234,6 +240,11 @@ class PolicyGradient:
     def _values(self, critic: Any, inputs: Array) -> Array:
         one = functools.partial(self._critic.value, critic)
         return jax.vmap(jax.vmap(one), in_axes=(0, None))(inputs, self._steps)
+
+
+def _learnt(params: Params) -> Params:
+    """All but an open-loop plan: a value for every step is learnt slowly, and disturbs the rule."""
+    return {name: part for name, part in params.items() if name != "plan"}
 
 
 def _each(function: Callable[..., Any]) -> Callable[..., Any]:
