@@ -18,7 +18,7 @@ def without_scales(config: PlannerConfig) -> PlannerConfig:
 def simplified(config: PlannerConfig) -> PlannerConfig:
     """The configuration for a problem of many objects: no net, and few features."""
     return without_plan(
-        config.with_policy_arguments(topology=[], cosines=0, squares=False, distant=False)
+        config.with_policy_arguments(topology=[], lifted=0, cosines=0, squares=False, distant=False)
     )
 
 

@@ -48,11 +48,10 @@ def start_candidates(arena: Arena, policy: Policy | None) -> list[Candidate]:
     """
     if policy is None:
         return []
-    is_same = _is_same(policy, arena.problem)
+    is_same, known = _is_same(policy, arena.problem), (policy.planner, policy.params)
+    own = Candidate(START, START, policy.config, *known, policy.policy_hyperparams)
     if not _is_lifted(policy):
-        hyperparams = policy.policy_hyperparams
-        own = policy.planner, policy.params, hyperparams
-        return [Candidate(START, START, policy.config, *own)]
+        return [own]
     source, params = policy.planner.feedback_plan, policy.params
     carried = transferred(source, params, arena.plan, arena.noop, is_same)
     if carried.left_out:
@@ -62,7 +61,11 @@ def start_candidates(arena: Arena, policy: Policy | None) -> list[Candidate]:
             ", ".join(carried.left_out),
         )
     params = jax.tree.map(lambda leaf, like: leaf.astype(like.dtype), carried.params, arena.noop)
-    return [arena.candidate(START, START, params)]
+    candidates = [arena.candidate(START, START, params)]
+    if is_same and "lifted" in policy.params and "lifted" not in arena.noop:
+        # nothing in the arena's planner plays what its hidden layer does
+        candidates.append(own)
+    return candidates
 
 
 def _is_lifted(policy: Policy) -> bool:

@@ -60,7 +60,8 @@ def transferred(
 
     Shared weights are converted to the other plan's units and scales. What each object has of its
     own is carried over where the problem is the same, with the open-loop plan and the net;
-    elsewhere its mean over the objects joins the shared weights.
+    elsewhere its mean over the objects joins the shared weights. The hidden layer on each object's
+    features is shared, too.
 
     Args:
       source: the plan that the rule was found with.
@@ -89,6 +90,10 @@ def transferred(
             unfit = [name for name in known if name not in own and np.any(known[name])]
             left_out += [f"{action}: {name}, each object's own" for name in unfit]
             result["own"] = {**result["own"], action: own}
+        layer, lost = _lifted(here, there, params, base)
+        left_out += [f"{action}: {name}" for name in lost]
+        if layer is not None:
+            result["lifted"] = {**result["lifted"], action: layer}
     for part, name in (("plan", "the open-loop plan"), ("net", "the net")):
         if not any(np.any(leaf) for leaf in _outputs(params, part)):
             continue
@@ -131,6 +136,34 @@ def _shared(
         for other, factor in terms.items():
             found[other] += ratio * weight * factor
     return found, lost
+
+
+def _lifted(
+    here: _Side, there: _Side, params: Params, base: Params
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """The hidden layer in the other plan's units and scales, and the names of what does not fit.
+
+    A layer that says nothing, or of which the other plan has no like, is None.
+    """
+    layer = params.get("lifted", {}).get(here.action, {})
+    if not np.any(layer.get("output", 0.0)):
+        return None, []
+    like = base.get("lifted", {}).get(there.action, {})
+    if np.shape(like.get("output")) != np.shape(layer["output"]):
+        return None, ["the hidden layer on each object's features"]
+    places = {name: place for place, name in enumerate(there.feedback.names(there.action))}
+    hidden, lost = np.zeros(np.shape(like["hidden"])), list[str]()
+    rows = np.asarray(layer["hidden"], float)
+    for name, row in zip(here.feedback.names(here.action), rows, strict=True):
+        terms = _converted(here, there, name)
+        if terms is None or not set(terms) <= set(places):
+            lost.append(f"{name} in the hidden layer")
+            continue
+        for other, factor in terms.items():
+            hidden[places[other]] += factor * row
+    output = (here.unit / there.unit) * np.asarray(layer["output"], float)
+    dtype = like["hidden"].dtype
+    return {"hidden": jnp.asarray(hidden, dtype), "output": jnp.asarray(output, dtype)}, lost
 
 
 def _converted(here: _Side, there: _Side, name: str) -> dict[str, float] | None:

@@ -75,6 +75,18 @@ def test_the_rule_of_another_instance_begins_in_the_arenas_own_planner(two, capl
     assert start_candidates(arena_of(three), None) == []
 
 
+def test_what_only_its_own_planner_can_play_begins_there_too(two):
+    shape = FeedbackShape(topology=None, cosines=0, squares=False, lifted=2)
+    given = policy_of("a, b", FeedbackPlan(shape))
+    rule, own = start_candidates(arena_of(two), accepted_start(given, two.problem))
+    assert rule.planner is two.planner
+    assert own.planner is given.planner
+    assert own.params is given.params
+    # where the arena's planner has the layer, one candidate does
+    assert len(start_candidates(arena_of(given), given)) == 1
+    assert len(start_candidates(arena_of(policy_of("a, b, c")), given)) == 1
+
+
 def test_a_policy_of_another_kind_keeps_its_planner_on_its_own_problem(two):
     given = policy_of("a, b", make_plan("slp"))
     (candidate,) = start_candidates(arena_of(two), accepted_start(given, two.problem))

@@ -105,6 +105,29 @@ def test_of_what_objects_have_of_their_own_the_mean_stays(two):
 
 
 @pytest.mark.parametrize("is_same", [True, False])
+def test_a_hidden_layer_on_each_objects_features_fits_other_units_and_scales(is_same):
+    source, other = planner(TWO, lifted=3), planner(TWO, units=7.0, scale=(-1.0, 3.0), lifted=3)
+    params = drawn(source, "lifted")
+    carried = carry(source, params, other, is_same)
+    assert carried.left_out == ()
+    for x in ([1.0, 3.0], [-2.5, 4.0]):
+        ours, theirs = push(source, params, x), push(other, carried.params, x)
+        np.testing.assert_allclose(theirs, ours, rtol=1e-3, atol=1e-3)
+
+
+def test_a_hidden_layer_that_does_not_fit_is_named(two):
+    source, simple = planner(TWO, lifted=3), planner(TWO, lifted=3, squares=False)
+    params = drawn(source, "lifted")
+    carried = carry(source, params, two, is_same=True)
+    assert carried.left_out == ("push: the hidden layer on each object's features",)
+    np.testing.assert_array_equal(push(two, carried.params, [1.0, 3.0]), 0.0)
+    lost = carry(source, params, simple, is_same=True).left_out
+    assert "push: x^2 in the hidden layer" in lost
+    # what says nothing is not missed
+    assert carry(source, initial(source), two, is_same=True).left_out == ()
+
+
+@pytest.mark.parametrize("is_same", [True, False])
 def test_a_plan_and_a_net_fit_the_same_problem_alone(is_same):
     shape = {"plan": True, "topology": (3,), "cosines": 0, "squares": False}
     source, target = planner(TWO, **shape), planner(TWO, units=1.0, **shape)

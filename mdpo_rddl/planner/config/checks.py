@@ -22,6 +22,7 @@ from mdpo_rddl.planner.config.values import (
     parameters,
     relaxation_weights,
 )
+from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.memory import MemoryShape
 from mdpo_rddl.planner.upstream import (
     JaxBackpropPlanner,
@@ -121,6 +122,7 @@ class _Checks:
         modules = (planner.initializers, planner.nn.initializers)
         try:
             MemoryShape.of(plan_values.get("memory"))
+            FeedbackShape(lifted=plan_values.get("lifted", 0))
         except ValueError as error:
             raise self._error(f"[Planner] method_kwargs: {error}") from error
         self._check_function("method_kwargs: initializer", plan_values.get("initializer"), modules)

@@ -32,22 +32,32 @@ class FeedbackShape:
       cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
       squares: whether the squares of the state features are features.
       distant: whether features also go through relations of tuples, and through two relations.
+      lifted: units of a hidden layer on the features of each object, with the same weights for
+        all objects; 0 for none.
       plan: whether there is a whole one, a value for every step, object and action.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
       cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
         then that of the open-loop plan that the policy has played. That is biased, since later
         reactions are left out, but it does not explode along them.
       memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
+
+    Raises:
+      ValueError: if `lifted` is no such number.
     """
 
     topology: Sequence[int] | None = (64, 64)
     cosines: int = 4
     squares: bool = True
     distant: bool = False
+    lifted: int = 0
     plan: bool = False
     state_scales: Mapping[str, Sequence[float]] | None = None
     cut_feedback: bool = True
     memory: Mapping[str, Sequence[float]] | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.lifted, int) or self.lifted < 0:
+            raise ValueError(f"lifted: must be a whole number, 0 or more, got {self.lifted!r}")
 
     @property
     def layers(self) -> tuple[int, ...]:
@@ -60,17 +70,19 @@ class Feedback:
 
     In units in which states are of order 1, that of object x is
 
-        u_a(x) = w_a . phi_a(s, t, x) + b_a(x) + sum_f k_af(x) f(x) + p_a(t, x) + net_a(s)(x),
+        u_a(x) = w_a . phi_a(s, t, x) + v_a . tanh(phi_a(s, t, x) V_a)
+                 + b_a(x) + sum_f k_af(x) f(x) + p_a(t, x) + net_a(s)(x),
 
-    phi being the features of `features`, their squares and cosines of the time; w is shared by all
-    objects, b and k are each object's own, p is an open-loop plan, the net sees
+    phi being the features of `features`, their squares and cosines of the time; w, v and V are
+    shared by all objects, b and k are each object's own, p is an open-loop plan, the net sees
     the whole state.
 
     A memory's entries are read as fluents are.
 
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
-    "gain on " + fluent: [*shape]}}, "plan": {action: [H, *shape]}, "net": {...}}, the last two
-    only if there is a plan or a net.
+    "gain on " + fluent: [*shape]}}, "lifted": {action: {"hidden": [features, units], "output":
+    [units]}}, "plan": {action: [H, *shape]}, "net": {...}}, the last three only if there are
+    such units, a plan or a net.
 
     Attributes:
       fluents: what the policy reads: observed fluents, then the entries of its memory.
@@ -136,6 +148,12 @@ class Feedback:
             name: jnp.zeros((self.horizon, *shape), self.dtype)
             for name, shape in (self.action_shapes.items() if self.shape.plan else ())
         }
+        lifted = {}
+        for number, name in enumerate(own if self.shape.lifted else ()):
+            count, units = len(self.names(name)), self.shape.lifted
+            hidden = random.normal(random.fold_in(key, number), (count, units), self.dtype)
+            output = jnp.zeros(units, self.dtype)
+            lifted[name] = {"hidden": hidden / math.sqrt(count), "output": output}
         net: dict[str, Any] = {}
         width = self._inputs
         for number, size in enumerate(self.shape.layers if self._inputs else ()):
@@ -146,7 +164,7 @@ class Feedback:
         if net:
             for name, shape in self.action_shapes.items():
                 net[f"{_OUTPUT}{name}"] = jnp.zeros((width, math.prod(shape)), self.dtype)
-        parts = {"plan": plan, "net": net}
+        parts = {"lifted": lifted, "plan": plan, "net": net}
         return {
             "shared": shared,
             "own": own,
@@ -200,6 +218,8 @@ class Feedback:
             value = own["bias"] + self._shared(name, params["shared"][name], scaled, time)
             for fluent in self._own[name]:
                 value = value + own[f"{GAIN}{fluent}"] * scaled[fluent]
+            if self.shape.lifted:
+                value = value + self._lifted(name, params["lifted"][name], scaled, time)
             if self.shape.plan:
                 value = value + params["plan"][name][step]
             if hidden is not None:
@@ -228,17 +248,32 @@ class Feedback:
         Features that depend on the same axes are summed along these alone: a feature of one
         object costs little for an action of two or three.
         """
-        groups: dict[tuple[int, ...], list[int]] = {}
         columns = self._columns(name, scaled, time)
+        parts = [
+            jnp.tensordot(weights[numbers], jnp.stack([columns[n] for n in numbers]), 1)
+            for numbers in self._groups(name, columns)
+        ]
+        return sum(parts[1:], start=parts[0])
+
+    def _lifted(
+        self, name: str, weights: Mapping[str, Array], scaled: Mapping[str, Array], time: Any
+    ) -> Array:
+        """v_a . tanh(phi_a V_a), an array that broadcasts to the action's shape."""
+        columns, hidden = self._columns(name, scaled, time), weights["hidden"]
+        parts = [
+            jnp.tensordot(jnp.stack([columns[n] for n in numbers], axis=-1), hidden[numbers], 1)
+            for numbers in self._groups(name, columns)
+        ]
+        return jnp.tanh(sum(parts[1:], start=parts[0])) @ weights["output"]
+
+    def _groups(self, name: str, columns: Sequence[Array]) -> list[np.ndarray]:
+        """The numbers of features that depend on the same axes; of others one by one."""
+        groups: dict[tuple[int, ...], list[int]] = {}
         fixed = len(columns) - len(self.features[name].constant) - self.shape.cosines
         for number, column in enumerate(columns[:fixed]):
             groups.setdefault(jnp.shape(column), []).append(number)
         places = [*groups.values(), *([number] for number in range(fixed, len(columns)))]
-        parts = [
-            jnp.tensordot(weights[np.array(numbers)], jnp.stack([columns[n] for n in numbers]), 1)
-            for numbers in places
-        ]
-        return sum(parts[1:], start=parts[0])
+        return [np.array(numbers) for numbers in places]
 
     def _columns(self, name: str, scaled: Mapping[str, Array], time: Any) -> list[Array]:
         """phi_a, the features in the order of their weights, each as `Feature.spread` gives it."""

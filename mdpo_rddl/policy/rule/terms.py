@@ -77,6 +77,11 @@ def _own_terms(feedback: Feedback, params: Params, action: str, unit: float) -> 
         text = f"+ {text} (from {_number(low)} to {_number(high)})"
         own = {**params["own"][action], name: jnp.zeros_like(values)}
         terms.append(Term(action, text, False, _with(params, "own", {action: own})))
+    lifted = params.get("lifted", {}).get(action, {})
+    if np.any(lifted.get("output", 0.0)):
+        text = "+ a net that sees the features of each object, the same for all objects"
+        silent = {action: {**lifted, "output": jnp.zeros_like(lifted["output"])}}
+        terms.append(Term(action, text, True, _with(params, "lifted", silent)))
     if np.any(params.get("plan", {}).get(action, 0.0)):
         text = "+ an open-loop plan, a value for each step and object"
         without = {action: jnp.zeros_like(params["plan"][action])}

@@ -97,6 +97,25 @@ def test_the_net_sees_the_whole_state(feedback):
     assert np.all(one != other)
 
 
+def test_the_hidden_layer_on_each_objects_features_is_shared():
+    plain, deep = make(), make(dataclasses.replace(SHAPE, lifted=2))
+    params, names = deep.initial(KEY), deep.names("release")
+    # as long as nothing is learnt all else is as without it
+    silent = {name: part for name, part in params.items() if name != "lifted"}
+    jax.tree.map(np.testing.assert_array_equal, silent, plain.initial(KEY))
+    assert np.any(params["lifted"]["release"]["hidden"])
+    np.testing.assert_array_equal(deep.raw(params, level(), 20)["release"], np.zeros(15))
+    # tanh(1 + 2 z) and 3 tanh(-z), z being an object's level in its scale
+    hidden = np.zeros((len(names), 2))
+    hidden[names.index("1")] = [1.0, 0.0]
+    hidden[names.index("rlevel")] = [2.0, -1.0]
+    layer = {"hidden": jnp.asarray(hidden), "output": jnp.array([1.0, 3.0])}
+    levels = np.linspace(50.0, 150.0, 15, dtype=np.float32)
+    z = (levels - 100.0) / 50.0
+    raw = deep.raw({**params, "lifted": {"release": layer}}, {"rlevel": levels}, 20)["release"]
+    np.testing.assert_allclose(raw, np.tanh(1.0 + 2.0 * z) + 3.0 * np.tanh(-z), rtol=1e-5)
+
+
 def test_states_far_away_are_cut_off(feedback):
     params = feedback.initial(KEY)
     params["shared"]["release"] = params["shared"]["release"].at[1].set(1.0)

@@ -92,6 +92,22 @@ def test_other_features_and_each_objects_own(pushing):
     assert [term.is_shared for term in terms].count(False) == 1
 
 
+def test_a_hidden_layer_is_a_term_of_all_objects(pushing):
+    problem, _, _ = pushing
+    shape = FeedbackShape(topology=None, cosines=0, lifted=2)
+    planner = make_planner(MDPOPlanner, problem, FeedbackPlan(shape))
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    # one that says nothing is no term
+    terms = explain(problem, planner, params, seconds=0.0).equations[0].terms
+    assert terms == ()
+    layer = {**params["lifted"]["push"], "output": jnp.array([0.0, 1.0])}
+    params = {**params, "lifted": {**params["lifted"], "push": layer}}
+    (term,) = explain(problem, planner, params, seconds=0.0).equations[0].terms
+    assert term.text == "+ a net that sees the features of each object, the same for all objects"
+    assert term.is_shared
+    assert term.size > 0.0
+
+
 def test_the_time_for_costs_is_kept(pushing):
     problem, planner, params = pushing
     times = iter([0.0, 1.0, 2.0, 9.0, 9.0])
