@@ -19,6 +19,8 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.policy_gradient.ppo import Pace, Shown
 
+# a program of its own is compiled for them all
+pytestmark = pytest.mark.long
 SECONDS = 300.0
 # 3 for the best of three arms, of which one may be pulled, at each of 4 steps
 BEST = 3.0 * 0.75 * 4
