@@ -17,8 +17,12 @@ from mdpo_rddl.planner.policy_gradient.ppo import Learner, Pace, PolicyGradient
 PPO = "ppo"
 # of the first phase: Adam's step size, and the worth of a nat in units of the advantage
 _STEP, _ENTROPY = 5e-3, 0.02
-# of both, in a phase that goes on from a policy
-_LATER = 0.3
+# of both: in a phase that goes on from a policy, and in the one after it if that found nothing
+_LATER, _SMALLER = 0.3, 0.5
+# of the time left, the least for the first phase
+_LEAST_SHARE = 0.25
+# nats: a law of less tries nothing any more
+_NO_ENTROPY = 0.005
 # of a phase: when the bonus for the entropy ends; of the step size, what is left in the end
 _NO_BONUS, _LAST_STEP = 0.8, 0.02
 # of a policy to go on from: nats for each proposal, found by so many bisections
@@ -55,8 +59,11 @@ class PolicyGradientArm(CompilingArm):
 
     The first phase begins at the no-op. The next ones begin at the best policy so far, whoever has
     found it, its raw actions scaled down until its law explores. Within a phase, step size and
-    bonus fall.
+    bonus fall. The first one ends with its time, a later one with a slice that finds nothing
+    better; either once its law explores no more.
     """
+
+    descends = True
 
     def __init__(self, arena: Arena, until: float) -> None:
         """Compiles nothing yet.
@@ -72,6 +79,7 @@ class PolicyGradientArm(CompilingArm):
         self._phases = 0
         self._learner: Learner | None = None
         self._means: list[float] = []
+        self._is_better = self._has_collapsed = False
 
     @property
     def progress(self) -> float:
@@ -98,14 +106,27 @@ class PolicyGradientArm(CompilingArm):
         """
         if not self._is_compiled(until):
             return
-        if self._phase is None or self._clock() >= self._phase.ends:
+        if not self._goes_on():
             self._begin_phase()
+        self._is_better = False
         try:
             self._learn(until)
         except (KeyboardInterrupt, Cancelled):
             self._offer_learnt()
             raise
         self._offer_learnt()
+
+    def judged(self, candidate: Candidate) -> None:
+        """Is told what the judge says, and whether it is the best so far."""
+        super().judged(candidate)
+        self._is_better = candidate is self._arena.judge.incumbent
+
+    def _goes_on(self) -> bool:
+        """Whether the phase has more to find."""
+        if self._phase is None or self._has_collapsed:
+            return False
+        is_in_time = self._clock() < self._phase.ends
+        return is_in_time and (self._phases == 1 or self._is_better)
 
     def _learn(self, until: float) -> None:
         assert self._phase is not None
@@ -122,7 +143,8 @@ class PolicyGradientArm(CompilingArm):
                 break
             self._learner = learner
             self._log.iterations += 1
-            if self._clock() >= until:
+            self._has_collapsed = float(shown.entropy) < _NO_ENTROPY
+            if self._has_collapsed or self._clock() >= until:
                 break
 
     def _begin_phase(self) -> None:
@@ -131,8 +153,13 @@ class PolicyGradientArm(CompilingArm):
         parent = None if is_first else arena.incumbent
         best = self._earlier_params(arena.planner) if parent is None else parent.params
         params = arena.noop if best is None else self._exploring(best)
-        ends = self._first_until if is_first else arena.deadline
+        # its program may have taken longer than that to compile
+        late = max(self._first_until, arena.until(_LEAST_SHARE))
+        ends = late if is_first else arena.deadline
         factor = 1.0 if best is None else _LATER
+        if self._phases > 1 and self._phase is not None and not self._is_better:
+            factor = _SMALLER * self._phase.factor
+        self._has_collapsed = False
         self._phase = _Phase(parent, now, ends, factor)
         self._phases += 1
         self._learner = self._gradient.begin(params, jax.random.fold_in(self._key, self._phases))

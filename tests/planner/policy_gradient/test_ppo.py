@@ -11,6 +11,8 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.policy_gradient.ppo import Learning, Pace, PolicyGradient
 
+# a program of its own is compiled for them all
+pytestmark = pytest.mark.long
 KEY = jax.random.PRNGKey(1)
 QUICK = Learning(rollouts=16, epochs=2, minibatches=2)
 
