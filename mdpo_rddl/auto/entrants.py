@@ -36,7 +36,7 @@ class Entrants:
         Args:
           until: how long it is to work before others do, by the clock.
         """
-        if PPO in self._without or not can_be_drawn(self._arena.planner):
+        if PPO in self._without or not can_be_drawn(self._arena.planner.rddl):
             return None
         return PolicyGradientArm(self._arena, until) if self._affording.learning() else None
 

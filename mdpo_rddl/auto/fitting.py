@@ -4,10 +4,13 @@ import numpy as np
 
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 from mdpo_rddl.problem.load import Problem
 
 MEMORY = {"observations": [4.0], "actions": [1.0]}
 """What is remembered where the state is not observed, as a `MemoryShape` takes it."""
+LIFTED_UNITS = 16
+"""Of the hidden layer on each object's features, where it can be learnt from exact rollouts."""
 
 
 def without_scales(config: PlannerConfig) -> PlannerConfig:
@@ -51,6 +54,13 @@ def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:
     if not problem.model.observ_fluents or "memory" in config.policy_arguments:
         return config
     return config.with_policy_arguments(memory=dict(MEMORY))
+
+
+def with_lifted_layer(config: PlannerConfig, problem: Problem) -> PlannerConfig:
+    """The configuration with a hidden layer on each object's features, where ppo can learn it."""
+    if not can_be_drawn(problem.model) or "lifted" in config.policy_arguments:
+        return config
+    return config.with_policy_arguments(lifted=LIFTED_UNITS)
 
 
 def _short(value: float) -> float:

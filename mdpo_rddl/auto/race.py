@@ -18,6 +18,7 @@ from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
     scaled,
     simplified,
+    with_lifted_layer,
     with_memory,
     with_single_rollouts,
     without_plan,
@@ -276,7 +277,7 @@ def _arena(
     # the same for all seeds, whose programs then are the same too
     bare = build_planner(problem, without_scales(config)).planner
     seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
-    config = with_memory(scaled(config, seen), problem)
+    config = with_lifted_layer(with_memory(scaled(config, seen), problem), problem)
     large = seen.policy_seconds is not None
     if large:
         config = simplified(config)

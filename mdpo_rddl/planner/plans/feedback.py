@@ -303,5 +303,12 @@ def with_raw_scale(params: Params, factor: float) -> Params:
     net = params.get("net", {})
     parts = {name: params[name] for name in ("shared", "own", "plan") if name in params}
     scaled = jax.tree.map(lambda leaf: factor * leaf, parts)
-    outputs = {n: factor * w if n.startswith(_OUTPUT) else w for n, w in net.items()}
-    return {**params, **scaled, **({"net": outputs} if net else {})}
+    if net:
+        last = {n: factor * w if n.startswith(_OUTPUT) else w for n, w in net.items()}
+        scaled["net"] = last
+    if "lifted" in params:
+        scaled["lifted"] = {
+            action: {**layer, "output": factor * layer["output"]}
+            for action, layer in params["lifted"].items()
+        }
+    return {**params, **scaled}

@@ -20,14 +20,14 @@ _LARGEST_WEIGHT = 20.0
 _FORBIDDEN_WEIGHT = -30.0
 
 
-def can_be_drawn(planner: MDPOPlanner) -> bool:
+def can_be_drawn(rddl: Any) -> bool:
     """Whether there is such a law: all actions are bools, and the state is observed.
 
     Args:
-      planner: compiled, with a `FeedbackPlan`.
+      rddl: pyRDDLGym's lifted model.
     """
-    kinds = {planner.rddl.variable_ranges[name] for name in planner.rddl.action_fluents}
-    return kinds == {"bool"} and not planner.rddl.observ_fluents
+    kinds = {rddl.variable_ranges[name] for name in rddl.action_fluents}
+    return kinds == {"bool"} and not rddl.observ_fluents
 
 
 class Actor:
@@ -46,7 +46,7 @@ class Actor:
         """Reads the limits.
 
         Args:
-          planner: compiled, with a `FeedbackPlan`; `can_be_drawn`.
+          planner: compiled, with a `FeedbackPlan`, of a model that `can_be_drawn`.
         """
         plan, compiled = planner.feedback_plan, planner.test_compiled
         self._plan, self._shapes = plan, plan.feedback.action_shapes

@@ -120,7 +120,7 @@ class PolicyGradient:
         """Compiles nothing yet.
 
         Args:
-          planner: compiled, with a `FeedbackPlan`; `can_be_drawn`.
+          planner: compiled, with a `FeedbackPlan`, of a model that `can_be_drawn`.
           learning: how it is learnt.
         """
         self._learning = learning = learning or Learning()

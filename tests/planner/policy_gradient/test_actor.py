@@ -77,9 +77,8 @@ def test_actions_are_the_law_s_draws_where_all_are_legal():
 
 
 def test_there_is_a_law_where_all_actions_are_bools(tmp_path):
-    assert can_be_drawn(planner_of())
-    config = auto_preset("lake").without_section("Search")
-    assert not can_be_drawn(build_planner(write_lake(tmp_path), config).planner)
+    assert can_be_drawn(planner_of().rddl)
+    assert not can_be_drawn(write_lake(tmp_path).model)
 
 
 @pytest.mark.parametrize("most", ["1", "pos-inf"])
