@@ -14,7 +14,9 @@ import numpy as np
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate, has_structure
 from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -136,6 +138,36 @@ class Arm(ABC):
     def log(self) -> ArmLog:
         """What it was given and what it did so far."""
         return self._log
+
+    def take_over(self, log: ArmLog, is_exhausted: bool) -> None:
+        """Counts on from what an arm of its name has done in another process."""
+        for each in ("slices", "seconds", "compile_seconds", "iterations", "best_return"):
+            setattr(self._log, each, getattr(log, each))
+        self._log.details, self.is_exhausted = dict(log.details), is_exhausted
+
+    def state(self) -> State | None:
+        """What it needs to go on in another process; None if it has nothing but its best policy.
+
+        It is asked for between two iterations of a slice, and between slices.
+        """
+        return None
+
+    def restore(self, state: State) -> None:  # noqa: B027  (most have nothing to restore)
+        """Goes on, before its first slice, with what `state` has said in another process.
+
+        Raises:
+          AttributeError, LookupError, OverflowError, TypeError, ValueError: if that does not fit
+            this problem; the arm begins as if there were none then.
+        """
+
+    def _try(self, restore: Callable[[State], None], state: State) -> bool:
+        """Whether a state could be restored; one that does not fit is left out, which is said."""
+        try:
+            restore(state)
+        except UNFIT as error:
+            logger.info("%s: its state is left out: %s", self.name, one_line_cause(error))
+            return False
+        return True
 
     def _prepare(self) -> None:  # noqa: B027  (an arm may have nothing to prepare)
         """What `prepare` does once."""
