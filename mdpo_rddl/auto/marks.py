@@ -18,8 +18,9 @@ class _Timed(Protocol):
 class Marks:
     """Notes of the parts of a race, by which another process enters it where it was stopped.
 
-    A part that was over is left out then, one that had begun ends when it would have ended, and
-    what was decided is not decided again. In a race that begins they change nothing.
+    A part that was over is left out then, one that had begun ends when it would have ended, or as
+    soon as it has handed in what it has, and what was decided is not decided again. In a race that
+    begins they change nothing.
     """
 
     def __init__(self, earlier: Mapping[str, Any] | None = None) -> None:
@@ -30,6 +31,7 @@ class Marks:
         """
         earlier = earlier or {}
         self._ends = {str(part): float(end) for part, end in earlier.get("ends", {}).items()}
+        self._begun = {str(part) for part in earlier.get("begun", ())}
         self._over = {str(part) for part in earlier.get("over", ())}
         self._decided = dict(earlier.get("decided", {}))
         self._earlier = frozenset(self._ends)
@@ -42,6 +44,7 @@ class Marks:
         """All of it, as JSON can hold it; ends are in seconds since the race began."""
         return {
             "ends": dict(self._ends),
+            "begun": sorted(self._begun),
             "over": sorted(self._over),
             "decided": dict(self._decided),
         }
@@ -63,8 +66,9 @@ class Marks:
         The other arguments are those of `end`.
         """
         until = self.end(part, race, until)
-        is_over = part in self._over or (part in self._earlier and race.clock() >= until)
-        if not is_over:
+        is_late = part in self._earlier and part not in self._begun and race.clock() >= until
+        if part not in self._over and not is_late:
+            self._begun.add(part)
             yield until
         self._over.add(part)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mdpo_rddl.auto.arms.base import ArmLog
+from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.marks import Marks
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.state import State, count_of, joined

@@ -1,10 +1,10 @@
 """How a race enters where another one was stopped, and what it leaves for the next."""
 
-import dataclasses
 import logging
 from collections.abc import Callable, Sequence
 
-from mdpo_rddl.auto.arms.base import Arm, ArmLog
+from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.marks import Marks
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.rounds import Contender
@@ -88,7 +88,7 @@ class Resumption:
             seconds=self._seconds(),
             marks=self.marks.values(),
             contenders={**earlier.contenders, **contenders},
-            logs={**earlier.logs, **{n: dataclasses.replace(a.log) for n, a in arms.items()}},
+            logs={**earlier.logs, **{name: arm.log_so_far for name, arm in arms.items()}},
             exhausted=frozenset(exhausted),
             states=states,
             probe=self.probe,

@@ -23,6 +23,7 @@ def test_each_part_of_a_race_that_begins_has_its_turn():
     assert marks.decided("improves", lambda: True) is True
     assert marks.values() == {
         "ends": {"plan": 20.0, "rules": 20.0},
+        "begun": ["plan", "rules"],
         "over": ["plan", "rules"],
         "decided": {"improves": True},
     }
@@ -45,10 +46,13 @@ def test_a_part_in_which_a_race_was_stopped_ends_when_it_would_have_ended():
     assert again.decided("has plan", lambda: True) is False
 
 
-def test_a_part_whose_time_has_passed_meanwhile_is_over():
+def test_a_part_whose_time_has_passed_is_left_out_unless_it_had_begun():
     marks = Marks({"ends": {"plan": 30.0}})
     assert list(marks.once("plan", Race(31.0), 199.0)) == []
     assert marks.is_over("plan")
+    # what it has found must be handed in
+    marks = Marks({"ends": {"plan": 30.0}, "begun": ["plan"]})
+    assert list(marks.once("plan", Race(31.0), 199.0)) == [130.0]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import pytest
 from helpers.clocks import Stopped
 
 from mdpo_rddl.auto import race_state
-from mdpo_rddl.auto.arms.base import Arm, ArmLog
+from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.resumption import Resumption

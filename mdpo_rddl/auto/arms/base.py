@@ -5,13 +5,12 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, has_structure
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.state import UNFIT, State
@@ -20,39 +19,12 @@ from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
-from mdpo_rddl.planner.training import Record, Training, TrainingResult
+from mdpo_rddl.planner.training import Training, TrainingResult
 
 logger = logging.getLogger(__name__)
 
 REPLAY_SECONDS = 2.0
 """To find what is not finite, while the other arms wait."""
-
-
-@dataclass
-class ArmLog:
-    """What an arm was given and what it did.
-
-    Attributes:
-      name: the arm's.
-      slices: of time that it was given.
-      seconds: of all of them, preparation included.
-      compile_seconds: of them, spent in compilation.
-      iterations: done in all slices.
-      best_return: the judge's mean return of its best candidate; None before the first.
-      records: recorded iterations of training with a gradient, if it does that.
-      sigma: the noise's scale per recorded iteration and step [recorded, H].
-      details: what else there is to say, as JSON can hold it.
-    """
-
-    name: str
-    slices: int = 0
-    seconds: float = 0.0
-    compile_seconds: float = 0.0
-    iterations: int = 0
-    best_return: float | None = None
-    records: tuple[Record, ...] = ()
-    sigma: np.ndarray | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Arm(ABC):
@@ -72,6 +44,7 @@ class Arm(ABC):
         self.is_exhausted = False
         self._log = ArmLog(name)
         self._is_prepared = False
+        self._at_work_since: float | None = None
         self._new: list[Candidate] = []
 
     def prepare(self) -> None:
@@ -94,12 +67,13 @@ class Arm(ABC):
           until: when to end, by the clock.
         """
         self.prepare()
-        started = self._clock()
+        started = self._at_work_since = self._clock()
         self._log.slices += 1
         try:
             self._work(until)
         finally:
             self._log.seconds += self._clock() - started
+            self._at_work_since = None
 
     @property
     def is_pending(self) -> bool:
@@ -138,6 +112,13 @@ class Arm(ABC):
     def log(self) -> ArmLog:
         """What it was given and what it did so far."""
         return self._log
+
+    @property
+    def log_so_far(self) -> ArmLog:
+        """A copy of the log, with the seconds of the slice that goes on."""
+        since, log = self._at_work_since, self.log
+        more = 0.0 if since is None else self._clock() - since
+        return replace(log, seconds=log.seconds + more)
 
     def take_over(self, log: ArmLog, is_exhausted: bool) -> None:
         """Counts on from what an arm of its name has done in another process."""

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, ArmLog, CompilingArm
+from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.state import State, count_of, joined
