@@ -132,7 +132,7 @@ class RaceCheckpoints:
         if state is not None:
             flat = state.flat()
             tensors |= {
-                _STATE + name: np.ascontiguousarray(each) for name, each in flat.tensors.items()
+                _STATE + name: np.asarray(each, order="C") for name, each in flat.tensors.items()
             }
             text["state"] = json.dumps(dict(flat.values))
         self._kept.write(tensors, text)

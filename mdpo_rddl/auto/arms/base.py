@@ -15,7 +15,7 @@ from mdpo_rddl.auto.candidate import Candidate, has_structure
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -145,7 +145,7 @@ class Arm(ABC):
         """Whether a state could be restored; one that does not fit is left out, which is said."""
         try:
             restore(state)
-        except UNFIT as error:
+        except (InputError, *UNFIT) as error:
             logger.info("%s: its state is left out: %s", self.name, one_line_cause(error))
             return False
         return True

@@ -99,7 +99,7 @@ class GradientArm(CompilingArm):
     def state(self) -> State | None:
         """The phase's training, and what its restarts differ in."""
         training = self._training
-        latest = None if training is None or self.is_pending else training.state()
+        latest = None if training is None else training.state()
         if latest is None:
             return self._resumed
         done, earlier = self.phases[:-1], self._earlier

@@ -58,7 +58,7 @@ class ParameterExplorationArm(CompilingArm):
     def state(self) -> State | None:
         """The exploration, and the record."""
         exploration, record = self._exploration, self._record
-        if exploration is None or self.is_pending:
+        if exploration is None:
             return self._resumed
         values: dict[str, Any] = {"is_stalled": self._is_stalled, "fresh": self._fresh_number}
         tensors: dict[str, np.ndarray] = {}

@@ -55,7 +55,7 @@ class TrainingArm(CompilingArm):
     def state(self) -> State | None:
         """The phase's training, and the best iterate of all phases."""
         training, best = self._training, self._best
-        latest = None if training is None or self.is_pending else training.state()
+        latest = None if training is None else training.state()
         if latest is None or best is None:
             return self._resumed
         values = {
