@@ -70,12 +70,13 @@ def compiled(lake):
 
 @pytest.fixture
 def in_one_arena(compiled, monkeypatch):
-    def as_new(problem, config, seed, began, options):
+    def as_new(problem, config, seed, began, options, resumption=None):
         judge = Judge(128, seed, CLOCK, began)
         judge._players = compiled.judge._players
         deadline = began + config.section("Optimize")["train_seconds"]
-        told = options.on_progress
-        arena = replace(compiled, judge=judge, deadline=deadline, began=began, on_progress=told)
+        times = {"deadline": deadline, "began": began}
+        told = {"on_progress": options.on_progress, "pulse": options.on_pulse}
+        arena = replace(compiled, judge=judge, **times, **told)
         arena.__dict__.update(population=compiled.population, plans=compiled.plans)
         return arena
 
