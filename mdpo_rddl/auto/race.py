@@ -132,13 +132,15 @@ def _raced(
     if arena.probe.policy_seconds is not None:
         alternatives.stop()  # its memory is needed
     initial = [*options.initial(arena)]
-    if options.earlier is not None:
-        initial += options.earlier.candidates(arena)
     schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
     interrupted = False
     exact, schedule.early = grounded
     schedule.arms += [] if exact is None else [exact]
     try:
+        if options.earlier is not None:
+            # the first is the incumbent whatever its error, so that the result is not worse
+            for candidate in options.earlier.candidates(arena):
+                arena.judge.record(candidate)
         schedule.run()
         late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
         if alternatives.started:

@@ -16,6 +16,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 CLOCK = Ticking()
 TICKS = 600.0
@@ -126,6 +127,18 @@ def test_a_race_that_was_stopped_in_its_rounds_goes_on_with_them(lake):
             assert arms[name]["slices"] == logs[name].slices
             assert arms[name]["iterations"] == logs[name].iterations
     assert arms["polishing the weights"]["slices"] > logs["polishing the weights"].slices
+
+
+def test_an_incumbent_of_another_planner_stays_unless_something_is_better(lake):
+    config = jaxplan_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
+    params, mean = {"pump": np.full(8, 37.0)}, -2000.0
+    # its time is over: it stays the result, whatever its error
+    best = EarlierPolicy(config, params, {"pump": 1.0}, "slp", "slp", (), False, mean, 300.0)
+    options = RaceOptions(clock=CLOCK, earlier=EarlierRace(TICKS, best))
+    outcome = plan_automatically(lake, preset(TICKS), 0, options)
+    assert outcome.chosen.arm == "slp"
+    np.testing.assert_array_equal(outcome.policy.params["pump"], params["pump"])
+    resumed(lake, EarlierRace(0.0, best))
 
 
 def test_a_race_can_be_stopped_twice(lake):
