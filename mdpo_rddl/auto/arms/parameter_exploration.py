@@ -85,7 +85,7 @@ class ParameterExplorationArm(CompilingArm):
         before = exploration.iterations
         exploration.run(self._evaluate_and_tell, until)
         self._log.iterations = exploration.iterations
-        self._estimate = self._recorded(exploration, exploration.iterations - before)
+        self._estimate = self._recorded(exploration.iterations - before)
         planner = self._arena.plain.built(_METHOD).planner
         if self._may_be_judged(planner, self._params(exploration.best), until):
             self._offer(self._candidate("pgpe, mean", exploration.mean))
@@ -136,9 +136,10 @@ class ParameterExplorationArm(CompilingArm):
         params = self._to_each(np.asarray(vectors, np.float32))
         return np.mean(np.asarray(self._returns(key, params), float), axis=1)
 
-    def _recorded(self, exploration: ParameterExploration, iterations: int) -> float:
+    def _recorded(self, iterations: int) -> float:
         """What the record returns in fresh rollouts, after a slice of so many iterations."""
-        record = self._record
+        exploration, record = self._exploration, self._record
+        assert exploration is not None
         vectors = [exploration.mean, exploration.best]
         vectors = vectors if record is None else [record.vector, *vectors]
         batches = max(1, min(_FRESH_BATCHES, int(_FRESH_SHARE * iterations)))
