@@ -1,5 +1,6 @@
 """The best policies of a race that was stopped, with which another one goes on."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -97,8 +98,13 @@ class EarlierRace:
     state: RaceState | None = None
 
     def candidates(self, arena: Arena) -> list[Candidate]:
-        """The policies as candidates, the incumbent first."""
-        return [policy.candidate(arena) for policy in (self.incumbent, *self.others)]
+        """The policies as candidates, the incumbent first.
+
+        One whose return is only an estimate of a few episodes, without an error, is left out
+        unless it is judged anew: nothing would be better for certain.
+        """
+        found = [policy.candidate(arena) for policy in (self.incumbent, *self.others)]
+        return [each for each in found if each.mean is None or math.isfinite(each.error)]
 
 
 def _plain(config: PlannerConfig) -> str:

@@ -216,6 +216,17 @@ def test_a_policy_of_another_planner_keeps_its_return(tmp_path):
     assert dataclasses.replace(candidate).config.to_text() == CONFIG.to_text()
 
 
+def test_an_estimate_without_an_error_is_no_candidate_of_the_next_race(tmp_path):
+    guess = judged(-5.0, 1.0)
+    guess = dataclasses.replace(guess, candidate=dataclasses.replace(guess.candidate, error=np.inf))
+    start = kept(tmp_path, guess)
+    assert start.incumbent.mean == -5.0
+    here = arena(CONFIG, ((2, 3), (2,)))
+    assert [candidate.mean for candidate in start.candidates(here)] == [None]
+    other = CONFIG.with_values("Compiler", sigmoid_weight=7)
+    assert start.candidates(arena(other, ((2, 3), (2,)))) == []
+
+
 def test_a_race_that_goes_on_keeps_what_it_began_with_until_there_is_something_better(tmp_path):
     assert kept(tmp_path, judged(-3.0, 4.0)).incumbent.mean == -3.0
     # its own no-op, an estimate of a few episodes, then its first policies
