@@ -30,6 +30,8 @@ logger = logging.getLogger(__name__)
 
 _FORMAT = "mdpo-rddl race 3"
 _STATE = "state/"
+# what a checkpoint may take at any time; of the race, if it takes longer
+_CHEAP_SECONDS, _MOST_SHARE = 0.1, 0.05
 
 
 class RaceCheckpoints:
@@ -56,7 +58,7 @@ class RaceCheckpoints:
         self._seconds = seconds
         self._incumbent: Candidate | None = None
         self._best: dict[str, Candidate] = {}
-        self._saved_at = -math.inf
+        self._saved_at, self._cost, self._has_new = -math.inf, 0.0, False
         self._snapshot: Snapshot | None = None
 
     def begun(self, snapshot: "Snapshot") -> None:
@@ -72,7 +74,8 @@ class RaceCheckpoints:
                 self._best[found.arm] = found
         if judged.became_incumbent and self._is_kept(found):
             self._incumbent = found
-        if judged.became_incumbent or self._is_due:
+        self._has_new |= judged.became_incumbent
+        if self._is_due:
             self._save(judged.seconds)
 
     def pulse(self) -> None:
@@ -82,7 +85,10 @@ class RaceCheckpoints:
 
     @property
     def _is_due(self) -> bool:
-        return time.monotonic() - self._saved_at >= self._seconds
+        waited = time.monotonic() - self._saved_at
+        # a new incumbent at once, unless that would take too much of the race
+        is_cheap = self._cost <= _CHEAP_SECONDS or waited >= self._cost / _MOST_SHARE
+        return waited >= self._seconds or (self._has_new and is_cheap)
 
     def _is_kept(self, found: "Candidate") -> bool:
         """No proven optimum, nothing that diverged, nothing worse than what it began with."""
@@ -98,7 +104,12 @@ class RaceCheckpoints:
         self._save(seconds)
 
     def _save(self, seconds: float | None = None) -> None:
-        self._saved_at = time.monotonic()
+        started = time.monotonic()
+        self._write(seconds)
+        self._saved_at, self._has_new = time.monotonic(), False
+        self._cost = self._saved_at - started
+
+    def _write(self, seconds: float | None) -> None:
         if self._incumbent is None and self.start is None:
             return
         best_so_far: Candidate | EarlierPolicy

@@ -131,6 +131,24 @@ def test_it_is_kept_between_two_iterations_too(tmp_path):
     assert (start.seconds, start.incumbent.mean) == (11.0, -5.0)
 
 
+def test_checkpoints_that_take_long_are_not_written_with_each_incumbent(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
+    checkpoints.judged(judged(-5.0, 1.0))
+    checkpoints._cost = 1.0  # as if it had taken a second
+    checkpoints.judged(judged(-4.0, 2.0))
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.incumbent.mean == -5.0
+    checkpoints._saved_at -= 20.0
+    checkpoints.begun(state)
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.incumbent.mean == -4.0
+    # nothing is new
+    checkpoints._saved_at -= 20.0
+    checkpoints.begun(lambda: state(30.0))
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.seconds == 9.0
+
+
 def test_a_damaged_state_costs_the_state_only(tmp_path, caplog):
     checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
     checkpoints.begun(lambda: state(float("nan")))
