@@ -23,8 +23,9 @@ from helpers.fuzzing_commands import CommandFuzzer
 SHARES = {
     "configuration": 34,
     "command line": 30,
-    "policy file": 20,
+    "policy file": 16,
     "policy contents": 8,
+    "race checkpoint": 4,
     "run of mdpo-ipc": 4,
     "RDDL": 4,
 }

@@ -17,6 +17,7 @@ from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.table import Estimate, table_tensors
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
@@ -198,6 +199,15 @@ def test_a_damaged_file_leaves_the_one_before(tmp_path):
     newest = tmp_path / "incumbent-1.safetensors"
     newest.write_bytes(newest.read_bytes()[:-1])
     assert RaceCheckpoints(tmp_path, terms(), 1.0).start.incumbent.mean == -5.0
+
+
+def test_a_checkpoint_without_a_number_is_refused_and_not_overwritten(tmp_path):
+    kept(tmp_path, judged(-5.0, 1.0))
+    (path,) = tmp_path.iterdir()
+    text, tensors = read_container(path, ("mdpo-rddl race 3",))
+    write_container(path, tensors, {**text, "number": "-1"})
+    said = one_line(lambda: RaceCheckpoints(tmp_path, terms(), 1.0))
+    assert said.startswith(f"{path}: damaged checkpoint: ValueError('number -1')")
 
 
 def test_another_problem_s_is_refused(tmp_path):
