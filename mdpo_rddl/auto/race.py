@@ -154,6 +154,8 @@ def _raced(
         interrupted = True
     finally:
         arena.compilations.close()
+        for arm in schedule.arms:
+            arm.close()
     return _outcome(schedule, arena, resumption, interrupted)
 
 

@@ -113,6 +113,9 @@ class Arm(ABC):
         """What it was given and what it did so far."""
         return self._log
 
+    def close(self) -> None:  # noqa: B027  (most have nothing to give back)
+        """The race is over; the state is what it was."""
+
     @property
     def log_so_far(self) -> ArmLog:
         """A copy of the log, with the seconds of the slice that goes on."""

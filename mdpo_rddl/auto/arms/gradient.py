@@ -111,6 +111,11 @@ class GradientArm(CompilingArm):
         }
         return joined(State({}, values), state_of(latest).within("training"))
 
+    def close(self) -> None:
+        """Leaves the planner as it was before the training."""
+        if self._training is not None:
+            self._training.close()
+
     def restore(self, state: State) -> None:
         """Keeps it until the arm begins."""
         checkpoints_of(state.part("training"))  # raises if there is none

@@ -67,6 +67,11 @@ class TrainingArm(CompilingArm):
             State({}, values), best.state().within("best"), state_of(latest).within("training")
         )
 
+    def close(self) -> None:
+        """Leaves the planner as it was before the training."""
+        if self._training is not None:
+            self._training.close()
+
     def restore(self, state: State) -> None:
         """Keeps it until the program is compiled."""
         checkpoints_of(state.part("training"))  # raises if there is none

@@ -176,7 +176,7 @@ def test_a_training_goes_on_with_its_optimiser(compiled, arena, make):
     state = through_json(first.state())
     done = first.log.iterations
     assert done > 0
-    first._training.close()
+    first.close()
     second = make(in_arena(compiled))
     second.restore(state)
     assert second.state() is state  # until it has gone on
@@ -188,7 +188,14 @@ def test_a_training_goes_on_with_its_optimiser(compiled, arena, make):
     names = [name for name in state.tensors if "opt_state" in name]
     assert names
     assert any(np.any(later.tensors[name] != state.tensors[name]) for name in names)
-    second._training.close()
+    planner = second._training._built.planner
+    assert "Watched" in planner.update.__qualname__
+    second.close()
+    # the planner is as it was, and the state stays
+    for function in (planner.update, planner.test_loss):
+        assert "Watched" not in getattr(function, "__qualname__", "")
+    after = second.state().part("training").values
+    assert after["iterations"] == later.part("training").values["iterations"]
 
 
 def no_scalars(state: State) -> str:
@@ -215,7 +222,7 @@ def test_a_training_s_state_that_does_not_fit_costs_the_state_only(
     first = begun(make(arena))
     first.work(time.monotonic())
     state = through_json(first.state())
-    first._training.close()
+    first.close()
     cause = damage(state)
     second = make(in_arena(compiled))
     second.restore(state)
@@ -227,7 +234,7 @@ def test_a_training_s_state_that_does_not_fit_costs_the_state_only(
     assert cause in caplog.text
     assert second.log.iterations > 0
     assert not second.is_exhausted
-    second._training.close()
+    second.close()
 
 
 def test_parameter_exploration_goes_on_with_its_law_and_record(compiled, arena):
