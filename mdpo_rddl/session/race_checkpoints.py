@@ -13,7 +13,7 @@ import numpy as np
 
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.policy.container import Metadata, Tensors
+from mdpo_rddl.policy.container import MOST_POLICY_BYTES, Metadata, Tensors
 from mdpo_rddl.policy.file import flatten, unflatten
 from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
 from mdpo_rddl.session.kept import KeptPair
@@ -30,6 +30,8 @@ logger = logging.getLogger(__name__)
 
 _FORMAT = "mdpo-rddl race 3"
 _STATE = "state/"
+# of a file that can be read again, with room for its text
+_MOST_BYTES = MOST_POLICY_BYTES - 2**24
 # what a checkpoint may take at any time; of the race, if it takes longer
 _CHEAP_SECONDS, _MOST_SHARE = 0.1, 0.05
 
@@ -140,13 +142,26 @@ class RaceCheckpoints:
                 tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
             about.append(described)
         text = {"seconds": str(seconds), "about": json.dumps(about)}
-        if state is not None:
-            flat = state.flat()
-            tensors |= {
-                _STATE + name: np.asarray(each, order="C") for name, each in flat.tensors.items()
-            }
-            text["state"] = json.dumps(dict(flat.values))
+        own, words = _flat(state)
+        if sum(each.nbytes for each in (*tensors.values(), *own.values())) < _MOST_BYTES:
+            tensors |= own
+            text |= words
         self._kept.write(tensors, text)
+
+
+def _flat(state: "RaceState | None") -> tuple[Tensors, Metadata]:
+    """A state as a file holds it; one that cannot be written costs the state, not the race."""
+    if state is None:
+        return {}, {}
+    try:
+        flat = state.flat()
+        tensors = {
+            _STATE + name: np.asarray(each, order="C") for name, each in flat.tensors.items()
+        }
+        return tensors, {"state": json.dumps(dict(flat.values))}
+    except Exception as error:
+        logger.warning("the arms' states are not kept: %s", one_line_cause(error))
+        return {}, {}
 
 
 def _is_policy(found: "Candidate") -> bool:

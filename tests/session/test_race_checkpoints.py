@@ -19,6 +19,7 @@ from mdpo_rddl.auto.state import State
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.table import Estimate, table_tensors
+from mdpo_rddl.session import race_checkpoints
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
 CONFIG = PRESETS["paper"]("tanks")
@@ -158,6 +159,26 @@ def test_a_damaged_state_costs_the_state_only(tmp_path, caplog):
     assert start.incumbent.mean == -5.0
     assert start.state is None
     assert "the arms begin anew from their best policies" in caplog.text
+
+
+def test_a_state_that_cannot_be_written_or_is_too_large_costs_the_state_only(
+    tmp_path, caplog, monkeypatch
+):
+    def unwritable() -> RaceState:
+        log = ArmLog("plan", details={"count": np.int64(3)})  # JSON has no such number
+        return RaceState(9.0, logs={"plan": log})
+
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
+    checkpoints.begun(unwritable)
+    checkpoints.judged(judged(-5.0, 1.0))
+    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
+    assert (start.incumbent.mean, start.state) == (-5.0, None)
+    assert "the arms' states are not kept" in caplog.text
+    checkpoints.begun(state)
+    monkeypatch.setattr(race_checkpoints, "_MOST_BYTES", 100)
+    checkpoints.judged(judged(-4.0, 2.0))
+    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
+    assert (start.incumbent.mean, start.state) == (-4.0, None)
 
 
 @pytest.fixture
