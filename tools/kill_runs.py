@@ -1,10 +1,15 @@
 """Kills runs of mdpo-plan at random moments, resumes them, and compares with an unbroken run.
 
     python tools/kill_runs.py --kills 100
+    python tools/kill_runs.py --races --kills 30
 
 A toy problem is trained with a checkpoint every twentieth of a second, so that many of the kills
 fall into the writing of one. What is compared: the policy's parameters, the history and the noise,
 bit for bit.
+
+Of races, what is looked at after each kill is the checkpoint: neither the incumbent's return nor
+the seconds, the slices of the arms and the parts that are over may be less than after the kill
+before; and the result of the race is not worse than the last incumbent.
 """
 
 import argparse
@@ -17,8 +22,12 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from shelves import same, write_problem
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.policy.container import read_container
 
 
 def command(folder: Path, out: str, iterations: int) -> list[str]:
@@ -29,17 +38,34 @@ def command(folder: Path, out: str, iterations: int) -> list[str]:
     return [sys.executable, "-m", "mdpo_rddl.cli.plan", *files, *options.split(), *where]
 
 
+def race_command(folder: Path, out: str, seconds: float) -> list[str]:
+    """A race that leaves a checkpoint twice a second."""
+    files = [str(folder / "shelves.rddl"), str(folder / "three.rddl")]
+    options = f"--seconds {seconds} --episodes 1 --quiet --resume --checkpoint-seconds 0.5"
+    where = ["--out", str(folder / out)]
+    return [sys.executable, "-m", "mdpo_rddl.cli.plan", *files, *options.split(), *where]
+
+
 def newest(folder: Path) -> int:
     """When the newest checkpoint was written."""
     times = []
-    for path in folder.glob("checkpoint-*.safetensors"):
+    for path in folder.glob("*-?.safetensors"):
         with contextlib.suppress(OSError):  # replaced meanwhile
             times.append(path.stat().st_mtime_ns)
     return max(times, default=0)
 
 
-def kill_once(arguments: list[str], unfinished: Path, chance: random.Random) -> str:
-    """Starts the run and kills it; "finished" if that came too late."""
+def kill_once(
+    arguments: list[str], unfinished: Path, chance: random.Random, longest: float = 0.4
+) -> str:
+    """Starts the run and kills it; "finished" if that came too late.
+
+    Args:
+      arguments: of the run.
+      unfinished: where its checkpoints are.
+      chance: when.
+      longest: seconds after a checkpoint, for most kills.
+    """
     before = newest(unfinished)
     with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as process:
         if chance.random() < 0.2:  # anywhere, the start among it
@@ -48,7 +74,7 @@ def kill_once(arguments: list[str], unfinished: Path, chance: random.Random) -> 
             until = float("inf")
         while process.poll() is None and time.monotonic() < until:
             if until == float("inf") and newest(unfinished) > before:
-                until = time.monotonic() + chance.uniform(0.0, 0.4)
+                until = time.monotonic() + chance.uniform(0.0, longest)
             time.sleep(0.002)
         process.kill()
         error = process.communicate()[1]
@@ -57,18 +83,85 @@ def kill_once(arguments: list[str], unfinished: Path, chance: random.Random) -> 
     return "finished" if process.returncode == 0 else f"status {process.returncode}: {error}"
 
 
+class Left(NamedTuple):
+    """What a race has left: each part of it may only grow."""
+
+    mean: float
+    seconds: float
+    slices: dict[str, int]
+    over: frozenset[str]
+
+    def lost_since(self, before: "Left") -> list[str]:
+        """What there was less of than before."""
+        lost = [name for name in ("mean", "seconds") if getattr(self, name) < getattr(before, name)]
+        fewer = [name for name, count in before.slices.items() if self.slices.get(name, 0) < count]
+        return lost + fewer + sorted(before.over - self.over)
+
+
+def left(folder: Path) -> Left | None:
+    """What the newest checkpoint that can be read holds; None if there is none."""
+    found = []
+    for path in sorted(folder.glob("incumbent-?.safetensors")):
+        with contextlib.suppress(InputError):
+            text, _ = read_container(path, ("mdpo-rddl race 3",))
+            race = json.loads(text["state"])["race"]
+            slices = {name: log["slices"] for name, log in race["logs"].items()}
+            about = json.loads(text["about"])[0]
+            over = frozenset(race["marks"]["over"])
+            one = Left(about["mean"], float(text["seconds"]), slices, over)
+            found.append((int(text["number"]), one))
+    return max(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def kill_races(folder: Path, kills: int, seconds: float, chance: random.Random) -> bool:
+    """Kills races until there were so many kills; whether nothing was lost."""
+    figures = {"kills": 0, "with a checkpoint": 0, "races": 0, "seconds": [], "failures": []}
+    failures = figures["failures"]
+    while figures["kills"] < kills:
+        out, before, end = f"race{figures['races']}", None, "killed"
+        arguments, unfinished = race_command(folder, out, seconds), folder / f"{out}.unfinished"
+        while end == "killed" and figures["kills"] < kills:
+            end = kill_once(arguments, unfinished, chance, longest=seconds / 4)
+            if end != "killed":
+                break
+            figures["kills"] += 1
+            now = left(unfinished)
+            figures["with a checkpoint"] += now is not None
+            if before is not None:
+                failures += ["the checkpoint"] if now is None else now.lost_since(before)
+            before = now or before
+            print(json.dumps(figures), flush=True)
+        if end == "killed":
+            end = "finished" if subprocess.run(arguments).returncode == 0 else "failed"
+        figures["races"] += 1
+        if end != "finished":
+            failures.append(end)
+            continue
+        race = json.loads((folder / out / "summary.json").read_text())["auto"]
+        means = [one["mean_return"] for one in race["candidates"] if one["became_incumbent"]]
+        figures["seconds"].append(race["seconds"])
+        if before is not None and max(means) < before.mean:
+            failures.append(f"{max(means)} after {before.mean}")
+        print(json.dumps(figures), flush=True)
+    return not failures
+
+
 def main() -> int:
     """Runs the campaign; the exit status is 0 if nothing was lost."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--iterations", type=int, default=6_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--races", action="store_true")
+    parser.add_argument("--seconds", type=float, default=40.0, help="of a race")
     options = parser.parse_args()
     chance = random.Random(options.seed)
     figures = {"kills": 0, "runs": 0, "same": 0, "failures": []}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_problem(folder)
+        if options.races:
+            return int(not kill_races(folder, options.kills, options.seconds, chance))
         subprocess.run(command(folder, "whole", options.iterations), check=True)
         while figures["kills"] < options.kills:
             out = f"run{figures['runs']}"

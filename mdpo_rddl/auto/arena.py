@@ -29,6 +29,10 @@ def _ignore(progress: Progress) -> None:
     del progress
 
 
+def _ignore_pulse() -> None:
+    pass
+
+
 @dataclass(frozen=True, eq=False)
 class Arena:
     """Where arms meet: what they are given, and through the judge what others have found.
@@ -47,6 +51,7 @@ class Arena:
       began: when the race began, by the clock.
       most_iterations: of one training with a gradient.
       on_progress: called while such a training goes on.
+      pulse: to be called between two iterations of a slice, when the arm's state is whole.
     """
 
     problem: Problem
@@ -61,6 +66,7 @@ class Arena:
     began: float = 0.0
     most_iterations: int = UNLIMITED
     on_progress: Callable[[Progress], None] = _ignore
+    pulse: Callable[[], None] = _ignore_pulse
 
     @property
     def plan(self) -> FeedbackPlan:
@@ -98,7 +104,9 @@ class Arena:
     @cached_property
     def plans(self) -> PlanPopulation:
         """Open-loop plans side by side on the exact model; compiled when first played."""
-        return PlanPopulation(self.planner, self.probe, self.seed, self.clock)
+        plans = PlanPopulation(self.planner, self.probe, self.seed, self.clock)
+        plans.on_generation = self.pulse
+        return plans
 
     @cached_property
     def plain(self) -> PlainPlanners:
@@ -115,6 +123,7 @@ class Arena:
 
     def tell(self, progress: Progress) -> None:
         """Passes on how a training gets on, as part of the race and with the best return of all."""
+        self.pulse()
         fraction = (self.clock() - self.began) / (self.deadline - self.began)
         best = max(progress.best_return, self.judge.best_mean)
         self.on_progress(progress._replace(fraction=min(1.0, fraction), best_return=best))

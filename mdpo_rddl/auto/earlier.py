@@ -1,12 +1,17 @@
 """The best policies of a race that was stopped, with which another one goes on."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate, has_structure
+from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.file import SavedTable, problem_identity
+from mdpo_rddl.policy.table import ActionTable, Estimate
+from mdpo_rddl.policy.table_policy import TablePolicy
 
 _NO_NOISE = {"method": "NoNoise"}
 
@@ -17,9 +22,9 @@ class EarlierPolicy:
 
     Attributes:
       config: of its planner.
-      params: of one policy, nested dictionaries of arrays.
+      params: of one policy, nested dictionaries of arrays; None of a table.
       policy_hyperparams: JaxPlan's policy hyperparameters.
-      arm, label, parents, uses_noise, mean, error: as of a `Candidate`.
+      arm, label, parents, uses_noise, mean, error, table: as of a `Candidate`.
     """
 
     config: PlannerConfig
@@ -31,13 +36,19 @@ class EarlierPolicy:
     uses_noise: bool
     mean: float
     error: float
+    table: tuple[ActionTable, Estimate] | None = None
 
     def candidate(self, arena: Arena) -> Candidate:
         """The policy as a candidate: of the arena's planner where it fits, to be judged anew.
 
         Else, and on a large problem, it keeps what the earlier judge has said, whose rollouts had
-        the same seed.
+        the same seed. So does a table.
+
+        Raises:
+          InputError: if a table is not of the arena's problem.
         """
+        if self.table is not None:
+            return self._as_table(arena)
         fits = _plain(self.config) == _plain(arena.config)
         fits = fits and has_structure(arena.planner, self.params, self.policy_hyperparams)
         is_judged = fits and arena.probe.policy_seconds is None
@@ -54,6 +65,21 @@ class EarlierPolicy:
             error=float("inf") if is_judged else self.error,
         )
 
+    def _as_table(self, arena: Arena) -> Candidate:
+        assert self.table is not None
+        saved = SavedTable(*self.table, problem_identity(arena.problem), arena.seed)
+        TablePolicy.from_saved(saved, arena.problem, "the checkpoint")  # raises
+        return Candidate(
+            arm=self.arm,
+            label=self.label,
+            config=self.config,
+            planner=None,
+            params=None,
+            table=self.table,
+            mean=self.mean,
+            error=self.error,
+        )
+
 
 @dataclass(frozen=True)
 class EarlierRace:
@@ -62,16 +88,23 @@ class EarlierRace:
     Attributes:
       seconds: that it had used.
       incumbent: its best policy.
-      others: the best policy of each other arm, from which the arm goes on.
+      others: the best policy of each other arm.
+      state: where the race was; None if that is not known.
     """
 
     seconds: float
     incumbent: EarlierPolicy
     others: tuple[EarlierPolicy, ...] = ()
+    state: RaceState | None = None
 
     def candidates(self, arena: Arena) -> list[Candidate]:
-        """The policies as candidates, the incumbent first."""
-        return [policy.candidate(arena) for policy in (self.incumbent, *self.others)]
+        """The policies as candidates, the incumbent first.
+
+        One whose return is only an estimate of a few episodes, without an error, is left out
+        unless it is judged anew: nothing would be better for certain.
+        """
+        found = [policy.candidate(arena) for policy in (self.incumbent, *self.others)]
+        return [each for each in found if each.mean is None or math.isfinite(each.error)]
 
 
 def _plain(config: PlannerConfig) -> str:

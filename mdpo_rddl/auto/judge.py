@@ -106,8 +106,8 @@ class Judge:
     def record(self, candidate: Candidate) -> bool:
         """Plays a candidate unless its return is known; whether it is the new incumbent.
 
-        A mean that is not finite is worst. A candidate of the incumbent's planner, or a
-        table of the incumbent's arm, must be better;
+        A mean that is not finite is worst. A candidate of the incumbent's planner, or of the arm of
+        one without a planner, must be better;
         one of another planner, whose rollouts need not meet the same random numbers, must be so
         by two standard errors of the difference, taken rollout by rollout where both were played.
 
@@ -163,8 +163,9 @@ class Judge:
         return next(of_label, None)
 
     def _margin(self, candidate: Candidate, best: Candidate, returns: np.ndarray | None) -> float:
-        is_of_the_same = candidate.planner is not None or candidate.arm == best.arm
-        if candidate.planner is best.planner and is_of_the_same:
+        # what another process has left has no planner here, or is a table
+        is_of_one_arm = best.planner is None and candidate.arm == best.arm
+        if is_of_one_arm or (candidate.planner is best.planner and best.planner is not None):
             return 0.0
         others = self._incumbent_returns
         if returns is None or others is None or not np.all(np.isfinite(returns - others)):

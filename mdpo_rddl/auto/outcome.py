@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.auto.arms.base import ArmLog
+from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.build import build_planner

@@ -4,6 +4,7 @@ The exact model is played with constant actions. That costs a second, and says i
 states and actions are of order 1, and which constant action is a good start.
 """
 
+import dataclasses
 import logging
 import math
 import time
@@ -16,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.sizes import is_large
+from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.exact import compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -55,6 +57,52 @@ class Probe:
     deterministic: bool
     certain: bool
     policy_seconds: float | None
+
+    def state(self) -> State:
+        """All of it, for another process."""
+        values = dataclasses.asdict(dataclasses.replace(self, start={}))
+        return State({name: np.asarray(each) for name, each in self.start.items()}, values)
+
+    @classmethod
+    def of(cls, state: State) -> "Probe":
+        """What `state` has made a state of.
+
+        Raises:
+          AttributeError, LookupError, TypeError, ValueError: if it is damaged.
+        """
+        values = dict(state.values)
+        seconds = values["policy_seconds"]
+        found = cls(
+            units={str(name): float(unit) for name, unit in values["units"].items()},
+            state_scales={
+                str(name): (float(center), float(scale))
+                for name, (center, scale) in values["state_scales"].items()
+            },
+            noop_return=float(values["noop_return"]),
+            start={name: state.array(name, values.shape) for name, values in state.tensors.items()},
+            start_return=float(values["start_return"]),
+            deterministic=bool(values["deterministic"]),
+            certain=bool(values["certain"]),
+            policy_seconds=None if seconds is None else float(seconds),
+        )
+        sizes = [*found.units.values(), *(scale for _, scale in found.state_scales.values())]
+        centers = [center for center, _ in found.state_scales.values()]
+        if not (np.isfinite([*sizes, *centers]).all() and all(size > 0.0 for size in sizes)):
+            raise ValueError("its units are none")
+        return found
+
+    def fits(self, planner: MDPOPlanner) -> bool:
+        """Whether it can be of a planner's problem: its fluents and their shapes are.
+
+        Args:
+          planner: with a `FeedbackPlan`.
+        """
+        params = planner.feedback_plan.initializer(jax.random.PRNGKey(0), {}, None)
+        shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
+        starts = {name: values.shape for name, values in self.start.items()}
+        seen = planner.rddl.observ_fluents or planner.rddl.state_fluents
+        is_of_the_states = set(self.state_scales) == set(seen)
+        return starts == shapes and set(self.units) <= set(shapes) and is_of_the_states
 
 
 def probe(

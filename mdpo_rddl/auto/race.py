@@ -2,18 +2,15 @@
 
 import contextlib
 import logging
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 
-from mdpo_rddl.auto.arena import UNLIMITED, Arena
+from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.earlier import EarlierRace
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
     scaled,
@@ -25,8 +22,10 @@ from mdpo_rddl.auto.fitting import (
     without_scales,
 )
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
 from mdpo_rddl.auto.probing import probe
+from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.sizes import plans_fit
 from mdpo_rddl.auto.timing import Clock
@@ -36,7 +35,6 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.missing import missing_package
-from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
@@ -54,51 +52,8 @@ _TRIALS_SHARES = (0.04, 0.06)
 _LATE_SHARE = 0.05
 
 
-def _ignore_stage(name: str) -> None:
-    del name
-
-
-def _ignore_progress(progress: Progress) -> None:
-    del progress
-
-
-def _ignore_judged(judged: Judged) -> None:
-    del judged
-
-
-def _no_candidates(arena: Arena) -> Sequence[Candidate]:
-    del arena
-    return ()
-
-
 _Grounded = tuple[DynamicProgrammingArm | None, TrialsArm | None]
 """The arms that work on the ground model."""
-
-
-@dataclass(frozen=True)
-class RaceOptions:
-    """What has no influence on what a race looks for.
-
-    Attributes:
-      traced_cache: where traced programs are kept from one process to the next, if anywhere.
-      on_stage: called with the name of each part as it begins.
-      on_progress: called while a training with a gradient goes on.
-      on_judged: called with each candidate once the judge has played it.
-      initial: given the arena, policies to begin with, judged after the no-op and the best
-        constant.
-      clock: what everybody asks for the time.
-      most_iterations: of one training with a gradient.
-      earlier: what a race that was stopped has left, whose seconds count as used.
-    """
-
-    traced_cache: Path | None = None
-    on_stage: Callable[[str], None] = _ignore_stage
-    on_progress: Callable[[Progress], None] = _ignore_progress
-    on_judged: Callable[[Judged], None] = _ignore_judged
-    initial: Callable[[Arena], Sequence[Candidate]] = _no_candidates
-    clock: Clock = time.monotonic
-    most_iterations: int = UNLIMITED
-    earlier: EarlierRace | None = None
 
 
 def plan_automatically(
@@ -119,10 +74,14 @@ def plan_automatically(
     """
     options = RaceOptions() if options is None else options
     clock, earlier = options.clock, options.earlier
-    started = clock() - (0.0 if earlier is None else earlier.seconds)
+    used = 0.0 if earlier is None else earlier.seconds
+    started = clock() - used
+    resumption = Resumption(lambda: clock() - started, None if earlier is None else earlier.state)
+    options.on_begun(resumption.snapshot)
     seconds, shares = config.budget().seconds, _shares(config)
-    wanted = shares.alternatives and seconds >= _JAXPLAN_SECONDS
-    with Alternatives(problem, seed, seconds, wanted) as alternatives, _one_line_errors(problem):
+    wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
+    alternatives = Alternatives(problem, seed, seconds - used, wanted)
+    with alternatives, _one_line_errors(problem):
         exact = _dynamic_programming_arm(problem, config, clock)
         if exact is not None:
             options.on_stage("enumerating")
@@ -136,18 +95,20 @@ def plan_automatically(
         trials: TrialsArm | None = None
         try:
             if exact is not None:
-                # a race that goes on shares what is left
-                now = clock()
-                exact.work(now + shares.optimum_until * max(0.0, started + seconds - now))
+                resumption.enter(exact)
+                _enumerate(exact, resumption, shares.optimum_until, started + seconds, clock)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, clock)
                 trials = _trials_arm(problem, config, seed, exact, clock)
             if trials is not None:
                 options.on_stage("searching")
-                _begin(trials, seconds, started + seconds, clock)
+                resumption.enter(trials)
+                if not resumption.marks.is_over(TRIALS):
+                    _begin(trials, seconds, started + seconds, clock)
+                resumption.marks.ended(TRIALS)
             options.on_stage("probing")
-            arena = _arena(problem, config, seed, started, options)
-            return _raced(arena, shares, (exact, trials), alternatives, options)
+            arena = _arena(problem, config, seed, started, options, resumption)
+            return _raced(arena, shares, (exact, trials), alternatives, options, resumption)
         except (KeyboardInterrupt, Cancelled):
             # what an earlier race has left stays for the next one
             if exact is None or first is None:
@@ -162,6 +123,7 @@ def _raced(
     grounded: _Grounded,
     alternatives: Alternatives,
     options: RaceOptions,
+    resumption: Resumption,
 ) -> RaceOutcome:
     """The race of all arms but the exact one.
 
@@ -171,12 +133,15 @@ def _raced(
     if arena.probe.policy_seconds is not None:
         alternatives.stop()  # its memory is needed
     initial = [*options.initial(arena)]
-    if options.earlier is not None:
-        initial += options.earlier.candidates(arena)
-    schedule, interrupted = Schedule(arena, shares, options.on_stage, initial), False
+    schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
+    interrupted = False
     exact, schedule.early = grounded
     schedule.arms += [] if exact is None else [exact]
     try:
+        if options.earlier is not None:
+            # the first is the incumbent whatever its error, so that the result is not worse
+            for candidate in options.earlier.candidates(arena):
+                arena.judge.record(candidate)
         schedule.run()
         late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
         if alternatives.started:
@@ -190,7 +155,9 @@ def _raced(
         interrupted = True
     finally:
         arena.compilations.close()
-    return _outcome(schedule, arena, interrupted)
+        for arm in schedule.arms:
+            arm.close()
+    return _outcome(schedule, arena, resumption, interrupted)
 
 
 def _shares(config: PlannerConfig) -> Shares:
@@ -204,6 +171,23 @@ def _dynamic_programming_arm(
     if _shares(config).optimum_until == 0.0 or not is_discrete(problem):
         return None
     return DynamicProgrammingArm(problem, config, clock)
+
+
+def _enumerate(
+    exact: DynamicProgrammingArm,
+    resumption: Resumption,
+    share: float,
+    deadline: float,
+    clock: Clock,
+) -> None:
+    """Looks for the optimum for a share of what is left; an arm that has given up has a model."""
+    now = clock()
+    until = now + share * max(0.0, deadline - now)
+    if not resumption.marks.is_over(exact.name):
+        exact.work(until)
+    elif resumption.goes_on(TRIALS):
+        exact.ground(until)
+    resumption.marks.ended(exact.name)
 
 
 def _only(
@@ -268,7 +252,12 @@ def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -
 
 
 def _arena(
-    problem: Problem, config: PlannerConfig, seed: int, began: float, options: RaceOptions
+    problem: Problem,
+    config: PlannerConfig,
+    seed: int,
+    began: float,
+    options: RaceOptions,
+    resumption: Resumption | None = None,
 ) -> Arena:
     """Probes, and compiles the planner that suits the problem."""
     clock, shares = options.clock, _shares(config)
@@ -276,7 +265,11 @@ def _arena(
     config = config.without_section(SEARCH)
     # the same for all seeds, whose programs then are the same too
     bare = build_planner(problem, without_scales(config)).planner
-    seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
+    seen = None if resumption is None else resumption.probe
+    if seen is None or not seen.fits(bare):
+        seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
+    if resumption is not None:
+        resumption.probe = seen
     config = with_lifted_layer(with_memory(scaled(config, seen), problem), problem)
     large = seen.policy_seconds is not None
     if large:
@@ -299,14 +292,17 @@ def _arena(
         began=began,
         most_iterations=options.most_iterations,
         on_progress=options.on_progress,
+        pulse=options.on_pulse,
     )
 
 
-def _outcome(schedule: Schedule, arena: Arena, interrupted: bool) -> RaceOutcome:
+def _outcome(
+    schedule: Schedule, arena: Arena, resumption: Resumption, interrupted: bool
+) -> RaceOutcome:
     seconds, chosen = arena.clock() - arena.began, arena.judge.incumbent
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
-    logs = [arm.log for arm in schedule.arms]
+    logs = [*resumption.left_out(schedule.arms), *(arm.log for arm in schedule.arms)]
     policy = policy_of(chosen, arena.problem, arena.seed)
     if isinstance(policy, Policy):
         candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)

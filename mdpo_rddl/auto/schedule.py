@@ -17,12 +17,12 @@ comes first. JaxPlan's default planners are trained meanwhile, in a second proce
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 from mdpo_rddl.auto.affording import PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
@@ -33,9 +33,10 @@ from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.polishing import polishing_arm
-from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, next_contender, raising
+from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.rounds import Contender, next_contender
+from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices
 from mdpo_rddl.auto.unsearched import known_without_rollouts
-from mdpo_rddl.errors import Cancelled, one_line_cause
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -44,19 +45,18 @@ logger = logging.getLogger(__name__)
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
 # for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
-_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING = 0.45, 0.4, 0.6
+_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.6
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
+# names of the parts of those two
+_LEARNING, _PLAN_FIRST = "learning", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
-# of all the time: a slice; and each of an arm's first ones, of a slice
-_SLICE_SHARE, _SHORTEST_SECONDS, _FIRST_SLICE = 1 / 16, 0.5, 0.5
 
 
-class Schedule:
+class Schedule(Slices):
     """Which arm works when.
 
     Attributes:
-      arms: those that were given any time, in the order in which they began.
       early: an arm that needs no compilation, to be tried before those that do.
       random_return: mean return of random actions; None if it was not measured.
     """
@@ -67,6 +67,7 @@ class Schedule:
         shares: Shares,
         on_stage: Callable[[str], None],
         initial: Sequence[Candidate] = (),
+        resumption: Resumption | None = None,
     ) -> None:
         """Does nothing yet.
 
@@ -75,15 +76,13 @@ class Schedule:
           shares: of the time, and which arms are left out.
           on_stage: called with the name of each part as it begins.
           initial: policies to begin with, whoever found them.
+          resumption: where the race goes on; None if it begins.
         """
-        self._arena, self._shares, self._on_stage = arena, shares, on_stage
-        self._initial, self._judge, self._affording = initial, arena.judge, Affording(arena)
+        super().__init__(arena, on_stage, resumption)
+        self._shares, self._initial, self._affording = shares, initial, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
-        self.arms: list[Arm] = []
         self.early: Arm | None = None
         self.random_return: float | None = None
-        self._has_plan = False
-        self._contenders: list[Contender] = []
 
     def run(self) -> None:
         """Gives arms their slices until the time is over."""
@@ -96,27 +95,37 @@ class Schedule:
         for candidate in self._initial:
             judge.record(candidate)
         if self.early is not None:
-            self._try_early(self.early, arena.until(_EARLY_SHARE))
+            self._try_early(self.early, self._end("early", _EARLY_SHARE))
         if not self._affording.population():
             logger.warning("there is too little time to search: compilation takes so long")
             if self.early is not None:
                 self._end_with(self.early)
             return
-        self._begin_with(self._entrants.learner(arena.until(_LEARNING)), _LEARNING)
+        self._search(simple)
+
+    def _search(self, simple: SimpleArm) -> None:
+        """Everything that needs a population of rollouts."""
+        arena = self._arena
+        learner = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE))
+        self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
         # before the population, whose program takes longer
-        until = arena.until(self._shares.rounds_until)
+        until = self._end("all", self._shares.rounds_until)
         exploration = self._opened(self._entrants.exploration(), until)
         self._on_stage("searching")
-        self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
+        for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
+            self.give(simple, until)
         if arena.has_plan and self._affording.population():
-            self.random_return = arena.plans.random_return(arena.noop)
+            random = self._marks.decided("random", lambda: arena.plans.random_return(arena.noop))
+            self.random_return = float(random)
         if exploration is not None and not exploration.slices:
             # what it finds decides what comes first
             self._first_slice(exploration, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if not self._finds_reward():
-            self.give(simple, arena.until(_MORE_RULES_SHARE))
-        go_on = self._improve if self._finds_reward() else self._explore
+            for until in self._once("more rules", _MORE_RULES_SHARE):
+                self.give(simple, until)
+        improves = self._marks.decided("improves", self._finds_reward)
+        go_on = self._improve if improves else self._explore
         go_on(shared)
 
     def _end_with_constant(self) -> None:
@@ -128,22 +137,12 @@ class Schedule:
 
     def _try_early(self, arm: Arm, until: float) -> None:
         """Slices for one that may have worked already, while each finds a better policy."""
-        self.arms.append(arm)
+        self._enter(arm)
         is_better = self._judge_candidates(arm)
-        contender = Contender(arm, lambda: arm.reached)
-        self._contenders.append(contender)
+        contender = self._contend(arm, lambda: arm.reached)
         self._on_stage("searching")
         if is_better:
             self._give_while(contender, until, lambda: self._judge.best_mean)
-
-    def _give_while(self, one: Contender, until: float, reached: Reached, by: float = 0.0) -> None:
-        """Slices for one arm, as long as each of them raises a return by more than that."""
-        for _ in raising(reached, by):
-            # what plays its policies may be compiled still, and nothing is gained before
-            one.arm.await_program(min(until, self._arena.clock() + self._slice_seconds))
-            if one.arm.is_exhausted or until - self._arena.clock() <= _SHORTEST_SECONDS:
-                break
-            self._give_slice(one, until)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""
@@ -152,38 +151,13 @@ class Schedule:
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat
 
-    def give(self, arm: Arm, until: float) -> bool:
-        """Gives an arm a slice of time and judges what it finds; none once the race is over.
+    def _end(self, part: str, share: float) -> float:
+        """The end of a part that begins now, or of one that had begun in an earlier process."""
+        return self._marks.end(part, self._arena, self._arena.until(share))
 
-        Returns:
-          Whether one of its candidates became the incumbent.
-
-        Raises:
-          KeyboardInterrupt: if interrupted, once what was found till then was judged.
-        """
-        is_over = self._arena.clock() >= max(until, self._arena.deadline)
-        if is_over and self._judge.incumbent is not None:
-            return False
-        if arm not in self.arms:
-            self.arms.append(arm)
-        try:
-            arm.work(until)
-        except (KeyboardInterrupt, Cancelled):
-            self._judge_candidates(arm)
-            raise
-        except Exception as error:  # the other arms find a policy without this one
-            if self._judge.incumbent is None:
-                raise
-            logger.warning("%s is given up: %s", arm.name, one_line_cause(error))
-            arm.is_exhausted = True
-        return self._judge_candidates(arm)
-
-    def _judge_candidates(self, arm: Arm) -> bool:
-        is_better = False
-        for candidate in arm.take_candidates():
-            is_better |= self._judge.record(candidate)
-            arm.judged(self._judge.judged[-1].candidate)
-        return is_better
+    def _once(self, part: str, share: float) -> Iterator[float]:
+        """One turn with the end of a part, or none if it is over."""
+        return self._marks.once(part, self._arena, self._arena.until(share))
 
     def _explore(self, shared: SharedWeightsArm) -> None:
         """For problems in which neither a constant nor a random rule beats the no-op."""
@@ -191,14 +165,16 @@ class Schedule:
         exploration = ExplorationArm(arena)
         # less where a net has found something already
         share = _EXPLORATION_SHARE * (_LESS if self._beats_noop(self._best) else 1.0)
-        self._search_plans(exploration, arena.until(share))
+        for until in self._once("exploration", share):
+            self._search_plans(exploration, until)
         if not self._beats_noop(arena.incumbent) or not arena.plans.deterministic:
-            self.give(shared, arena.until(self._shares.shared_until))
-            self._has_plan &= arena.incumbent.arm == exploration.name
-        if not self._beats_noop(arena.incumbent):
-            self._contenders.append(Contender(exploration, lambda: arena.incumbent.mean))
-        found = self._beats_noop(self._best)
-        rounds_until = arena.until(self._shares.rounds_until if found else _OTHERS_SHARE)
+            for until in self._once("shared weights", self._shares.shared_until):
+                self.give(shared, until)
+                self._has_plan &= arena.incumbent.arm == exploration.name
+        if self._marks.decided("explores on", lambda: not self._beats_noop(arena.incumbent)):
+            self._contend(exploration, lambda: arena.incumbent.mean)
+        found = self._marks.decided("found", lambda: self._beats_noop(self._best))
+        rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_programs(rounds_until, METHODS)
         self._compete(rounds_until, polishing=found)
         if self._beats_noop(self._best):
@@ -217,18 +193,31 @@ class Schedule:
         """For problems in which a constant or a random rule beats the no-op."""
         arena, shares = self._arena, self._shares
         plan = self._entrants.straight_line(arena.until(shares.rounds_until))
-        self._begin_with(plan, _PLAN_SHARE, _LEAST_GAIN)
-        parts = shares.shared_until, shares.own_until, shares.rounds_until
-        shared_until, own_until, rounds_until = (arena.until(share) for share in parts)
-        self.give(shared, shared_until)
+        self._begin_with(_PLAN_FIRST, plan, _PLAN_SHARE, _LEAST_GAIN)
+        shared_until = self._end("shared weights", shares.shared_until)
+        own_until = self._end("own weights", shares.own_until)
+        rounds_until = self._end("rounds", shares.rounds_until)
+        for until in self._marks.once("shared weights", arena, shared_until):
+            self.give(shared, until)
         if arena.has_plan:
-            self._search_plans(PlanArm("plan", arena, Evolving()), own_until)
+            for until in self._marks.once("plan", arena, own_until):
+                self._search_plans(PlanArm("plan", arena, Evolving()), until)
         if not self._has_plan:
             around = Around(begins_with=SHARED_WEIGHTS)
-            self.give(OwnWeightsArm("own weights", arena, around), own_until)
+            for until in self._marks.once("own weights", arena, own_until):
+                self.give(OwnWeightsArm("own weights", arena, around), until)
         self._open_programs(rounds_until, (GRADIENT, *METHODS))
         self._compete(rounds_until)
         self._finish()
+
+    @property
+    def _has_plan(self) -> bool:
+        """Whether its plan is what has made the best feedback policy the best."""
+        return bool(self._marks.decided("has plan", lambda: False))
+
+    @_has_plan.setter
+    def _has_plan(self, value: bool) -> None:
+        self._marks.decide("has plan", value)
 
     def _search_plans(self, arm: Arm, until: float) -> None:
         """Whether its plan is the best feedback policy decides what is polished."""
@@ -245,56 +234,21 @@ class Schedule:
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
 
-    def _begin_with(self, arm: CompilingArm | None, share: float, least_gain: float = 0.0) -> None:
+    def _begin_with(
+        self, part: str, arm: CompilingArm | None, share: float, least_gain: float = 0.0
+    ) -> None:
         """Slices before others', while each gains such a share of what the first has gained."""
-        arena, until = self._arena, self._arena.until(share)
-        contender = self._opened(arm, arena.until(self._shares.rounds_until))
-        if arm is None or contender is None:
+        if arm is None:
             return
+        arena, until = self._arena, self._end(part, share)
+        rounds_until = arena.until(self._shares.rounds_until)
+        contender = self._open(arm, until, self._affording.patience(rounds_until))
         if not contender.slices:
             self._first_slice(contender, arena.until(PATIENCE))
         if contender.slices:
             gain = abs(contender.level - arena.probe.noop_return)
-            self._give_while(contender, until, lambda: arm.progress, least_gain * gain)
-
-    def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
-        """Lets an arm that must compile begin; it competes from then on.
-
-        Args:
-          arm: that has not begun.
-          until: when its first slice ends at the latest, if it has one now.
-          patience: how long its compilation is waited for, by the clock.
-        """
-        arena = self._arena
-        self._on_stage("compiling")
-        self.arms.append(arm)
-        arm.begin(patience)
-        reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.reached)
-        contender = Contender(arm, reached)
-        self._contenders.append(contender)
-        if not arm.is_pending:
-            self._give_slice(contender, until)
-        return contender
-
-    def _first_slice(self, contender: Contender, until: float) -> None:
-        """Waits for a compilation, and gives the arm its first slice if that ends in time."""
-        contender.arm.await_program(until)
-        if not contender.arm.is_pending:
-            self._give_slice(contender, until)
-
-    def _give_slice(self, contender: Contender, until: float) -> None:
-        arena = self._arena
-        before, started = contender.reached(), arena.clock()
-        share = _FIRST_SLICE if contender.slices < FIRST_SLICES else 1.0
-        self.give(contender.arm, min(started + share * self._slice_seconds, until))
-        contender.note(before, arena.clock() - started)
-        for other in self._contenders:
-            other.waited = 0 if other is contender else other.waited + 1
-
-    @property
-    def _slice_seconds(self) -> float:
-        arena = self._arena
-        return max(_SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
+            for _ in self._marks.once(part, arena, until):
+                self._give_while(contender, until, lambda: arm.progress, least_gain * gain)
 
     def _compete(self, until: float, polishing: bool = True) -> None:
         """Rounds of slices, each for the arm that promises most.
@@ -305,19 +259,20 @@ class Schedule:
         """
         arena, judge = self._arena, self._judge
         if polishing:
-            self._contenders.append(Contender(self._polisher, lambda: arena.incumbent.mean))
+            self._contend(self._polisher, lambda: arena.incumbent.mean)
         self._on_stage("racing")
-        number = 0
-        while (left := until - arena.clock()) > _SHORTEST_SECONDS:
+        number = int(self._marks.decided("slices", lambda: 0))
+        while (left := until - arena.clock()) > SHORTEST_SECONDS:
             chosen = next_contender(self._contenders, number, judge.best_mean, left)
             if chosen is not None:
                 self._give_slice(chosen, until)
                 number += 1
+                self._marks.decide("slices", number)
                 continue
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
             if not pending:
                 break
-            pending[0].await_program(min(until, arena.clock() + _SHORTEST_SECONDS))
+            pending[0].await_program(min(until, arena.clock() + SHORTEST_SECONDS))
 
     def _finish(self) -> None:
         """The rest of the time is for whoever leads."""
@@ -341,7 +296,7 @@ class Schedule:
             elif waiting.arm.is_pending and not leader.is_exhausted:
                 self.give(leader, min(arena.deadline, now + self._slice_seconds))
             else:
-                self._first_slice(waiting, min(arena.deadline, now + _SHORTEST_SECONDS))
+                self._first_slice(waiting, min(arena.deadline, now + SHORTEST_SECONDS))
 
     @cached_property
     def _polisher(self) -> Arm:

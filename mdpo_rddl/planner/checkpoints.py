@@ -56,6 +56,24 @@ class Checkpoints:
     resumed: TrainingState | None = None
 
 
+class PlainLoop:
+    """The callbacks of a training without checkpoints."""
+
+    def __init__(self, built: Built[MDPOPlanner]) -> None:
+        """Has found nothing yet."""
+        self.found = Found(built.planner.in_calls)
+        self.callbacks = built.callbacks
+
+    def passed(self, callback: Mapping[str, Any]) -> None:
+        """Keeps nothing."""
+
+    def save(self) -> None:
+        """Keeps nothing."""
+
+    def latest(self) -> None:
+        """Has no state."""
+
+
 class CheckpointedLoop:
     """The callbacks of a training that leaves checkpoints, or goes on from one."""
 
@@ -79,6 +97,7 @@ class CheckpointedLoop:
             self.found = Found.resumed(planner.in_calls, found, structure, shape)
         self._loop = WatchedLoop(planner, built.arguments.get("stopping_rule"), loop)
         self._latest: Callable[[], TrainingState] | None = None
+        self._saved = state
         self._saved_at = self._began = time.monotonic()
 
     def callbacks(self, key: Any, budget: Budget) -> Iterator[dict[str, Any]]:
@@ -130,11 +149,15 @@ class CheckpointedLoop:
         if now - self._saved_at >= self._checkpoints.seconds:
             self.save()
 
+    def latest(self) -> TrainingState | None:
+        """The state after the last iteration, or the one that it begins with; None if neither."""
+        return self._saved if self._latest is None else self._latest()
+
     def save(self) -> None:
         """Leaves a checkpoint of the last iteration, unless it was the last one of all."""
         if self._latest is not None:
-            self._checkpoints.save(self._latest())
-            self._latest = None
+            self._saved, self._latest = self._latest(), None
+            self._checkpoints.save(self._saved)
         self._saved_at = time.monotonic()
 
 

@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,7 +12,12 @@ import numpy as np
 
 from mdpo_rddl.errors import Cancelled, InputError, one_line_cause
 from mdpo_rddl.planner.built import Built
-from mdpo_rddl.planner.checkpoints import CheckpointedLoop, Checkpoints
+from mdpo_rddl.planner.checkpoints import (
+    CheckpointedLoop,
+    Checkpoints,
+    PlainLoop,
+    TrainingState,
+)
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.diagnosis import what_to_try
 from mdpo_rddl.planner.first_iteration import force_compilation
@@ -209,6 +214,18 @@ class Training:
             self._loop.save()
         self.train_seconds = before + time.perf_counter() - started
 
+    def state(self) -> TrainingState | None:
+        """With which another training goes on, asked for between two iterations.
+
+        None of a training without `checkpoints`, and before the first iteration.
+        """
+        return self._loop.latest()
+
+    def close(self) -> None:
+        """Ends the loop, whose planner another training may then use."""
+        if isinstance(self._callbacks, Generator):
+            self._callbacks.close()
+
     def result(self, **limits: float) -> TrainingResult:
         """What was found so far; at least one iteration must be done.
 
@@ -261,28 +278,16 @@ class Training:
             logger.info("training ended after %d iterations: %s", iteration + 1, self._status)
 
 
-class _Loop:
-    """The callbacks of a training without checkpoints."""
-
-    def __init__(self, built: Built[MDPOPlanner]) -> None:
-        self.found = Found(built.planner.in_calls)
-        self.callbacks = built.callbacks
-
-    def passed(self, callback: Mapping[str, Any]) -> None:
-        """Keeps nothing."""
-
-    def save(self) -> None:
-        """Keeps nothing."""
-
-
-def _loop(built: Built[MDPOPlanner], checkpoints: Checkpoints | None) -> _Loop | CheckpointedLoop:
+def _loop(
+    built: Built[MDPOPlanner], checkpoints: Checkpoints | None
+) -> PlainLoop | CheckpointedLoop:
     """The loop of a training, with the state of an earlier one if there is any.
 
     Raises:
       InputError: if a checkpoint does not fit the planner.
     """
     if checkpoints is None:
-        return _Loop(built)
+        return PlainLoop(built)
     try:
         if checkpoints.resumed is not None:
             _ = [int(size) for size in checkpoints.resumed.numbers["call"]]

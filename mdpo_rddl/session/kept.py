@@ -80,6 +80,8 @@ class KeptPair(Generic[Kept]):
         text, tensors = read_container(path, (self._format,), path.parent)
         try:
             terms, number = json.loads(text["terms"]), int(text["number"])
+            if number < 0:
+                raise ValueError(f"number {number}")
             differing = [name for name in self._terms if terms[name] != self._terms[name]]
             kept = self._parse(text, tensors)
         except (

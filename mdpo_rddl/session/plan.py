@@ -177,6 +177,8 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
         on_progress=reporter.training,
         on_judged=judged,
         earlier=kept.start,
+        on_begun=kept.begun,
+        on_pulse=kept.pulse,
     )
     outcome = find_by_race(without_choice(request), reporter, options)
     if outcome.interrupted:

@@ -1,6 +1,7 @@
-"""What a race leaves behind if it is stopped: the best policy of each arm, and the seconds used."""
+"""What a race leaves behind if it is stopped: the best policy of each arm, and where it was."""
 
 import json
+import logging
 import math
 import time
 from collections.abc import Mapping
@@ -10,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.policy.container import Metadata, Tensors
+from mdpo_rddl.policy.container import MOST_POLICY_BYTES, Metadata, Tensors
 from mdpo_rddl.policy.file import flatten, unflatten
+from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
 from mdpo_rddl.session.kept import KeptPair
 from mdpo_rddl.session.requests import FindTerms
 from mdpo_rddl.session.unfinished import RACE_FILES
@@ -20,12 +23,21 @@ from mdpo_rddl.session.unfinished import RACE_FILES
 if TYPE_CHECKING:
     from mdpo_rddl.auto.candidate import Candidate, Judged
     from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
+    from mdpo_rddl.auto.race_state import RaceState
+    from mdpo_rddl.auto.resumption import Snapshot
 
-_FORMAT = "mdpo-rddl race 2"
+logger = logging.getLogger(__name__)
+
+_FORMAT = "mdpo-rddl race 3"
+_STATE = "state/"
+# of a file that can be read again, with room for its text
+_MOST_BYTES = MOST_POLICY_BYTES - 2**24
+# what a checkpoint may take at any time; of the race, if it takes longer
+_CHEAP_SECONDS, _MOST_SHARE = 0.1, 0.05
 
 
 class RaceCheckpoints:
-    """The best policies of a race, written when there is a new incumbent and now and then.
+    """A race's best policies and its state, written with a new incumbent and now and then.
 
     Attributes:
       start: what an earlier process has left; None if nothing.
@@ -37,7 +49,7 @@ class RaceCheckpoints:
         Args:
           folder: that is there.
           terms: what is planned.
-          seconds: from one checkpoint to the next at most, while candidates are judged.
+          seconds: from one checkpoint to the next, while no incumbent is found.
 
         Raises:
           InputError: if there is something that cannot be used.
@@ -48,25 +60,41 @@ class RaceCheckpoints:
         self._seconds = seconds
         self._incumbent: Candidate | None = None
         self._best: dict[str, Candidate] = {}
-        self._saved_at = -math.inf
+        self._saved_at, self._cost, self._has_new = -math.inf, 0.0, False
+        self._snapshot: Snapshot | None = None
+
+    def begun(self, snapshot: "Snapshot") -> None:
+        """A race has begun; what is given says where it is."""
+        self._snapshot = snapshot
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
         found = judged.candidate
-        if found.params is not None:  # a table is found anew
+        if _is_policy(found):
             best = self._best.get(found.arm)
             if best is None or found.known_mean > best.known_mean:
                 self._best[found.arm] = found
         if judged.became_incumbent and self._is_kept(found):
             self._incumbent = found
-        now = time.monotonic()
-        if judged.became_incumbent or now - self._saved_at >= self._seconds:
+        self._has_new |= judged.became_incumbent
+        if self._is_due:
             self._save(judged.seconds)
-            self._saved_at = now
+
+    def pulse(self) -> None:
+        """An arm is between two iterations."""
+        if self._is_due:
+            self._save()
+
+    @property
+    def _is_due(self) -> bool:
+        waited = time.monotonic() - self._saved_at
+        # a new incumbent at once, unless that would take too much of the race
+        is_cheap = self._cost <= _CHEAP_SECONDS or waited >= self._cost / _MOST_SHARE
+        return waited >= self._seconds or (self._has_new and is_cheap)
 
     def _is_kept(self, found: "Candidate") -> bool:
-        """No table, nothing that diverged, nothing worse than what the race began with."""
-        if found.params is None or not math.isfinite(found.known_mean):
+        """No proven optimum, nothing that diverged, nothing worse than what it began with."""
+        if not _is_policy(found) or not math.isfinite(found.known_mean):
             return False
         if self.start is None:
             return True
@@ -77,22 +105,68 @@ class RaceCheckpoints:
         """The race was ended early, after so many seconds."""
         self._save(seconds)
 
-    def _save(self, seconds: float) -> None:
-        if self._incumbent is None:
+    def _save(self, seconds: float | None = None) -> None:
+        started = time.monotonic()
+        self._write(seconds)
+        self._saved_at, self._has_new = time.monotonic(), False
+        self._cost = self._saved_at - started
+
+    def _write(self, seconds: float | None) -> None:
+        if self._incumbent is None and self.start is None:
             return
+        best_so_far: Candidate | EarlierPolicy
+        if self._incumbent is not None:
+            best_so_far = self._incumbent
+        elif self.start is not None:  # it was not judged yet in this race
+            best_so_far = self.start.incumbent
+        state = None if self._snapshot is None else self._snapshot()
+        if seconds is None:
+            assert state is not None
+            seconds = state.seconds
         others: list[Candidate | EarlierPolicy] = [
-            best for best in self._best.values() if best is not self._incumbent
+            best for best in self._best.values() if best is not best_so_far
         ]
         if self.start is not None:  # those that were not judged yet in this race
             others += [policy for policy in self.start.others if policy.arm not in self._best]
         tensors: Tensors = {}
         about: list[dict[str, Any]] = []
         others = [best for best in others if math.isfinite(best.mean or 0.0)]
-        for number, found in enumerate([self._incumbent, *others]):
-            tree = {"params": found.params, "hyperparams": dict(found.policy_hyperparams)}
-            tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
-            about.append({"number": str(number), **_about(found)})
-        self._kept.write(tensors, {"seconds": str(seconds), "about": json.dumps(about)})
+        for number, found in enumerate([best_so_far, *others]):
+            described = {"number": str(number), **_about(found)}
+            if found.table is not None:
+                own = table_tensors(found.table[0])
+                tensors |= {f"{number}/{name}": each for name, each in own.items()}
+                described["table"] = table_text(*found.table)
+            else:
+                tree = {"params": found.params, "hyperparams": dict(found.policy_hyperparams)}
+                tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
+            about.append(described)
+        text = {"seconds": str(seconds), "about": json.dumps(about)}
+        own, words = _flat(state)
+        if sum(each.nbytes for each in (*tensors.values(), *own.values())) < _MOST_BYTES:
+            tensors |= own
+            text |= words
+        self._kept.write(tensors, text)
+
+
+def _flat(state: "RaceState | None") -> tuple[Tensors, Metadata]:
+    """A state as a file holds it; one that cannot be written costs the state, not the race."""
+    if state is None:
+        return {}, {}
+    try:
+        flat = state.flat()
+        tensors = {
+            _STATE + name: np.asarray(each, order="C") for name, each in flat.tensors.items()
+        }
+        return tensors, {"state": json.dumps(dict(flat.values))}
+    except Exception as error:
+        logger.warning("the arms' states are not kept: %s", one_line_cause(error))
+        return {}, {}
+
+
+def _is_policy(found: "Candidate") -> bool:
+    """Whether it can be kept: a proven optimum, which ends the race, is neither of them."""
+    return found.params is not None or found.table is not None
 
 
 def _about(found: "Candidate | EarlierPolicy") -> dict[str, Any]:
@@ -110,22 +184,48 @@ def _about(found: "Candidate | EarlierPolicy") -> dict[str, Any]:
 def _start(text: Metadata, tensors: Tensors) -> "EarlierRace":
     from mdpo_rddl.auto.earlier import EarlierRace
 
-    trees, seconds = unflatten(tensors), float(text["seconds"])
-    incumbent, *others = (
-        _policy(about, trees[about["number"]]) for about in json.loads(text["about"])
-    )
+    seconds = float(text["seconds"])
+    incumbent, *others = (_policy(about, tensors) for about in json.loads(text["about"]))
     if not (math.isfinite(seconds) and seconds >= 0.0):
         raise ValueError("its seconds are not those of a race")
-    return EarlierRace(seconds, incumbent, tuple(others))
+    return EarlierRace(seconds, incumbent, tuple(others), _state(text, tensors))
 
 
-def _policy(about: Mapping[str, Any], tree: Mapping[str, Any]) -> "EarlierPolicy":
+def _state(text: Metadata, tensors: Tensors) -> "RaceState | None":
+    """Where the race was; one that is damaged costs the arms' states, not the policies."""
+    from mdpo_rddl.auto.race_state import RaceState
+    from mdpo_rddl.auto.state import UNFIT, State
+
+    if "state" not in text:
+        return None
+    try:
+        return RaceState.of(State(_part(tensors, _STATE), json.loads(text["state"])))
+    except UNFIT as error:
+        logger.warning("the arms begin anew from their best policies: %s", one_line_cause(error))
+        return None
+
+
+def _part(tensors: Tensors, prefix: str) -> Tensors:
+    return {n.removeprefix(prefix): each for n, each in tensors.items() if n.startswith(prefix)}
+
+
+def _policy(about: Mapping[str, Any], tensors: Tensors) -> "EarlierPolicy":
     from mdpo_rddl.auto.earlier import EarlierPolicy
 
+    own, found = _part(tensors, f"{about['number']}/"), None
+    tree: dict[str, Any] = {"params": None}
+    if "table" in about:
+        table, claim = parse_table(own, about["table"])
+        if not isinstance(claim, Estimate):
+            raise ValueError("its table has no estimate")
+        found = table, claim
+    else:
+        tree = unflatten(own)
     policy = EarlierPolicy(
         config=PlannerConfig.from_text(about["config"], "the checkpoint"),
         params=tree["params"],
         policy_hyperparams=tree.get("hyperparams", {}),
+        table=found,
         arm=str(about["arm"]),
         label=str(about["label"]),
         parents=tuple(map(str, about["parents"])),

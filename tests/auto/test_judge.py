@@ -56,6 +56,13 @@ def test_candidates_of_one_planner_must_be_better_and_others_by_two_errors():
     assert one.best_of(planner).label == "paired"
 
 
+def test_an_arm_goes_on_from_what_another_process_has_left():
+    one = judge()
+    assert one.record(known("left", 0.0, 3.0))
+    assert one.record(known("better", 0.1, 3.0, object()))
+    assert not one.record(dataclasses.replace(known("others", 0.2, 3.0), arm="another"))
+
+
 def test_candidates_are_known_by_their_labels_and_dated():
     one = judge()
     for mean in (1.0, 0.0):

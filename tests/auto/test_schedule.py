@@ -4,6 +4,7 @@ import json
 import threading
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
@@ -22,6 +23,7 @@ from mdpo_rddl.auto import (
 )
 from mdpo_rddl.auto.arms import gradient, jaxplan
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
@@ -70,12 +72,13 @@ def compiled(lake):
 
 @pytest.fixture
 def in_one_arena(compiled, monkeypatch):
-    def as_new(problem, config, seed, began, options):
+    def as_new(problem, config, seed, began, options, resumption=None):
         judge = Judge(128, seed, CLOCK, began)
         judge._players = compiled.judge._players
         deadline = began + config.section("Optimize")["train_seconds"]
-        told = options.on_progress
-        arena = replace(compiled, judge=judge, deadline=deadline, began=began, on_progress=told)
+        times = {"deadline": deadline, "began": began}
+        told = {"on_progress": options.on_progress, "pulse": options.on_pulse}
+        arena = replace(compiled, judge=judge, **times, **told)
         arena.__dict__.update(population=compiled.population, plans=compiled.plans)
         return arena
 
@@ -206,7 +209,7 @@ def test_where_nothing_beats_the_no_op_it_explores(corridor):
 def test_where_exploring_finds_nothing_feedback_is_tried(corridor, monkeypatch):
     monkeypatch.setattr(
         "mdpo_rddl.auto.search.plan_population.PlanPopulation.evolved",
-        lambda self, params, goal, archive=None: params,
+        lambda self, params, goal, archive=None, elites=None: params,
     )
     outcome = raced(corridor, 300.0)
     assert {"plan", "shared weights", "polished"} <= set(means(outcome))
@@ -345,3 +348,32 @@ def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch)
     assert outcome.chosen.label == CONSTANT
     assert outcome.arms == []
     assert outcome.chosen.mean >= outcome.probe.noop_return
+
+
+def test_where_every_arm_is_lost_the_best_so_far_is_kept(
+    lake, in_one_arena, no_gradient, monkeypatch, caplog
+):
+    def lost(arm, until):
+        raise FloatingPointError("nothing is finite")
+
+    names = ("SharedWeightsArm", "PlanArm", "OwnWeightsArm")
+    for name in names:
+        monkeypatch.setattr(getattr(schedule, name), "_work", lost)
+    outcome = raced(lake, 300.0)
+    for name in ("shared weights", "plan", "own weights", "polishing the weights"):
+        assert f"{name} is given up: nothing is finite" in caplog.text
+    assert outcome.chosen.arm == "constants and rules"
+    assert not outcome.interrupted
+    assert outcome.chosen.mean >= means(outcome)[CONSTANT] > means(outcome)[NOOP]
+
+
+def test_where_no_return_of_a_search_is_finite_the_best_so_far_is_kept(
+    lake, in_one_arena, no_gradient, monkeypatch
+):
+    monkeypatch.setattr(
+        PopulationReturns, "__call__", lambda self, weights, number, vectors: vectors[:, 0] * np.nan
+    )
+    outcome = raced(lake, 300.0)
+    assert np.isfinite(outcome.chosen.mean)
+    assert outcome.chosen.mean >= means(outcome)[CONSTANT]
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(outcome.policy.params))

@@ -9,7 +9,8 @@ COUNTS = {
     "configuration": 600,
     "command line": 600,
     "policy file": 400,
-    "policy contents": 200,
+    "policy contents": 100,
+    "race checkpoint": 100,
     "run of mdpo-ipc": 100,
     "RDDL": 100,
 }

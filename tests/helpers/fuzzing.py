@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from helpers import fuzzing_races
 from helpers.config_texts import NOISE, TEXT
 from helpers.plan_command import DOMAIN, INSTANCE
 from mdpo_rddl.cli.option_checks import check_plan_options
@@ -121,6 +122,7 @@ class Fuzzer:
             "policy contents": self.policy_contents,
             "run of mdpo-ipc": self.results,
             "RDDL": self.rddl,
+            "race checkpoint": self.race_checkpoint,
         }
 
     def run(self, kind: str) -> None:
@@ -204,6 +206,13 @@ class Fuzzer:
         texts[which] = mutated(texts[which], self.chance)
         files = ProblemFiles(Path("a.rddl"), Path("b.rddl"), *texts, "fuzz", is_own=True)
         return parse_problem(files, tables=self.folder / "tables")
+
+    def race_checkpoint(self) -> object:
+        """A race's checkpoint that is whole, with something else in it."""
+        folder = self.folder / "race"
+        folder.mkdir(exist_ok=True)
+        fuzzing_races.read(folder, self.chance, mutated)
+        return folder
 
 
 @cache

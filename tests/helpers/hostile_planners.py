@@ -83,6 +83,28 @@ class Garbling(Hostile):
         os.write(line(), b'[5, {"trial": 1, "status": "ok", "total": "a lot"}]\n')
 
 
+class Repeating(Hostile):
+    """Sends answers once more that it has given before."""
+
+    def strike(self):
+        os.write(line(), b'[1, {}]\n[2, {"trial": 0, "status": "ok", "total": 99.0}]\n')
+
+
+class CuttingOff(Hostile):
+    """Begins a message, and never ends it."""
+
+    def strike(self):
+        os.write(line(), b'[3, {"trial": 1, "sta')
+        time.sleep(600)
+
+
+class Lagging(Hostile):
+    """Answers once its time is over."""
+
+    def strike(self):
+        time.sleep(4)
+
+
 class Filling(Hostile):
     """Writes a file without end."""
 

@@ -84,12 +84,18 @@ def full(*arguments: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def test_a_full_disk_leaves_the_last_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
+def test_a_full_disk_leaves_the_last_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuse(*arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
     path = tmp_path / "a"
     write_atomically(path, "old")
-    monkeypatch.setattr(files.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", refuse)
     said = one_line(lambda: write_atomically(path, "new"))
-    assert said == f"{path}: cannot be written: No space left on device"
+    assert said == f"{path}: cannot be written: {os.strerror(number)}"
     assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {"a": "old"}
 
 

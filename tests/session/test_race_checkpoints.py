@@ -7,11 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
 from helpers.problems import assert_same_bits
 
+from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.race_state import RaceState
+from mdpo_rddl.auto.state import State
 from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.policy.container import read_container, write_container
+from mdpo_rddl.policy.table import Estimate, table_tensors
+from mdpo_rddl.session import race_checkpoints
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
 CONFIG = PRESETS["paper"]("tanks")
@@ -90,11 +98,137 @@ def test_seconds_are_kept_between_incumbents_too(tmp_path):
     assert (start.incumbent.mean, start.seconds) == (-5.0, 6.0)
 
 
+def state(seconds: float = 9.0) -> RaceState:
+    log = ArmLog("plan", slices=2, seconds=3.0, iterations=7, best_return=-5.0)
+    flat = State({"elites": np.ones((2, 3))}, {"number": 1})
+    return RaceState(seconds, logs={"plan": log}, states={"plan": flat})
+
+
+def test_where_the_race_is_comes_back_with_its_policies(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
+    checkpoints.begun(state)
+    checkpoints.judged(judged(-5.0, 1.0))
+    checkpoints.pulse()  # too early
+    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
+    assert start.seconds == 1.0
+    assert start.state.logs["plan"].iterations == 7
+    np.testing.assert_array_equal(start.state.states["plan"].tensors["elites"], np.ones((2, 3)))
+    assert start.state.states["plan"].values == {"number": 1}
+    assert_same_bits(start.incumbent.params, {**PARAMS, "b": np.full(2, -5.0, np.float32)})
+
+
+def test_it_is_kept_between_two_iterations_too(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
+    checkpoints.begun(state)
+    checkpoints.pulse()  # there is no policy yet
+    assert list(tmp_path.iterdir()) == []
+    checkpoints.judged(judged(-5.0, 1.0))
+    checkpoints.pulse()
+    again = RaceCheckpoints(tmp_path, terms(), 0.0)
+    assert again.start.seconds == 9.0
+    # a race that goes on keeps what it began with before anything is judged
+    again.begun(lambda: state(11.0))
+    again.pulse()
+    start = RaceCheckpoints(tmp_path, terms(), 0.0).start
+    assert (start.seconds, start.incumbent.mean) == (11.0, -5.0)
+
+
+def test_checkpoints_that_take_long_are_not_written_with_each_incumbent(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
+    checkpoints.judged(judged(-5.0, 1.0))
+    checkpoints._cost = 1.0  # as if it had taken a second
+    checkpoints.judged(judged(-4.0, 2.0))
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.incumbent.mean == -5.0
+    checkpoints._saved_at -= 20.0
+    checkpoints.begun(state)
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.incumbent.mean == -4.0
+    # nothing is new
+    checkpoints._saved_at -= 20.0
+    checkpoints.begun(lambda: state(30.0))
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.seconds == 9.0
+
+
+def test_a_damaged_state_costs_the_state_only(tmp_path, caplog):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
+    checkpoints.begun(lambda: state(float("nan")))
+    checkpoints.judged(judged(-5.0, 1.0))
+    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
+    assert start.incumbent.mean == -5.0
+    assert start.state is None
+    assert "the arms begin anew from their best policies" in caplog.text
+
+
+def test_a_state_that_cannot_be_written_or_is_too_large_costs_the_state_only(
+    tmp_path, caplog, monkeypatch
+):
+    def unwritable() -> RaceState:
+        log = ArmLog("plan", details={"count": np.int64(3)})  # JSON has no such number
+        return RaceState(9.0, logs={"plan": log})
+
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
+    checkpoints.begun(unwritable)
+    checkpoints.judged(judged(-5.0, 1.0))
+    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
+    assert (start.incumbent.mean, start.state) == (-5.0, None)
+    assert "the arms' states are not kept" in caplog.text
+    checkpoints.begun(state)
+    monkeypatch.setattr(race_checkpoints, "_MOST_BYTES", 100)
+    checkpoints.judged(judged(-4.0, 2.0))
+    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
+    assert (start.incumbent.mean, start.state) == (-4.0, None)
+
+
+@pytest.fixture
+def table(tmp_path):
+    problem = toys.walk(tmp_path, 4)
+    found = find_optimum(problem, 30)
+    estimate = Estimate(2.5, 0.1, 512, 0.0, found.optimum.states)
+    arena = SimpleNamespace(problem=problem, seed=3)
+    return arena, Candidate(
+        "trials", "trials", CONFIG, None, None, table=(found.table, estimate), mean=2.5, error=0.1
+    )
+
+
+def test_a_table_comes_back(tmp_path, table):
+    arena, candidate = table
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    start = kept(folder, judged(-5.0, 1.0), Judged(candidate, 2.0, became_incumbent=True))
+    found = start.incumbent.candidate(arena)
+    assert (found.arm, found.mean, found.error) == ("trials", 2.5, 0.1)
+    assert_same_bits(table_tensors(found.table[0]), table_tensors(candidate.table[0]))
+    assert found.table[1] == candidate.table[1]
+    assert [other.arm for other in start.others] == ["plan"]
+
+
+def test_a_table_of_other_fluents_is_refused(tmp_path, table):
+    arena, candidate = table
+    folder, other = tmp_path / "kept", tmp_path / "other"
+    folder.mkdir()
+    other.mkdir()
+    start = kept(folder, Judged(candidate, 2.0, became_incumbent=True))
+    arena.problem = toys.lamp(other, 3)
+    said = one_line(lambda: start.incumbent.candidate(arena))
+    assert said == "the checkpoint: damaged policy file: its fluents are not the problem's"
+
+
 def test_a_damaged_file_leaves_the_one_before(tmp_path):
     kept(tmp_path, judged(-5.0, 1.0), judged(-3.0, 4.0))
     newest = tmp_path / "incumbent-1.safetensors"
     newest.write_bytes(newest.read_bytes()[:-1])
     assert RaceCheckpoints(tmp_path, terms(), 1.0).start.incumbent.mean == -5.0
+
+
+def test_a_checkpoint_without_a_number_is_refused_and_not_overwritten(tmp_path):
+    kept(tmp_path, judged(-5.0, 1.0))
+    (path,) = tmp_path.iterdir()
+    text, tensors = read_container(path, ("mdpo-rddl race 3",))
+    write_container(path, tensors, {**text, "number": "-1"})
+    said = one_line(lambda: RaceCheckpoints(tmp_path, terms(), 1.0))
+    assert said.startswith(f"{path}: damaged checkpoint: ValueError('number -1')")
 
 
 def test_another_problem_s_is_refused(tmp_path):
@@ -129,6 +263,17 @@ def test_a_policy_of_another_planner_keeps_its_return(tmp_path):
     assert candidate.planner is None
     assert (candidate.known_mean, candidate.error) == (-5.0, 0.5)
     assert dataclasses.replace(candidate).config.to_text() == CONFIG.to_text()
+
+
+def test_an_estimate_without_an_error_is_no_candidate_of_the_next_race(tmp_path):
+    guess = judged(-5.0, 1.0)
+    guess = dataclasses.replace(guess, candidate=dataclasses.replace(guess.candidate, error=np.inf))
+    start = kept(tmp_path, guess)
+    assert start.incumbent.mean == -5.0
+    here = arena(CONFIG, ((2, 3), (2,)))
+    assert [candidate.mean for candidate in start.candidates(here)] == [None]
+    other = CONFIG.with_values("Compiler", sigmoid_weight=7)
+    assert start.candidates(arena(other, ((2, 3), (2,)))) == []
 
 
 def test_a_race_that_goes_on_keeps_what_it_began_with_until_there_is_something_better(tmp_path):

@@ -5,52 +5,26 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, has_structure
 from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
-from mdpo_rddl.planner.training import Record, Training, TrainingResult
+from mdpo_rddl.planner.training import Training, TrainingResult
 
 logger = logging.getLogger(__name__)
 
 REPLAY_SECONDS = 2.0
 """To find what is not finite, while the other arms wait."""
-
-
-@dataclass
-class ArmLog:
-    """What an arm was given and what it did.
-
-    Attributes:
-      name: the arm's.
-      slices: of time that it was given.
-      seconds: of all of them, preparation included.
-      compile_seconds: of them, spent in compilation.
-      iterations: done in all slices.
-      best_return: the judge's mean return of its best candidate; None before the first.
-      records: recorded iterations of training with a gradient, if it does that.
-      sigma: the noise's scale per recorded iteration and step [recorded, H].
-      details: what else there is to say, as JSON can hold it.
-    """
-
-    name: str
-    slices: int = 0
-    seconds: float = 0.0
-    compile_seconds: float = 0.0
-    iterations: int = 0
-    best_return: float | None = None
-    records: tuple[Record, ...] = ()
-    sigma: np.ndarray | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Arm(ABC):
@@ -70,6 +44,7 @@ class Arm(ABC):
         self.is_exhausted = False
         self._log = ArmLog(name)
         self._is_prepared = False
+        self._at_work_since: float | None = None
         self._new: list[Candidate] = []
 
     def prepare(self) -> None:
@@ -92,12 +67,13 @@ class Arm(ABC):
           until: when to end, by the clock.
         """
         self.prepare()
-        started = self._clock()
+        started = self._at_work_since = self._clock()
         self._log.slices += 1
         try:
             self._work(until)
         finally:
             self._log.seconds += self._clock() - started
+            self._at_work_since = None
 
     @property
     def is_pending(self) -> bool:
@@ -141,6 +117,46 @@ class Arm(ABC):
     def log(self) -> ArmLog:
         """What it was given and what it did so far."""
         return self._log
+
+    def close(self) -> None:  # noqa: B027  (most have nothing to give back)
+        """The race is over; the state is what it was."""
+
+    @property
+    def log_so_far(self) -> ArmLog:
+        """A copy of the log, with the seconds of the slice that goes on."""
+        since, log = self._at_work_since, self.log
+        more = 0.0 if since is None else self._clock() - since
+        return replace(log, seconds=log.seconds + more)
+
+    def take_over(self, log: ArmLog, is_exhausted: bool) -> None:
+        """Counts on from what an arm of its name has done in another process."""
+        for each in ("slices", "seconds", "compile_seconds", "iterations", "best_return"):
+            setattr(self._log, each, getattr(log, each))
+        self._log.details, self.is_exhausted = dict(log.details), is_exhausted
+
+    def state(self) -> State | None:
+        """What it needs to go on in another process; None if it has nothing but its best policy.
+
+        It is asked for between two iterations of a slice, and between slices.
+        """
+        return None
+
+    def restore(self, state: State) -> None:  # noqa: B027  (most have nothing to restore)
+        """Goes on, before its first slice, with what `state` has said in another process.
+
+        Raises:
+          AttributeError, LookupError, OverflowError, TypeError, ValueError: if that does not fit
+            this problem; the arm begins as if there were none then.
+        """
+
+    def _try(self, restore: Callable[[State], None], state: State) -> bool:
+        """Whether a state could be restored; one that does not fit is left out, which is said."""
+        try:
+            restore(state)
+        except (InputError, *UNFIT) as error:
+            logger.info("%s: its state is left out: %s", self.name, one_line_cause(error))
+            return False
+        return True
 
     def _prepare(self) -> None:  # noqa: B027  (an arm may have nothing to prepare)
         """What `prepare` does once."""

@@ -8,8 +8,8 @@ from mdpo_rddl.auto.optimum import Solution, find_optimum
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
-from mdpo_rddl.problem.enumeration.model import GroundModel
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -38,6 +38,18 @@ class DynamicProgrammingArm(Arm):
         self._problem, self._config = problem, config
         self.solution: Solution | None = None
         self.model: GroundModel | None = None
+
+    def ground(self, until: float) -> None:
+        """Makes the model once more, for others: an earlier process has given up the rest.
+
+        Args:
+          until: when to end, by the clock.
+        """
+        try:
+            limits = EnumerationLimits(until - self._clock(), clock=self._clock)
+            self.model = ground_model(self._problem, limits)
+        except Exception as error:  # the other arms need none
+            logger.info("no ground model: %s", one_line_cause(error))
 
     def _work(self, until: float) -> None:
         seconds = until - self._clock()

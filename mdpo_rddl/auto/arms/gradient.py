@@ -5,16 +5,19 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, ArmLog, CompilingArm
+from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.state import State, count_of, joined
+from mdpo_rddl.auto.training_state import checkpoints_of, state_of
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built
@@ -55,6 +58,13 @@ class PhaseLog:
     candidates: Sequence[str]
 
 
+class _Earlier(NamedTuple):
+    """What had ended in another process: phases, and their iterations."""
+
+    phases: int = 0
+    iterations: int = 0
+
+
 class GradientArm(CompilingArm):
     """Trains with MDPO in phases.
 
@@ -83,11 +93,38 @@ class GradientArm(CompilingArm):
         self._steps: Sequence[float] = ()
         self._noise: Sequence[float] = ()
         self._best_before = -math.inf
+        self._earlier = _Earlier()
+        self._resumed: State | None = None
+
+    def state(self) -> State | None:
+        """The phase's training, and what its restarts differ in."""
+        training = self._training
+        latest = None if training is None else training.state()
+        if latest is None:
+            return self._resumed
+        done, earlier = self.phases[:-1], self._earlier
+        values = {
+            "ended": earlier.phases + len(done),
+            "iterations": earlier.iterations + sum(each.result.iterations for each in done),
+            "steps": list(self._steps),
+            "noise": list(self._noise),
+        }
+        return joined(State({}, values), state_of(latest).within("training"))
+
+    def close(self) -> None:
+        """Leaves the planner as it was before the training."""
+        if self._training is not None:
+            self._training.close()
+
+    def restore(self, state: State) -> None:
+        """Keeps it until the arm begins."""
+        checkpoints_of(state.part("training"))  # raises if there is none
+        self._resumed = state
 
     @property
     def log(self) -> ArmLog:
         """With the recorded iterations of all phases, one after the other."""
-        log, done = self._log, 0
+        log, done = self._log, self._earlier.iterations
         records: list[Record] = []
         for phase in self.phases:
             records += [r._replace(iteration=r.iteration + done) for r in phase.result.history]
@@ -111,7 +148,13 @@ class GradientArm(CompilingArm):
             self._best_before = self._arena.judge.best_mean
             if self._is_compiled(until):
                 self._train(until)
+                self._resumed = None  # it fits
         except InputError as error:
+            if self._resumed is not None:
+                logger.info("%s: its state is left out: %s", self.name, error)
+                self._resumed, self._earlier = None, _Earlier()
+                self._begin()
+                return
             # other arms find a policy without the gradient
             logger.warning("the gradient is of no use: %s", error)
             self.is_exhausted = True
@@ -123,23 +166,54 @@ class GradientArm(CompilingArm):
         return is_better and self._training is not None and not self._training.has_ended
 
     def _begin(self) -> None:
-        """Begins a phase: nothing interrupts a compilation, so that goes on in a thread."""
-        arena, number = self._arena, len(self.phases)
-        planner, self._parent = arena.planner, arena.incumbent
-        best = self._parent
+        """Begins a phase, or goes on with that of another process."""
+        arena, number = self._arena, self._earlier.phases + len(self.phases)
+        self._parent = best = arena.incumbent
+        if self._training is not None:
+            self._training.close()
+        if self._resumed is not None and self._try(self._go_on, self._resumed):
+            return
         starts = [best.params] if number else [best.params, arena.constant]
+        self._steps, self._noise = self._steps_and_noise(arena.planner)
+        self._begin_training(number, starts)
+
+    def _go_on(self, state: State) -> None:
+        """Begins the training with a state."""
+        values, count = state.values, self._arena.planner.parallel_updates
+        earlier = _Earlier(count_of(values["ended"]), count_of(values["iterations"]))
+        steps, noise = (list(map(float, values[name])) for name in ("steps", "noise"))
+        if len(steps) != count or len(noise) != count:
+            raise ValueError(f"its steps are not those of {count} restarts")
+        if not all(0.0 < value < math.inf for value in (*steps, *noise)):
+            raise ValueError("its steps are none")
+        self._steps, self._noise = steps, noise
+        self._begin_training(earlier.phases, [self._parent.params], state.part("training"))
+        self._earlier = earlier
+
+    def _begin_training(
+        self, number: int, starts: Sequence[Params], state: State | None = None
+    ) -> None:
+        """Compiles in a thread, for nothing interrupts that.
+
+        Args:
+          number: of phases before this one.
+          starts: what the restarts begin with.
+          state: with which the training goes on, if it does.
+        """
+        arena, planner = self._arena, self._arena.planner
         guesses = _spread(starts, planner.parallel_updates)
-        self._steps, self._noise = self._steps_and_noise(planner)
         planner.vary_restarts(learning_rate=self._steps, noise=_scaled_noise(planner, self._noise))
         training = Training(
             Built(planner, arguments={"guess": _stack(guesses), "test_rolling_window": 1}),
             jax.random.fold_in(key_for(Draws.GRADIENT, arena.seed), number),
             Budget(arena.most_iterations, max(_LEAST_SECONDS, arena.deadline - self._clock())),
             arena.tell,
+            checkpoints_of(state),
         )
+        is_first = self._training is None
         self._training = training
         # a later phase has the first one's program
-        self._start(training.compile, in_turn=not number)
+        self._start(training.compile, in_turn=is_first)
 
     def _train(self, until: float) -> None:
         training = self._training
@@ -150,9 +224,10 @@ class GradientArm(CompilingArm):
         training.advance(until - self._clock())
         result = training.result(seconds=REPLAY_SECONDS)
         self._note_not_finite(training, result)
-        number = len(self.phases) + is_new
+        here = len(self.phases) + is_new
+        number = self._earlier.phases + here
         labels = f"phase {number}", f"phase {number}, last iterate"
-        self.phases[number - 1 :] = [PhaseLog(self._steps, self._noise, result, labels)]
+        self.phases[here - 1 :] = [PhaseLog(self._steps, self._noise, result, labels)]
         for label, params in zip(labels, (result.best_params, result.last_params), strict=True):
             self._offer(self._trained(self._parent, label, params, result))
         if result.status == "interrupted":

@@ -12,6 +12,7 @@ from mdpo_rddl.auto.arms.base import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
+from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
 
@@ -51,6 +52,24 @@ class ParameterExplorationArm(CompilingArm):
         super().__init__(PGPE, arena)
         self._record: _Record | None = None
         self._is_stalled, self._fresh_number = False, _FRESH
+        self._exploration: ParameterExploration | None = None
+        self._resumed: State | None = None
+
+    def state(self) -> State | None:
+        """The exploration, and the record."""
+        exploration, record = self._exploration, self._record
+        if exploration is None:
+            return self._resumed
+        values: dict[str, Any] = {"is_stalled": self._is_stalled, "fresh": self._fresh_number}
+        tensors: dict[str, np.ndarray] = {}
+        if record is not None:
+            tensors, values["record_return"] = {"record": record.vector}, record.mean_return
+        return joined(State(tensors, values), exploration.state().within("exploration"))
+
+    def restore(self, state: State) -> None:
+        """Keeps it until the program is compiled."""
+        state.part("exploration")  # raises if there is none
+        self._resumed = state
 
     def _begin(self) -> None:
         self._start(self._compile)
@@ -59,11 +78,12 @@ class ParameterExplorationArm(CompilingArm):
         if not self._is_compiled(until):
             return
         exploration = self._exploration
+        assert exploration is not None
         # where all samples return the same, the best is as good as any other
         if self._is_stalled and self._record is not None and not exploration.is_flat:
             exploration.narrow(_NARROWER, self._record.vector)
         before = exploration.iterations
-        exploration.run(self._evaluate, until)
+        exploration.run(self._evaluate_and_tell, until)
         self._log.iterations = exploration.iterations
         self._estimate = self._recorded(exploration.iterations - before)
         planner = self._arena.plain.built(_METHOD).planner
@@ -85,8 +105,30 @@ class ParameterExplorationArm(CompilingArm):
         self._returns = compile_exact_returns(planner, rollouts)
         self._key = jax.random.fold_in(key, 1)
         exploring = Exploring(seed=arena.seed)
-        self._exploration = ParameterExploration(np.asarray(start), exploring, self._clock)
+        exploration = ParameterExploration(np.asarray(start), exploring, self._clock)
+        if self._resumed is not None and not self._try(
+            lambda state: self._go_on(exploration, state), self._resumed
+        ):
+            exploration = ParameterExploration(np.asarray(start), exploring, self._clock)
+        self._exploration = exploration
         self._evaluate(0, np.repeat(np.asarray(start)[np.newaxis], 2 * exploring.pairs, axis=0))
+
+    def _go_on(self, exploration: ParameterExploration, state: State) -> None:
+        """Restores the exploration and the record, which are compared again."""
+        values, record = state.values, None
+        if "record" in state.tensors:
+            vector = state.array("record", exploration.mean.shape).astype(float)
+            record = _Record(vector, float(values["record_return"]))
+        fresh = count_of(values["fresh"])
+        exploration.restore(state.part("exploration"))
+        self._record, self._fresh_number = record, max(_FRESH, fresh)
+        self._is_stalled = bool(values["is_stalled"])
+        if record is not None and np.isfinite(record.mean_return):
+            self._estimate = record.mean_return
+
+    def _evaluate_and_tell(self, iteration: int, vectors: np.ndarray) -> np.ndarray:
+        self._arena.pulse()
+        return self._evaluate(iteration, vectors)
 
     def _evaluate(self, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]."""
@@ -97,6 +139,7 @@ class ParameterExplorationArm(CompilingArm):
     def _recorded(self, iterations: int) -> float:
         """What the record returns in fresh rollouts, after a slice of so many iterations."""
         exploration, record = self._exploration, self._record
+        assert exploration is not None
         vectors = [exploration.mean, exploration.best]
         vectors = vectors if record is None else [record.vector, *vectors]
         batches = max(1, min(_FRESH_BATCHES, int(_FRESH_SHARE * iterations)))

@@ -6,9 +6,12 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
+from mdpo_rddl.auto.state import State, joined
 
 SHARED_WEIGHTS = "shared weights"
 _SIGMA, _REFINING_SIGMA = 0.5, 0.1
+# of the simple rule, and of all weights: what is begun with, and two adaptations
+_VECTORS = 3
 
 
 class SharedWeightsArm(ArenaArm):
@@ -27,6 +30,37 @@ class SharedWeightsArm(ArenaArm):
         """
         super().__init__("shared weights", arena)
         self._begins_with = begins_with
+        # of the slice that goes on: what its adaptations began with and have found, per part
+        self._simple: list[np.ndarray] = []
+        self._every: list[np.ndarray] = []
+        self._adaptation: Adaptation | None = None
+        self._resumed: State | None = None
+
+    def state(self) -> State | None:
+        """What the adaptations of the slice that goes on have found, and the one at work."""
+        if not self._simple:
+            return None
+        tensors = {"simple": np.stack(self._simple)}
+        if self._every:
+            tensors["every"] = np.stack(self._every)
+        state = State(tensors)
+        if self._adaptation is not None:
+            return joined(state, self._adaptation.state().within("adaptation"))
+        return state if self._resumed is None else joined(state, self._resumed.within("adaptation"))
+
+    def restore(self, state: State) -> None:
+        """Goes on with the slice."""
+        arena = self._arena
+        simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
+        begun = list(state.array("simple", (None, simple.start.size)))
+        refined = []
+        if "every" in state.tensors:
+            refined = list(state.array("every", (None, every.start.size)))
+        if not 0 < len(begun) <= _VECTORS or len(refined) > _VECTORS:
+            raise ValueError("its adaptations are none of a slice")
+        if "adaptation" in state.values:
+            self._resumed = state.part("adaptation")
+        self._simple, self._every = begun, refined if len(begun) == _VECTORS else []
 
     def _prepare(self) -> None:
         self._arena.compile_population()
@@ -35,17 +69,19 @@ class SharedWeightsArm(ArenaArm):
         arena, population = self._arena, self._arena.population
         parent = arena.judge.latest(self._begins_with)
         params = arena.noop if parent is None else parent.params
-        begun = simple_weights(params, arena.plan).start
         simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
-        vectors = [begun]
-        for parts, start in ((4, begun), (3, simple.start)):
+        vectors = self._simple = self._simple or [simple_weights(params, arena.plan).start]
+        for parts, start in ((4, vectors[0]), (3, simple.start))[len(vectors) - 1 :]:
             vectors.append(self._adapted(simple, start, _SIGMA, self._part(until, parts)))
-        best_simple = simple.to_params(population.best(simple, vectors))
-        refined = weights_of(best_simple, ["shared"]).start
-        vectors = [refined]
-        for parts, start, sigma in ((2, refined, _REFINING_SIGMA), (1, every.start, _SIGMA)):
+        if not self._every:
+            best_simple = simple.to_params(population.best(simple, vectors))
+            self._every = [weights_of(best_simple, ["shared"]).start]
+        vectors = self._every
+        refining = (2, vectors[0], _REFINING_SIGMA), (1, every.start, _SIGMA)
+        for parts, start, sigma in refining[len(vectors) - 1 :]:
             vectors.append(self._adapted(every, start, sigma, self._part(until, parts)))
         best = every.to_params(population.best(every, vectors))
+        self._simple, self._every = [], []
         self._offer_child(parent, SHARED_WEIGHTS, best)
 
     def _part(self, until: float, parts: int) -> float:
@@ -60,6 +96,17 @@ class SharedWeightsArm(ArenaArm):
         # the candidates' generator refuses the seed 0
         sampling = Sampling(sigma, population.population, self._arena.seed + 1)
         adaptation = Adaptation(start, sampling, self._clock)
-        adaptation.run(lambda number, vectors: population(weights, number, vectors), until)
-        self._log.iterations += adaptation.iterations
+        state, self._resumed = self._resumed, None
+        if state is not None:
+            self._try(adaptation.restore, state)
+        begun = adaptation.iterations
+
+        def evaluate(number: int, vectors: np.ndarray) -> np.ndarray:
+            self._arena.pulse()
+            return population(weights, number, vectors)
+
+        self._adaptation = adaptation
+        adaptation.run(evaluate, until)
+        self._adaptation = None
+        self._log.iterations += adaptation.iterations - begun
         return adaptation.mean

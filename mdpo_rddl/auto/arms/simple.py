@@ -6,6 +6,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
+from mdpo_rddl.auto.state import State
 
 SIMPLE = "constants and rules"
 NOOP, CONSTANT, RANDOM_RULE = "no-op", "constant", "random rule"
@@ -25,12 +26,28 @@ class SimpleArm(ArenaArm):
         """Compiles nothing yet."""
         super().__init__(SIMPLE, arena)
         self._random = np.random.default_rng(arena.seed)
+        self._turn = 0
+        self._best: np.ndarray | None = None
+
+    def state(self) -> State | None:
+        """The best rule of the latest slice."""
+        return None if self._best is None else State({"rule": self._best})
+
+    def restore(self, state: State) -> None:
+        """Has the rule to offer once more."""
+        rules = simple_weights(self._arena.noop, self._arena.plan)
+        self._best = state.array("rule", rules.start.shape)
 
     def _work(self, until: float) -> None:
         arena = self._arena
-        if self._log.slices == 1:
+        self._turn += 1
+        rules = simple_weights(arena.noop, arena.plan)
+        if self._turn == 1:
             self._offer(arena.candidate(self.name, NOOP, arena.noop))
             self._offer(arena.candidate(self.name, CONSTANT, arena.constant))
+            if self._best is not None:
+                known = rules.to_params(self._best)
+                self._offer(arena.candidate(self.name, RANDOM_RULE, known))
             return
         started = self._clock()
         arena.compile_population()
@@ -38,10 +55,10 @@ class SimpleArm(ArenaArm):
         self._log.compile_seconds += compile_seconds
         # what is compiled serves all searches: the time for it is not taken from the rules
         until = min(until + compile_seconds, arena.deadline)
-        rules = simple_weights(arena.noop, arena.plan)
-        count = _RULES if self._log.slices == 2 else _MORE_RULES
+        count = _RULES if self._turn == 2 else _MORE_RULES
         found = self._random_rules(arena.population, rules, count, until)
         best = found[0] if len(found) == 1 else arena.population.best(rules, found)
+        self._best = best
         self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(best)))
 
     def _random_rules(

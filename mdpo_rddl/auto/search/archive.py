@@ -10,11 +10,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mdpo_rddl.auto.search.mutations import Layout, random_values
+from mdpo_rddl.auto.state import State, generator_place, set_generator
 
 # of a state's scale
 _CELL = 0.5
 _FARTHEST = 120
 _MOST_BYTES, _MOST_CELLS = 2 * 10**8, 200_000
+# of the plans that another process goes on with
+_MOST_STATE_BYTES = 2**25
 _PLACES = 0.3
 _LONGEST_HOLD = 40.0
 _HOLD, _BOOL = 0.7, 0.3
@@ -80,6 +83,71 @@ class Archive:
         weights = 1.0 / np.sqrt(1.0 + np.array(self._taken))
         chosen = self._random.choice(len(self), size=count, p=weights / np.sum(weights))
         return np.stack([self._go_on(cell) for cell in chosen])
+
+    def state(self) -> State:
+        """The cells and their plans, the first ones if there are too many of them.
+
+        The plans are [U, H, D], the cells' names [C, L] bytes.
+        """
+        numbers: dict[int, int] = {}
+        plans: list[np.ndarray] = []
+        kept: list[tuple[bytes, int, int, int]] = []
+        used = 0
+        for cell, place in self._cells.items():
+            plan, step = self._prefixes[place]
+            if id(plan) not in numbers:
+                used += plan.nbytes
+                if used > _MOST_STATE_BYTES:
+                    break
+                numbers[id(plan)] = len(plans)
+                plans.append(plan)
+            kept.append((cell, numbers[id(plan)], step, self._taken[place]))
+        values = {"generator": generator_place(self._random)}
+        if not kept:
+            return State({}, values)
+        names, of_plan, steps, taken = zip(*kept, strict=True)
+        tensors = {
+            "cells": np.frombuffer(b"".join(names), np.uint8).reshape(len(names), -1),
+            "plans": np.stack(plans),
+            "cell_plans": np.array(of_plan),
+            "steps": np.array(steps),
+            "taken": np.array(taken),
+        }
+        return State(tensors, values)
+
+    def restore(self, state: State, horizon: int) -> None:
+        """Knows what another archive of the same states and plans has known.
+
+        Raises:
+          LookupError, OverflowError, TypeError, ValueError: if the state does not fit; the
+            archive is of no use then.
+        """
+        set_generator(self._random, state.values["generator"])
+        if not state.tensors:
+            return
+        cells = state.array("cells", (None, None))
+        plans = state.array("plans", (None, horizon, len(self._layout.is_bool)))
+        count = len(cells)
+        of_plan, steps, taken = (
+            state.array(name, (count,)) for name in ("cell_plans", "steps", "taken")
+        )
+        for numbers, least, most in (
+            (of_plan, 0, len(plans) - 1),
+            (steps, 1, horizon),
+            (taken, 0, np.inf),
+        ):
+            if numbers.dtype.kind != "i" or np.any((numbers < least) | (numbers > most)):
+                raise ValueError("its cells lead nowhere")
+        if cells.dtype != np.uint8 or count > _MOST_CELLS:
+            raise ValueError("its cells are none")
+        names = [cell.tobytes() for cell in cells]
+        if len(set(names)) != count:
+            raise ValueError("its cells are not different ones")
+        self._cells = dict(zip(names, range(count), strict=True))
+        rows = [plan.copy() for plan in plans]
+        pairs = zip(of_plan.tolist(), steps.tolist(), strict=True)
+        self._prefixes = [(rows[number], step) for number, step in pairs]
+        self._taken, self._bytes = taken.tolist(), plans.nbytes
 
     def _cell(self, name: str, values: np.ndarray) -> np.ndarray:
         center, scale = self._scales[name]

@@ -4,6 +4,7 @@ Hansen (2016), https://arxiv.org/abs/1604.00772, and its separable form for many
 and Hansen (2008), by the package cmaes.
 """
 
+import math
 import time
 import warnings
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdpo_rddl.auto.state import State, count_of
 from mdpo_rddl.auto.timing import Clock
 
 with warnings.catch_warnings():
@@ -21,6 +23,9 @@ Evaluate = Callable[[int, np.ndarray], np.ndarray]
 """(iteration, candidates [P, D]) -> mean returns [P]; those that are not finite lose."""
 
 _WORST = -1e30
+# the optimiser's arrays that change from one iteration to the next
+_ARRAYS = ("mean", "C", "p_sigma", "pc", "funhist_values")
+_LARGEST_MEAN = 1e30
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,40 @@ class Adaptation:
     def mean(self) -> np.ndarray:
         """Mean of the distribution [D]."""
         return np.asarray(self._optimizer.mean)
+
+    def state(self) -> State:
+        """The distribution, the evolution paths and the generator's state."""
+        optimizer = self._optimizer
+        tensors = {name: np.asarray(getattr(optimizer, f"_{name}")) for name in _ARRAYS}
+        name, tensors["words"], *rest = optimizer._rng.get_state()
+        values = {
+            "sigma": float(optimizer._sigma),
+            "generation": optimizer.generation,
+            "iterations": self.iterations,
+            "flat": self._flat,
+            "generator": [name, *rest],
+        }
+        return State(tensors, values)
+
+    def restore(self, state: State) -> None:
+        """Goes on where another adaptation was, of as many weights and candidates.
+
+        Raises:
+          LookupError, OverflowError, TypeError, ValueError: if the state does not fit; nothing
+            has changed then.
+        """
+        optimizer, values = self._optimizer, state.values
+        arrays = {name: np.shape(getattr(optimizer, f"_{name}")) for name in _ARRAYS}
+        found = {f"_{name}": state.array(name, shape) for name, shape in arrays.items()}
+        sigma, generation = float(values["sigma"]), count_of(values["generation"])
+        if not 0.0 < sigma < math.inf or np.any(np.abs(found["_mean"]) > _LARGEST_MEAN):
+            raise ValueError("its distribution is none")
+        iterations, flat = count_of(values["iterations"]), count_of(values["flat"])
+        name, *rest = values["generator"]
+        random = np.random.RandomState()
+        random.set_state((name, state.array("words", (None,)), *rest))
+        vars(optimizer).update(found, _sigma=sigma, _g=generation, _rng=random, _B=None, _D=None)
+        self.iterations, self._flat = iterations, flat
 
     @property
     def converged(self) -> bool:

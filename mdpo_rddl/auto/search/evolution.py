@@ -18,10 +18,16 @@ Evaluate = Callable[[int, np.ndarray], Evaluation]
 """(iteration, plans [P, H, D]) -> their evaluation."""
 
 _ELITES = 8
+MOST_ELITES = 2 * _ELITES
+"""Plans that an evolution can go on with."""
 _EXPLORERS = 0.5
 _PATIENCE = 0.3
 # an evolution may have converged after so many iterations, if a gain is this share of all it gained
 _LEAST_ITERATIONS, _LEAST_GAIN = 200, 0.01
+
+
+def _ignore(elites: np.ndarray) -> None:
+    del elites
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,7 @@ class Breeding:
       random: generator, which moves on.
       archive: of cells; None for no exploration, whatever the return to beat.
       clock: what is asked for the time.
+      on_generation: is given the best plans [E, H, D] after each iteration.
     """
 
     layout: Layout
@@ -60,6 +67,7 @@ class Breeding:
     random: np.random.Generator
     archive: Archive | None = None
     clock: Clock = time.monotonic
+    on_generation: Callable[[np.ndarray], None] = _ignore
 
 
 @dataclass(frozen=True)
@@ -157,6 +165,7 @@ class _Evolution:
         self._explores &= not self.best > self._goal.return_to_beat
         if breeding.archive is not None and self._explores:
             breeding.archive.add(plans, visited())
+        breeding.on_generation(self.elites)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdpo_rddl.auto.state import State, count_of, generator_place, set_generator
 from mdpo_rddl.auto.timing import Clock
 
 Evaluate = Callable[[int, np.ndarray], np.ndarray]
@@ -62,6 +63,38 @@ class ParameterExploration:
         self._sigma, self._moves = exploring.sigma, 0
         self.best, self.best_return = self.mean, -np.inf
         self.iterations, self.is_flat = 0, True
+
+    def state(self) -> State:
+        """The law, the optimiser's moments and the generator's state."""
+        values = {
+            "sigma": self._sigma,
+            "moves": self._moves,
+            "best_return": self.best_return,
+            "iterations": self.iterations,
+            "is_flat": self.is_flat,
+            "generator": generator_place(self._random),
+        }
+        moments = {"first": self._first, "second": self._second}
+        return State({"mean": self.mean, "best": self.best, **moments}, values)
+
+    def restore(self, state: State) -> None:
+        """Goes on where another exploration of as many parameters was.
+
+        Raises:
+          LookupError, OverflowError, TypeError, ValueError: if the state does not fit; nothing
+            but the generator has changed then.
+        """
+        values, shape = state.values, self.mean.shape
+        names = ("mean", "best", "first", "second")
+        mean, best, first, second = (state.array(name, shape).astype(float) for name in names)
+        sigma, best_return = float(values["sigma"]), float(values["best_return"])
+        moves, iterations = count_of(values["moves"]), count_of(values["iterations"])
+        if not 0.0 < sigma < np.inf or np.any(second < 0.0) or np.isnan(best_return):
+            raise ValueError("its law is none")
+        set_generator(self._random, values["generator"])
+        self.mean, self.best, self._first, self._second = mean, best, first, second
+        self._sigma, self._moves, self.best_return = sigma, moves, best_return
+        self.iterations, self.is_flat = iterations, bool(values["is_flat"])
 
     def narrow(self, factor: float, around: np.ndarray) -> None:
         """Goes on around a vector with a smaller deviation.

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +12,17 @@ from jax import Array
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.archive import Archive
-from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Evolved, Goal, evolve
+from mdpo_rddl.auto.search.evolution import (
+    MOST_ELITES,
+    Breeding,
+    Evaluation,
+    Evolved,
+    Goal,
+    evolve,
+)
 from mdpo_rddl.auto.search.mutations import Layout, layout_of
 from mdpo_rddl.auto.sizes import PLANS
+from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -25,6 +33,10 @@ _ROLLOUTS = 4
 _GAIN = 0.005
 
 
+def _ignore() -> None:
+    pass
+
+
 class PlanPopulation:
     """Plays and evolves the plans of policies.
 
@@ -32,6 +44,8 @@ class PlanPopulation:
       deterministic: whether chance plays no part.
       return_to_beat: what the no-op returns, and a little more.
       iterations: done so far.
+      elites: the best plans [E, H, D] of the evolution that goes on; None between evolutions.
+      on_generation: called after each of its iterations.
     """
 
     def __init__(self, planner: MDPOPlanner, probe: Probe, seed: int, clock: Clock) -> None:
@@ -55,6 +69,8 @@ class PlanPopulation:
         self._random = np.random.default_rng([seed, 2])
         self.return_to_beat = probe.noop_return + _GAIN * abs(probe.noop_return)
         self.iterations = 0
+        self.elites: np.ndarray | None = None
+        self.on_generation: Callable[[], None] = _ignore
 
     @property
     def compile_seconds(self) -> float:
@@ -94,26 +110,61 @@ class PlanPopulation:
         converging = restarting and self.deterministic
         return Goal(until, self.return_to_beat, incumbent_return, until_converged=converging)
 
-    def evolved(self, params: Params, goal: Goal, archive: Archive | None = None) -> Params:
+    def evolved(
+        self,
+        params: Params,
+        goal: Goal,
+        archive: Archive | None = None,
+        elites: np.ndarray | None = None,
+    ) -> Params:
         """A policy with a better plan; an evolution that has converged begins again.
 
         Args:
           params: of the policy with the first plan; all but the plan stays.
           goal: when to end.
           archive: where plans have led; None for no exploration.
+          elites: plans [E, H, D] of an evolution that was stopped, to go on with; None to begin
+            with the policy's own.
         """
         layout = self._layout(params)
         start = layout.vector(params["plan"])[np.newaxis]
-        best = result = self._evolve(params, start, goal, archive)
+        first = start if elites is None else elites
+        best = result = self._evolve(params, first, goal, archive)
         restarted = dataclasses.replace(goal, incumbent_return=-math.inf)
         while result.converged and best.best >= goal.incumbent_return:
-            result = self._evolve(params, np.zeros_like(start), restarted, archive)
+            result = self._evolve(params, np.zeros_like(start), restarted, archive, best.elites[:1])
             best = max(best, result, key=lambda evolved: evolved.best)
-        return {**params, "plan": jax.tree.map(jnp.asarray, layout.tree(best.elites[0]))}
+        return self.with_plan(params, best.elites[0])
+
+    def plan_of(self, params: Params) -> np.ndarray:
+        """A policy's plan [H, D]."""
+        return self._layout(params).vector(params["plan"])
+
+    def elites_of(self, state: State, params: Params) -> np.ndarray:
+        """The elites [E, H, D] that a state holds, for plans of a policy's shape.
+
+        Raises:
+          KeyError, ValueError: if there are none that fit.
+        """
+        elites = state.array("elites", (None, *self.plan_of(params).shape))
+        if not 0 < len(elites) <= MOST_ELITES:
+            raise ValueError(f"there are {len(elites)} plans")
+        return elites
+
+    def with_plan(self, params: Params, plan: np.ndarray) -> Params:
+        """A policy with another plan [H, D]."""
+        tree = self._layout(params).tree(plan)
+        return {**params, "plan": jax.tree.map(jnp.asarray, tree)}
 
     def _evolve(
-        self, params: Params, start: np.ndarray, goal: Goal, archive: Archive | None
+        self,
+        params: Params,
+        start: np.ndarray,
+        goal: Goal,
+        archive: Archive | None,
+        earlier: np.ndarray | None = None,
     ) -> Evolved:
+        """One evolution; an earlier one's best plans [E, H, D] stay among the elites to be kept."""
         layout, others, begin = self._layout(params), self._repeated(params), self.iterations
 
         def evaluate(iteration: int, plans: np.ndarray) -> Evaluation:
@@ -121,8 +172,14 @@ class PlanPopulation:
             returns, states = self._visits(key, {**others, "plan": layout.tree(plans)})
             return np.mean(np.asarray(returns, float), axis=1), lambda: _of_first_rollout(states)
 
-        breeding = Breeding(layout, self._population, self._random, archive, self._clock)
+        def keep(elites: np.ndarray) -> None:
+            self.elites = elites if earlier is None else np.concatenate([earlier, elites])
+            self.on_generation()
+
+        breeding = Breeding(layout, self._population, self._random, archive, self._clock, keep)
+        self.elites = None
         result = evolve(evaluate, start, breeding, goal)
+        self.elites = None
         self.iterations += result.iterations
         return result
 

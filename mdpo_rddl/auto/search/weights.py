@@ -54,6 +54,11 @@ def weights_of(
     return Weights(np.asarray(start[chosen], float), to_params, jax.jit(jax.vmap(to_params)))
 
 
+def flat_vector(params: Params) -> np.ndarray:
+    """All parameters of one policy as a vector, by which another one is known for the same."""
+    return np.asarray(ravel_pytree(params)[0])
+
+
 def simple_weights(params: Params, plan: FeedbackPlan) -> Weights:
     """The shared weights of a simple rule: linear in the state, the same at all times.
 

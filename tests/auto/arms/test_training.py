@@ -247,9 +247,7 @@ def test_a_phase_that_fails_leaves_what_an_earlier_one_has_found(arena, monkeypa
 
     monkeypatch.setattr(arm, "_noted", diverged)
     arm.work(time.monotonic())
-    assert [candidate.params is arm._best.best_params for candidate in arm.take_candidates()] == [
-        True
-    ]
+    assert [candidate.params is arm._best.params for candidate in arm.take_candidates()] == [True]
     assert arm.is_exhausted
     assert arm.log.details["cause"] == "training diverged"
     assert "estimate" in arm.log.details
@@ -264,4 +262,6 @@ def test_an_interrupted_training_ends_the_race(arena, monkeypatch):
     monkeypatch.setattr(arm._training, "_on_progress", cancelled)
     with pytest.raises(Cancelled):
         arm.work(time.monotonic() + 60.0)
-    assert arm.is_exhausted
+    # another process may go on with it
+    assert not arm.is_exhausted
+    assert arm.state() is not None

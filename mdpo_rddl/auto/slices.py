@@ -1,0 +1,135 @@
+"""Slices of time: who is given one, and what becomes of what is found in it."""
+
+import logging
+from collections.abc import Callable
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising
+from mdpo_rddl.errors import Cancelled, one_line_cause
+
+logger = logging.getLogger(__name__)
+
+SHORTEST_SECONDS = 0.5
+"""Of a slice."""
+# of all the time: a slice; and each of an arm's first ones, of a slice
+_SLICE_SHARE, _FIRST_SLICE = 1 / 16, 0.5
+
+
+class Slices:
+    """Gives arms their slices.
+
+    Attributes:
+      arms: those that were given any time, in the order in which they began.
+    """
+
+    def __init__(
+        self, arena: Arena, on_stage: Callable[[str], None], resumption: Resumption | None
+    ) -> None:
+        """Gives nothing yet.
+
+        Args:
+          arena: where the arms meet.
+          on_stage: called with the name of each part as it begins.
+          resumption: where the race goes on; None if it begins.
+        """
+        self._arena, self._on_stage, self._judge = arena, on_stage, arena.judge
+        self._resumption = Resumption(lambda: 0.0) if resumption is None else resumption
+        self._marks = self._resumption.marks
+        self.arms: list[Arm] = []
+        self._contenders: list[Contender] = []
+
+    def give(self, arm: Arm, until: float) -> bool:
+        """Gives an arm a slice of time and judges what it finds; none once the race is over.
+
+        Returns:
+          Whether one of its candidates became the incumbent.
+
+        Raises:
+          KeyboardInterrupt: if interrupted, once what was found till then was judged.
+        """
+        is_over = self._arena.clock() >= max(until, self._arena.deadline)
+        if is_over and self._judge.incumbent is not None:
+            return False
+        self._enter(arm)
+        try:
+            arm.work(until)
+        except (KeyboardInterrupt, Cancelled):
+            self._judge_candidates(arm)
+            raise
+        except Exception as error:  # the other arms find a policy without this one
+            if self._judge.incumbent is None:
+                raise
+            logger.warning("%s is given up: %s", arm.name, one_line_cause(error))
+            arm.is_exhausted = True
+        return self._judge_candidates(arm)
+
+    def _enter(self, arm: Arm) -> None:
+        """An arm takes part; it goes on where one of its name was stopped."""
+        if arm not in self.arms:
+            self.arms.append(arm)
+            self._resumption.enter(arm)
+
+    def _contend(self, arm: Arm, reached: Callable[[], float | None]) -> Contender:
+        """Has an arm take part in the rounds; the arguments are those of `Contender`."""
+        self._enter(arm)
+        contender = Contender(arm, reached)
+        self._contenders.append(contender)
+        self._resumption.contend(contender)
+        return contender
+
+    def _judge_candidates(self, arm: Arm) -> bool:
+        is_better = False
+        for candidate in arm.take_candidates():
+            is_better |= self._judge.record(candidate)
+            arm.judged(self._judge.judged[-1].candidate)
+        return is_better
+
+    def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
+        """Lets an arm that must compile begin; it competes from then on.
+
+        Args:
+          arm: that has not begun.
+          until: when its first slice ends at the latest, if it has one now.
+          patience: how long its compilation is waited for, by the clock.
+        """
+        arena = self._arena
+        self._on_stage("compiling")
+        reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.reached)
+        contender = self._contend(arm, reached)
+        if not arm.is_exhausted:
+            arm.begin(patience)
+        # one that goes on has its turn in the rounds
+        if not (arm.is_exhausted or arm.is_pending or contender.slices):
+            self._give_slice(contender, until)
+        return contender
+
+    def _first_slice(self, contender: Contender, until: float) -> None:
+        """Waits for a compilation, and gives the arm its first slice if that ends in time."""
+        contender.arm.await_program(until)
+        if not contender.arm.is_pending:
+            self._give_slice(contender, until)
+
+    def _give_slice(self, contender: Contender, until: float) -> None:
+        arena = self._arena
+        before, started = contender.reached(), arena.clock()
+        share = _FIRST_SLICE if contender.slices < FIRST_SLICES else 1.0
+        self.give(contender.arm, min(started + share * self._slice_seconds, until))
+        contender.note(before, arena.clock() - started)
+        for other in self._contenders:
+            other.waited = 0 if other is contender else other.waited + 1
+
+    @property
+    def _slice_seconds(self) -> float:
+        arena = self._arena
+        return max(SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
+
+    def _give_while(self, one: Contender, until: float, reached: Reached, by: float = 0.0) -> None:
+        """Slices for one arm, as long as each of them raises a return by more than that."""
+        for _ in raising(reached, by):
+            # what plays its policies may be compiled still, and nothing is gained before
+            one.arm.await_program(min(until, self._arena.clock() + self._slice_seconds))
+            if one.arm.is_exhausted or until - self._arena.clock() <= SHORTEST_SECONDS:
+                break
+            self._give_slice(one, until)
