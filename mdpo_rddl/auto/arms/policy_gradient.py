@@ -4,17 +4,20 @@ import math
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.state import State, count_of
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.plans.feedback import Params, with_raw_scale
 from mdpo_rddl.planner.policy_gradient.ppo import Learner, Pace, PolicyGradient
 
 PPO = "ppo"
+_LEARNER = "learner"
 # of the first phase: Adam's step size, and the worth of a nat in units of the advantage
 _STEP, _ENTROPY = 5e-3, 0.02
 # of both: in a phase that goes on from a policy, and in the one after it if that found nothing
@@ -80,6 +83,7 @@ class PolicyGradientArm(CompilingArm):
         self._learner: Learner | None = None
         self._means: list[float] = []
         self._is_better = self._has_collapsed = False
+        self._resumed: State | None = None
 
     @property
     def progress(self) -> float:
@@ -89,6 +93,28 @@ class PolicyGradientArm(CompilingArm):
         """
         return float(np.mean(self._means)) if self._means else -math.inf
 
+    def state(self) -> State | None:
+        """The learner and its phase, by seconds since the race began."""
+        learner, phase = self._learner, self._phase
+        if learner is None or phase is None:
+            return self._resumed
+        leaves = enumerate(jax.tree.leaves(learner))
+        tensors = {f"{_LEARNER}/{number}": np.asarray(leaf) for number, leaf in leaves}
+        began = self._arena.began
+        values = {
+            "phases": self._phases,
+            "began": phase.began - began,
+            "ends": phase.ends - began,
+            "factor": phase.factor,
+            "is_better": self._is_better,
+        }
+        return State(tensors, values)
+
+    def restore(self, state: State) -> None:
+        """Keeps it until the program is compiled."""
+        count_of(state.values["phases"])  # raises if there is none
+        self._resumed = state
+
     def _begin(self) -> None:
         self._start(self._compile)
 
@@ -97,6 +123,25 @@ class PolicyGradientArm(CompilingArm):
         self._gradient = PolicyGradient(self._arena.planner)
         learner = self._gradient.begin(self._arena.noop, self._key)
         jax.block_until_ready(self._gradient.iterate(learner, self._key, _STILL))
+        if self._resumed is not None:
+            self._try(lambda state: self._go_on(learner, state), self._resumed)
+
+    def _go_on(self, like: Learner, state: State) -> None:
+        """Restores the learner, whose leaves are like another one's, and its phase."""
+        leaves, tree = jax.tree.flatten(like)
+        found = [
+            jnp.asarray(state.array(f"{_LEARNER}/{number}", np.shape(leaf)), leaf.dtype)
+            for number, leaf in enumerate(leaves)
+        ]
+        values, race = state.values, self._arena.began
+        times = [float(values[name]) for name in ("began", "ends", "factor")]
+        if not all(map(math.isfinite, times)):
+            raise ValueError("its phase has no end")
+        began, ends, factor = times
+        phases, is_better = count_of(values["phases"]), bool(values["is_better"])
+        self._phase = _Phase(None, race + began, race + ends, factor)
+        self._learner = jax.tree.unflatten(tree, found)
+        self._phases, self._is_better = phases, is_better
 
     def _work(self, until: float) -> None:
         """Goes on learning.
@@ -133,6 +178,7 @@ class PolicyGradientArm(CompilingArm):
         assert self._learner is not None
         self._means = []
         while True:
+            self._arena.pulse()
             key = jax.random.fold_in(self._key, self._log.iterations)
             pace = self._phase.pace(self._clock())
             learner, shown = self._gradient.iterate(self._learner, key, pace)

@@ -1,5 +1,6 @@
 """The arm that learns from exact rollouts, in slices by a clock that does not wait."""
 
+import json
 import math
 import time
 from dataclasses import replace
@@ -16,6 +17,7 @@ from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arms.policy_gradient import PolicyGradientArm, _Phase
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.policy_gradient.ppo import Pace, Shown
 
@@ -159,6 +161,49 @@ def test_what_was_learnt_before_an_interruption_is_offered(arena, make, monkeypa
         arm.work(arena.clock.now + 100.0)
     assert arm.log.iterations == 3
     assert len(arm.take_candidates()) == 1
+
+
+def test_another_process_goes_on_with_the_learner_and_its_phase(arena, make):
+    arm = make()
+    assert arm.state() is None
+    arm.work(arena.clock.now + 5.0)
+    left = arm.state()
+    left = State(dict(left.tensors), json.loads(json.dumps(dict(left.values))))
+    later = make()
+    later.restore(left)
+    assert later.state() is left  # before its program is compiled
+    later._go_on(later._gradient.begin(arena.noop, later._key), left)
+    assert_same_bits(later._learner, arm._learner)
+    assert later._phase == arm._phase
+    later.take_over(arm.log, False)
+    done = arm.log.iterations
+    later.work(arena.clock.now + 5.0)
+    assert later.log.iterations > done
+    assert later.take_candidates()[0].label == "ppo, phase 1"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tensors, values: tensors.update({"learner/0": np.zeros(99)}),
+        lambda tensors, values: tensors.update(
+            {"learner/0": np.full_like(tensors["learner/0"], np.nan)}
+        ),
+        lambda tensors, values: tensors.pop("learner/3"),
+        lambda tensors, values: values.update(ends=math.inf),
+        lambda tensors, values: values.update(phases=-1),
+    ],
+)
+def test_a_state_that_does_not_fit_is_left_out(arena, make, change):
+    arm = make()
+    arm.work(arena.clock.now + 1.0)
+    left = arm.state()
+    tensors, values = dict(left.tensors), dict(left.values)
+    change(tensors, values)
+    later = make()
+    like = later._gradient.begin(arena.noop, later._key)
+    assert not later._try(lambda state: later._go_on(like, state), State(tensors, values))
+    assert later.state() is None
 
 
 def test_returns_that_are_not_finite_end_it(arena, make, monkeypatch):
