@@ -50,6 +50,8 @@ class FeedbackPlan(JaxPlan):
         # at most so many bools that are not at their default, all fluents together
         self.concurrency: list[GroupLimit] = []
         self.probabilities: Callable[..., dict[str, Array]] = _not_compiled
+        # between 0 and 1 as these, in the order of the log-odds: for whoever ranks proposals
+        self.preferences: Callable[..., dict[str, Array]] = _not_compiled
         # the policies' last argument has its entries
         self.memory: PlanMemory = NO_MEMORY
         # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
@@ -90,12 +92,16 @@ class FeedbackPlan(JaxPlan):
         memory = self.memory = self._compile_memory(noop)
 
         def relaxed(
-            params: Params, step: Any, state: Mapping[str, Array], entries: Entries
+            params: Params,
+            step: Any,
+            state: Mapping[str, Array],
+            entries: Entries,
+            squash: Callable[[Array], Array] = jax.nn.sigmoid,
         ) -> dict[str, Array]:
             """Numbers in their box, and of bools the probability of not being at the no-op."""
             # who knows no memory, as JaxPlan's own controllers, gives none
             raw = feedback.raw(params, {**state, **(entries or memory.initial)}, step)
-            actions = {name: jax.nn.sigmoid(_BOOL_SCALE * raw[name]) for name in bools}
+            actions = {name: squash(_BOOL_SCALE * raw[name]) for name in bools}
             for name in numbers:
                 action = noop[name] + self.units[name] * raw[name]
                 actions[name] = _clip(action.astype(compiled.REAL), *self.bounds[name])
@@ -105,6 +111,10 @@ class FeedbackPlan(JaxPlan):
             del key, hyperparams
             return _flipped(relaxed(params, step, state, history), noop, bools)
 
+        def preferences(key, params, hyperparams, step, state, history):
+            del key, hyperparams
+            return _flipped(relaxed(params, step, state, history, in_order), noop, bools)
+
         def train_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams
             actions = scale_to_limits(relaxed(params, step, state, history), limits)
@@ -112,7 +122,7 @@ class FeedbackPlan(JaxPlan):
 
         def test_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams
-            actions = relaxed(params, step, state, history)
+            actions = relaxed(params, step, state, history, in_order)
             chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
             true = {name: chosen[name] ^ noop[name] for name in bools}
             whole = [name for name in numbers if ranges[name] != "real"]
@@ -120,7 +130,7 @@ class FeedbackPlan(JaxPlan):
             return {**actions, **true, **rounded}
 
         self.train_policy, self.test_policy = train_policy, test_policy
-        self.probabilities = probabilities
+        self.probabilities, self.preferences = probabilities, preferences
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
         if self._shape.plan:
             self.action_gradients = lambda gradient: {
@@ -187,6 +197,11 @@ class FeedbackPlan(JaxPlan):
 
 def _not_compiled(*_: Any) -> Any:
     raise RuntimeError("the plan is not compiled yet")
+
+
+def in_order(log_odds: Array) -> Array:
+    """Between 0 and 1, 0.5 for log-odds of 0; a sigmoid is 1 in 32 bit from 17 on."""
+    return 0.5 + 0.5 * log_odds / (1.0 + jnp.abs(log_odds))
 
 
 def box_width(lower: Any, upper: Any) -> float | None:

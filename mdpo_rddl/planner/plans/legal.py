@@ -85,7 +85,7 @@ class LegalActions:
 
         Args:
           proposal: per action fluent [*shape].
-          probabilities: per bool action fluent that of true [*shape].
+          probabilities: per bool action fluent that of true [*shape], or what is in its order.
           state: the fluents that are known, each of its shape or, as the environment gives one
             without parameters, [1]; the others count with their initial values.
         """
@@ -217,7 +217,7 @@ def legal_policy(plan: Any, compiled: Any, limits: Sequence[GroupLimit]) -> Call
     legal = LegalActions(compiled, [*limits, *getattr(plan, "concurrency", [])])
     if not legal.is_needed:
         return policy
-    probabilities_of = getattr(plan, "probabilities", None) or plan.train_policy
+    probabilities_of = getattr(plan, "preferences", None) or plan.train_policy
 
     def legalised(key, params, hyperparams, step, state, history):
         arguments = key, params, hyperparams, step, state, history

@@ -4,13 +4,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.plans.feedback_plan import in_order
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.policy_gradient.few_true import FewTrue
 from mdpo_rddl.problem.limits import group_limits
@@ -89,7 +89,7 @@ class Actor:
         if not self._legal.is_needed:
             return proposal
         # in the order of the weights, but what was proposed is likelier than what was not
-        half = 0.5 * jax.nn.sigmoid(weights)
+        half = 0.5 * in_order(weights)
         leaving = self._tree(jnp.where(chosen, 0.5 + half, half))
         true = {n: jnp.where(self._noop[n], 1.0 - leaving[n], leaving[n]) for n in self._shapes}
         return self._legal(proposal, true, state)

@@ -52,6 +52,14 @@ def test_weights_are_the_policy_s_log_odds_and_the_likeliest_set_is_what_it_play
     np.testing.assert_array_equal(played["pull"], sets[0])
 
 
+def test_the_order_is_kept_where_a_sigmoid_is_one():
+    planner = planner_of("1")
+    params = params_with(planner, [5.0, 6.0, 5.5])  # log-odds of 20, 24 and 22
+    for policy in (planner.plan.test_policy, planner.legal_policy):
+        played = policy(KEY, params, {}, 0, NOTHING, {})["pull"]
+        np.testing.assert_array_equal(played, [False, True, False])
+
+
 def test_what_an_implication_forbids_is_not_proposed():
     planner = planner_of("1", RESTED)
     actor, params = Actor(planner), params_with(planner, [2.0, 1.0, -1.0])
