@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
 # for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
-_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.6
+_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.75
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # names of the parts of those two
 _LEARNING, _PLAN_FIRST = "learning", "plan first"
@@ -110,7 +110,9 @@ class Schedule(Slices):
         self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
-        exploration = self._opened(self._entrants.exploration(), until)
+        leads = learner is not None and self._best.arm == learner.name
+        wanted = not self._marks.decided("learner leads", lambda: leads)
+        exploration = self._opened(self._entrants.exploration() if wanted else None, until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
             self.give(simple, until)
