@@ -102,7 +102,7 @@ def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending
     )
     schedule = Schedule(arena, Search(), lambda name: None)
     arm = Planned(clock, returns, is_pending)
-    schedule._begin_with(arm, 0.6, 0.02)
+    schedule._begin_with("plan first", arm, 0.6, 0.02)
     assert schedule.arms == [arm]
     assert arm.log.slices == expected
     # it competes with the others later
@@ -112,5 +112,5 @@ def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending
 def test_where_none_comes_first_the_others_begin():
     arena = SimpleNamespace(judge=None, clock=Stopped(), until=lambda share: 160.0 * share)
     schedule = Schedule(arena, Search(), lambda name: None)
-    schedule._begin_with(None, 0.6)
+    schedule._begin_with("plan first", None, 0.6)
     assert schedule.arms == []
