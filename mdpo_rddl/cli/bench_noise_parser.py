@@ -1,12 +1,13 @@
 """The options of the command of `mdpo-bench` that measures what noise is worth."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, NOISE_VALUE_PLANS
 from mdpo_rddl.cli.executor_options import add_executor_options
-from mdpo_rddl.cli.options import OneLineParser, positive_int
+from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
 
 def add_noise_command(commands: Any) -> OneLineParser:
@@ -37,6 +38,13 @@ def add_noise_command(commands: Any) -> OneLineParser:
         "--max-horizon", type=positive_int, default=30, help="cuts a longer one (default: 30)"
     )
     command.add_argument("--rollouts", type=positive_int, default=64, help="of each best iterate")
+    command.add_argument(
+        "--most-seconds",
+        type=number(above=0.0),
+        default=math.inf,
+        metavar="SECONDS",
+        help="leave out what has trainings of more CPU time, as their first iterations foresee it",
+    )
     command.add_argument(
         "--shard",
         type=_shard,

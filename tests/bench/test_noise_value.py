@@ -12,10 +12,16 @@ from jax import random
 from scipy import stats
 
 from mdpo_rddl.bench.noise_value import problems, run
-from mdpo_rddl.bench.noise_value.cells import Cell, load, save
+from mdpo_rddl.bench.noise_value.cells import Cell, is_missing, load, save
 from mdpo_rddl.bench.noise_value.compared import returns_of
 from mdpo_rddl.bench.noise_value.cost import SECTIONS, cost_path
-from mdpo_rddl.bench.noise_value.lanes import Trained, best_curve, best_of, train_lanes
+from mdpo_rddl.bench.noise_value.lanes import (
+    TooLongError,
+    Trained,
+    best_curve,
+    best_of,
+    train_lanes,
+)
 from mdpo_rddl.bench.noise_value.methods import LANES, METHODS, has_pgpe, task_config
 from mdpo_rddl.bench.noise_value.report import write_report
 from mdpo_rddl.bench.noise_value.rule import Case, find_rule
@@ -105,8 +111,11 @@ def test_cells_are_trained_once_and_reported(tmp_path, monkeypatch, capsys):
 
     # without noise it is JaxPlan's training
     config = task_config("Toy", "slp", "no-pgpe", 2).with_section("Noise", {"method": "NoNoise"})
-    plain = train_lanes(build_planner(toy, config), random.PRNGKey(0), 4, 2)
+    built = build_planner(toy, config)
+    plain = train_lanes(built, random.PRNGKey(0), 4, 2)
     np.testing.assert_allclose(plain.best, found["none"]["tested"], rtol=1e-5)
+    with pytest.raises(TooLongError, match="a training would take"):
+        train_lanes(built, random.PRNGKey(0), 10**6, 2, most_seconds=1e-6)
 
     monkeypatch.setattr(run, "_measure", None)  # there is nothing left to do
     run.run_noise_value([cell(out)], make_executor("local", {}))
@@ -122,6 +131,17 @@ def test_what_fails_is_kept_as_a_finding(tmp_path, monkeypatch):
     run.run_cell(cell(tmp_path))
     assert load(cell(tmp_path))["status"] == "no such thing"
     assert "Not measured: Toy 1, slp, no-pgpe (no such thing)." in write_report(tmp_path)
+
+
+def test_what_would_take_too_long_is_left_out_until_it_has_more_time(tmp_path, monkeypatch):
+    def refuse(cell):
+        raise TooLongError("a training would take 99 s of CPU time")
+
+    monkeypatch.setattr(run, "_measure", refuse)
+    run.run_cell(cell(tmp_path, most_seconds=50.0))
+    assert "(left out: a training would take 99 s of CPU time)" in write_report(tmp_path)
+    assert not is_missing(cell(tmp_path, most_seconds=50.0))
+    assert is_missing(cell(tmp_path, most_seconds=60.0))
 
 
 def test_of_two_trainings_a_seed_keeps_the_better_tested_one():

@@ -1,6 +1,7 @@
 """One problem, plan and configuration: what is trained with each method, and what is kept of it."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +14,11 @@ from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.noise import default_noise
 
 OK = "ok"
+
+LIMIT = "most_seconds"
+"""The key of a cell that was left out: which limit was too low for it."""
+
+_NOT_RESULTS = ("out", "most_seconds")
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,8 @@ class Cell:
       iterations: of each training.
       max_horizon: a longer horizon is cut to it.
       rollouts: of each best iterate on the exact compiled model.
+      most_seconds: CPU time that a training's iterations may take; a cell of longer ones is left
+        out.
     """
 
     out: Path
@@ -39,6 +47,7 @@ class Cell:
     iterations: int
     max_horizon: int
     rollouts: int
+    most_seconds: float = math.inf
 
     @property
     def path(self) -> Path:
@@ -49,7 +58,7 @@ class Cell:
     @property
     def conditions(self) -> dict[str, Any]:
         """What its results depend on, but for the machine."""
-        values = {name: value for name, value in asdict(self).items() if name != "out"}
+        values = {name: value for name, value in asdict(self).items() if name not in _NOT_RESULTS}
         config = task_config(self.problem, self.plan, self.configuration, self.seeds)
         lanes = {name: asdict(lane) for name, lane in LANES.items()}
         rules = {"trainings": lanes, "default": repr(default_noise())}
@@ -61,6 +70,16 @@ def save(cell: Cell, result: Mapping[str, Any]) -> None:
     cell.path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"conditions": cell.conditions, **result}, indent=1) + "\n"
     write_atomically(cell.path, text.encode())
+
+
+def is_missing(cell: Cell) -> bool:
+    """Whether a cell has no file yet, or was left out and has more time now.
+
+    Raises:
+      InputError: if the file was made under other conditions.
+    """
+    kept = load(cell)
+    return kept is None or kept.get(LIMIT, math.inf) < cell.most_seconds
 
 
 def load(cell: Cell) -> dict[str, Any] | None:

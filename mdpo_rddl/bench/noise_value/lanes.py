@@ -1,5 +1,6 @@
 """Trains all seeds of a problem side by side, and keeps each one's best iterate."""
 
+import math
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,6 +16,12 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 
 # a step whose sensitivity is so much smaller than the largest has none
 _FLAT = 1e-6
+# iterations after the first, which compiles, from which the others are foreseen
+_FORESEEN_FROM = 3
+
+
+class TooLongError(Exception):
+    """A training would take more time than it may."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,13 @@ class Trained:
     seconds: float
 
 
-def train_lanes(built: Built[MDPOPlanner], key: Any, iterations: int, seeds: int) -> Trained:
+def train_lanes(
+    built: Built[MDPOPlanner],
+    key: Any,
+    iterations: int,
+    seeds: int,
+    most_seconds: float = math.inf,
+) -> Trained:
     """Trains every parallel update, and chooses among those of a seed as JaxPlan does.
 
     Args:
@@ -53,14 +66,21 @@ def train_lanes(built: Built[MDPOPlanner], key: Any, iterations: int, seeds: int
       key: JAX random key.
       iterations: of the training.
       seeds: number of seeds S.
+      most_seconds: CPU time that its iterations may take, as the first ones foresee it.
+
+    Raises:
+      TooLongError: if they would take longer.
     """
     lanes = built.planner.parallel_updates
     best, last, params = np.full(lanes, -np.inf), np.zeros(lanes, int), None
     returns, relaxed, flats = [], [], []
-    started = time.perf_counter()
+    started, spent = time.perf_counter(), time.process_time()
     for number, callback in enumerate(built.callbacks(key, Budget(iterations, A_DAY))):
         if not number:
             params, started = callback["params"], time.perf_counter()
+            spent = time.process_time()
+        elif number == _FORESEEN_FROM:
+            _refuse_long(iterations * (time.process_time() - spent) / number, most_seconds)
         tested = np.asarray(callback["test_return"], float)
         tested = np.where(np.isfinite(tested), tested, -np.inf)
         ahead = tested > best
@@ -82,6 +102,11 @@ def train_lanes(built: Built[MDPOPlanner], key: Any, iterations: int, seeds: int
         first=relaxed[0][0][winners],
         seconds=seconds,
     )
+
+
+def _refuse_long(seconds: float, most_seconds: float) -> None:
+    if seconds > most_seconds:
+        raise TooLongError(f"a training would take {seconds:.0f} s of CPU time")
 
 
 @jax.jit

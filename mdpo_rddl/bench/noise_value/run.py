@@ -10,9 +10,15 @@ import jax
 import numpy as np
 from jax import random
 
-from mdpo_rddl.bench.noise_value.cells import OK, Cell, load, save
+from mdpo_rddl.bench.noise_value.cells import LIMIT, OK, Cell, is_missing, save
 from mdpo_rddl.bench.noise_value.exact import mean_returns
-from mdpo_rddl.bench.noise_value.lanes import Trained, best_curve, best_of, train_lanes
+from mdpo_rddl.bench.noise_value.lanes import (
+    TooLongError,
+    Trained,
+    best_curve,
+    best_of,
+    train_lanes,
+)
 from mdpo_rddl.bench.noise_value.methods import (
     ABSOLUTE,
     LANES,
@@ -51,7 +57,7 @@ class Shard:
 
 
 def run_noise_value(cells: Iterable[Cell], executor: Executor, shard: Shard = Shard()) -> None:
-    """Measures every cell that has no file yet.
+    """Measures every cell that has no file yet, or was left out and has more time now.
 
     Args:
       cells: in the order in which they are measured.
@@ -59,7 +65,7 @@ def run_noise_value(cells: Iterable[Cell], executor: Executor, shard: Shard = Sh
       shard: which of the cells are measured here.
     """
     mine = list(cells)[shard.index - 1 :: shard.count]
-    executor.run(run_cell, [cell for cell in mine if load(cell) is None])
+    executor.run(run_cell, [cell for cell in mine if is_missing(cell)])
 
 
 def all_cells(
@@ -89,6 +95,8 @@ def run_cell(cell: Cell) -> None:
     """Trains and evaluates one cell; an error becomes its status."""
     try:
         result = _measure(cell)
+    except TooLongError as error:
+        result = {"status": f"left out: {error}", LIMIT: cell.most_seconds}
     except Exception as error:  # whatever it is, it is the finding
         result = {"status": one_line_cause(error)}
     save(cell, result)
@@ -108,7 +116,8 @@ def _measure(cell: Cell) -> dict[str, Any]:
         built, rule = _prepared(planners, lane)
         built.planner.noise = rule
         key = random.PRNGKey(lane.stream)
-        trained[name] = train_lanes(built, key, cell.iterations, cell.seeds)
+        sizes = cell.iterations, cell.seeds, cell.most_seconds
+        trained[name] = train_lanes(built, key, *sizes)
         returns[name] = mean_returns(planners[RANGE].planner, trained[name].params, cell.rollouts)
     points = _curve_points(cell.iterations)
     planner = planners[RANGE].planner
