@@ -2,6 +2,8 @@
 
 import argparse
 
+from mdpo_rddl.bench.tasks.anytime import anytime_table, named_tasks, read_anytime, run_anytime
+from mdpo_rddl.bench.tasks.anytime_figure import draw_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
@@ -10,6 +12,7 @@ from mdpo_rddl.cli.bench_tasks_parser import PUBLISHED, PUBLISHED_THINKING
 from mdpo_rddl.errors import InputError
 
 PUBLISHED_PICTURE = "published.png"
+ANYTIME_PICTURE = "anytime.png"
 
 
 def _conditions(options: argparse.Namespace) -> Conditions:
@@ -51,7 +54,18 @@ def _published_report(options: argparse.Namespace) -> str:
     return published_table(records)
 
 
+def _anytime(options: argparse.Namespace) -> str:
+    times = [
+        Conditions(seconds, options.episodes, options.memory_gb) for seconds in options.seconds
+    ]
+    run_anytime(options.out, named_tasks(options.problems), options.seeds, times)
+    returns = read_anytime(options.out)
+    draw_anytime(options.out / ANYTIME_PICTURE, returns)
+    return anytime_table(returns)
+
+
 TASK_COMMANDS = {
+    "anytime": _anytime,
     "everywhere": _everywhere,
     "published": _published,
     "published-report": _published_report,

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.tasks.names import PLANNERS
+from mdpo_rddl.bench.tasks.names import ANYTIME_SECONDS, ANYTIME_TASKS, PLANNERS
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
 PUBLISHED = Path("results/published")
@@ -11,7 +11,7 @@ PUBLISHED_THINKING = Path("results/published_thinking")
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
-    """Adds `everywhere`, `published` and `published-report`."""
+    """Adds `everywhere`, `published`, `published-report` and `anytime`."""
     everywhere = commands.add_parser(
         "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
     )
@@ -38,4 +38,15 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         command.add_argument("--episodes", type=positive_int, default=episodes)
         command.add_argument("--seeds", type=positive_int, default=1)
         command.add_argument("--memory-gb", type=number(above=0), default=8.0)
-    return [everywhere, published, report]
+    anytime = commands.add_parser("anytime", help="what more time to prepare is worth")
+    anytime.add_argument(
+        "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(ANYTIME_TASKS)
+    )
+    anytime.add_argument(
+        "--seconds", nargs="+", type=number(above=0), default=list(ANYTIME_SECONDS)
+    )
+    anytime.add_argument("--episodes", type=positive_int, default=50)
+    anytime.add_argument("--seeds", type=positive_int, default=5)
+    anytime.add_argument("--memory-gb", type=number(above=0), default=8.0)
+    anytime.set_defaults(run="anytime", out=Path("results/anytime"))
+    return [everywhere, published, report, anytime]

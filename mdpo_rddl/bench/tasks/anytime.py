@@ -1,0 +1,101 @@
+"""What more time is worth: the same tasks with shorter and longer preparations."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.names import OURS
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks
+from mdpo_rddl.errors import InputError
+
+Returns = Mapping[Task, Mapping[float, np.ndarray]]
+"""Per task and seconds of preparation the mean return of each seed [S], one without as -inf."""
+
+
+def named_tasks(names: Sequence[str]) -> list[Task]:
+    """Tasks of "Problem:instance".
+
+    Raises:
+      InputError: for a name of another form.
+    """
+    tasks = []
+    for name in names:
+        problem, colon, instance = name.partition(":")
+        if not (problem and colon and instance):
+            raise InputError(f"--problems: must be Problem:instance, got {name!r}")
+        tasks.append(Task(problem, instance))
+    return tasks
+
+
+def run_anytime(out: Path, tasks: Sequence[Task], seeds: int, times: Sequence[Conditions]) -> None:
+    """Prepares and plays; rows that are there already are skipped.
+
+    Args:
+      out: results folder, in which each time has its own.
+      tasks: in the order in which they are tried.
+      seeds: of the preparation, from 0.
+      times: the conditions of each time.
+    """
+    for conditions in times:
+        run_tasks(out / f"{conditions.seconds:g}", tasks, [OURS], seeds, conditions)
+
+
+def read_anytime(out: Path) -> dict[Task, dict[float, np.ndarray]]:
+    """What `run_anytime` has measured so far, times in ascending order.
+
+    Raises:
+      InputError: if a file holds anything else.
+    """
+    found: dict[Task, dict[float, list[float]]] = {}
+    paths = {float(path.parent.name): path for path in out.glob("*/rows.csv")}
+    for seconds in sorted(paths):
+        for row in Records(paths[seconds], COLUMNS, KEYS).rows:
+            task = Task(row["problem"], row["instance"])
+            mean = float(row["mean"]) if row["status"] == OK else -np.inf
+            found.setdefault(task, {}).setdefault(seconds, []).append(mean)
+    return {
+        task: {seconds: np.array(means) for seconds, means in times.items()}
+        for task, times in found.items()
+    }
+
+
+def falls(times: Mapping[float, np.ndarray]) -> list[tuple[float, float]]:
+    """Pairs of times of which the longer one has a median below all seeds of the shorter one.
+
+    Of five seeds the smallest and the largest are the 93.75% interval of the median, whatever the
+    distribution.
+    """
+    return [
+        (short, long)
+        for short in times
+        for long in times
+        if short < long and float(np.median(times[long])) < float(np.min(times[short]))
+    ]
+
+
+def anytime_table(returns: Returns) -> str:
+    """Markdown: median, smallest and largest seed per task and time, and where more time lost."""
+    seconds = sorted({time for times in returns.values() for time in times})
+    heads = ["problem", "instance", "seeds", *(f"{time:g} s" for time in seconds), "falls"]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    falling = 0
+    for task, times in sorted(returns.items(), key=lambda item: str(item[0])):
+        count = max(len(means) for means in times.values())
+        cells = [_cell(times.get(time)) for time in seconds]
+        found = falls(times)
+        falling += bool(found)
+        notes = ", ".join(f"{short:g} to {long:g} s" for short, long in found)
+        names = [task.problem, task.instance, str(count)]
+        lines.append("| " + " | ".join([*names, *cells, notes]) + " |")
+    note = "Median of the seeds' mean returns [smallest, largest]. The median falls below the "
+    note += f"interval of a shorter time on {falling} of {len(returns)} tasks."
+    return "\n".join([*lines, "", note]) + "\n"
+
+
+def _cell(means: np.ndarray | None) -> str:
+    if means is None:
+        return ""
+    low, middle, high = (f"{value(means):,.6g}" for value in (np.min, np.median, np.max))
+    return middle if len(means) == 1 else f"{middle} [{low}, {high}]"
