@@ -14,8 +14,9 @@ _COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
 _GRADIENT_EVALUATIONS = 100.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
-# and what learns from exact rollouts compiles these and a gradient of the policy
-_LEARNING_PROGRAMS, _LEARNING_AFFORDED = 3.0, 0.5
+# and what learns from exact rollouts compiles these and a gradient of the policy; it is worth
+# much of the time
+_LEARNING_PROGRAMS, _LEARNING_AFFORDED = 2.0, 0.7
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
 

@@ -36,8 +36,11 @@ class Entrants:
         Args:
           until: how long it is to work before others do, by the clock.
         """
-        if PPO in self._without or not can_be_drawn(self._arena.planner.rddl):
+        arena = self._arena
+        if PPO in self._without or not can_be_drawn(arena.planner.rddl):
             return None
+        if arena.plan.memory.initial:
+            return None  # rollouts of the law carry none
         return PolicyGradientArm(self._arena, until) if self._affording.learning() else None
 
     def exploration(self) -> CompilingArm | None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
+from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import Candidate, Judged
@@ -270,7 +271,9 @@ def _arena(
         seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
     if resumption is not None:
         resumption.probe = seen
-    config = with_lifted_layer(with_memory(scaled(config, seen), problem), problem)
+    config = with_memory(scaled(config, seen), problem)
+    if PPO not in shares.without:
+        config = with_lifted_layer(config, problem)
     large = seen.policy_seconds is not None
     if large:
         config = simplified(config)

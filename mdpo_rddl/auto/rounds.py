@@ -94,15 +94,15 @@ def next_contender(
     return longest if is_floor or promising.claim(seconds) <= best else promising
 
 
-def raising(reached: Reached, by: float = 0.0) -> Iterator[None]:
+def raising(reached: Reached, by: Callable[[], float] = lambda: 0.0) -> Iterator[None]:
     """One turn, and others as long as each raises a return.
 
     Args:
       reached: gives the return, before and after each turn.
-      by: what a gain must exceed.
+      by: gives what the gain of the latest turn must exceed.
     """
     gains = True
     while gains:
         before = reached()
         yield
-        gains = reached() > before + by
+        gains = reached() > before + by()

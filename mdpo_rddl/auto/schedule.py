@@ -26,6 +26,7 @@ from mdpo_rddl.auto.arms.base import Arm, CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
+from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SimpleArm
@@ -47,7 +48,9 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
 _EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.75
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
-# names of the parts of those two
+# of the time left, for the programs of those two
+_FIRST_PATIENCE = 0.5
+# names of their parts
 _LEARNING, _PLAN_FIRST = "learning", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
@@ -111,8 +114,9 @@ class Schedule(Slices):
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         leads = learner is not None and self._best.arm == learner.name
-        wanted = not self._marks.decided("learner leads", lambda: leads)
-        exploration = self._opened(self._entrants.exploration() if wanted else None, until)
+        # where it leads already, the exploration begins with what comes last
+        comes_first = not self._marks.decided("learner leads", lambda: leads)
+        exploration = self._opened(self._entrants.exploration() if comes_first else None, until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
             self.give(simple, until)
@@ -231,26 +235,44 @@ class Schedule(Slices):
         return None if arm is None else self._open(arm, until, self._affording.patience(until))
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
-        """Opens those arms with a gradient that are in the race and can be afforded."""
+        """Opens those arms that are in the race, must compile and can be afforded."""
         patience = self._affording.patience(until)
+        if not any(arm.name == PGPE for arm in self.arms):
+            self._opened(self._entrants.exploration(), until)
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
 
     def _begin_with(
         self, part: str, arm: CompilingArm | None, share: float, least_gain: float = 0.0
     ) -> None:
-        """Slices before others', while each gains such a share of what the first has gained."""
+        """Slices before others', while they gain.
+
+        Each must gain such a share of what the first one has gained, and enough for the arm to
+        reach the incumbent of another one within its part.
+        """
         if arm is None:
             return
         arena, until = self._arena, self._end(part, share)
-        rounds_until = arena.until(self._shares.rounds_until)
-        contender = self._open(arm, until, self._affording.patience(rounds_until))
-        if not contender.slices:
-            self._first_slice(contender, arena.until(PATIENCE))
-        if contender.slices:
-            gain = abs(contender.level - arena.probe.noop_return)
-            for _ in self._marks.once(part, arena, until):
-                self._give_while(contender, until, lambda: arm.progress, least_gain * gain)
+        patience = arena.until(_FIRST_PATIENCE)
+        contender = self._open(arm, until, arena.clock())
+        if arm.is_pending or not contender.slices:
+            self._first_slice(contender, patience)
+        if not contender.slices or arm.is_pending:
+            return
+        gain = abs(contender.level - arena.probe.noop_return)
+
+        def least() -> float:
+            return max(least_gain * gain, self._to_catch_up(arm, until))
+
+        for _ in self._marks.once(part, arena, until):
+            self._give_while(contender, until, lambda: arm.progress, least)
+
+    def _to_catch_up(self, arm: Arm, until: float) -> float:
+        """What each slice till then must gain for an arm to reach the incumbent of another one."""
+        if self._best.arm == arm.name:
+            return 0.0
+        slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
+        return max(0.0, (self._judge.best_mean - arm.progress) / slices)
 
     def _compete(self, until: float, polishing: bool = True) -> None:
         """Rounds of slices, each for the arm that promises most.

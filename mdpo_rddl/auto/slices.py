@@ -125,7 +125,9 @@ class Slices:
         arena = self._arena
         return max(SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
 
-    def _give_while(self, one: Contender, until: float, reached: Reached, by: float = 0.0) -> None:
+    def _give_while(
+        self, one: Contender, until: float, reached: Reached, by: Reached = lambda: 0.0
+    ) -> None:
         """Slices for one arm, as long as each of them raises a return by more than that."""
         for _ in raising(reached, by):
             # what plays its policies may be compiled still, and nothing is gained before

@@ -62,8 +62,8 @@ def start_candidates(arena: Arena, policy: Policy | None) -> list[Candidate]:
         )
     params = jax.tree.map(lambda leaf, like: leaf.astype(like.dtype), carried.params, arena.noop)
     candidates = [arena.candidate(START, START, params)]
-    if is_same and "lifted" in policy.params and "lifted" not in arena.noop:
-        # nothing in the arena's planner plays what its hidden layer does
+    if is_same and carried.left_out:
+        # the arena's planner plays less than what was given
         candidates.append(own)
     return candidates
 

@@ -49,12 +49,15 @@ def read_anytime(out: Path) -> dict[Task, dict[float, np.ndarray]]:
       InputError: if a file holds anything else.
     """
     found: dict[Task, dict[float, list[float]]] = {}
-    paths = {float(path.parent.name): path for path in out.glob("*/rows.csv")}
-    for seconds in sorted(paths):
-        for row in Records(paths[seconds], COLUMNS, KEYS).rows:
-            task = Task(row["problem"], row["instance"])
-            mean = float(row["mean"]) if row["status"] == OK else -np.inf
-            found.setdefault(task, {}).setdefault(seconds, []).append(mean)
+    try:
+        paths = {float(path.parent.name): path for path in out.glob("*/rows.csv")}
+        for seconds in sorted(paths):
+            for row in Records(paths[seconds], COLUMNS, KEYS).rows:
+                task = Task(row["problem"], row["instance"])
+                mean = float(row["mean"]) if row["status"] == OK else -np.inf
+                found.setdefault(task, {}).setdefault(seconds, []).append(mean)
+    except ValueError as error:
+        raise InputError(f"{out}: holds other results than anytime's: {error}") from error
     return {
         task: {seconds: np.array(means) for seconds, means in times.items()}
         for task, times in found.items()
@@ -65,13 +68,15 @@ def falls(times: Mapping[float, np.ndarray]) -> list[tuple[float, float]]:
     """Pairs of times of which the longer one has a median below all seeds of the shorter one.
 
     Of five seeds the smallest and the largest are the 93.75% interval of the median, whatever the
-    distribution.
+    distribution. Seeds without a return are left out of the shorter time.
     """
+    known = {time: means[np.isfinite(means)] for time, means in times.items()}
+    least = {time: float(np.min(means)) for time, means in known.items() if len(means)}
     return [
         (short, long)
-        for short in times
-        for long in times
-        if short < long and float(np.median(times[long])) < float(np.min(times[short]))
+        for short in least
+        for long, means in times.items()
+        if short < long and float(np.median(means)) < least[short]
     ]
 
 

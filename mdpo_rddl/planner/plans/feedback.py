@@ -17,6 +17,9 @@ from mdpo_rddl.planner.rollouts.plan_memory import Entries
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
 _OUTPUT = "output_"
+_MOST_UNITS = 1024
+# folded into the key of the hidden layer on each object's features; no part of a split
+_LIFTED = 2**30
 GAIN = "gain on "
 """How the entries of `own` begin that are gains on a fluent."""
 
@@ -56,8 +59,11 @@ class FeedbackShape:
     memory: Mapping[str, Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.lifted, int) or self.lifted < 0:
-            raise ValueError(f"lifted: must be a whole number, 0 or more, got {self.lifted!r}")
+        is_count = isinstance(self.lifted, int) and not isinstance(self.lifted, bool)
+        if not (is_count and 0 <= self.lifted <= _MOST_UNITS):
+            raise ValueError(
+                f"lifted: must be a whole number from 0 to {_MOST_UNITS}, got {self.lifted!r}"
+            )
 
     @property
     def layers(self) -> tuple[int, ...]:
@@ -151,7 +157,8 @@ class Feedback:
         lifted = {}
         for number, name in enumerate(own if self.shape.lifted else ()):
             count, units = len(self.names(name)), self.shape.lifted
-            hidden = random.normal(random.fold_in(key, number), (count, units), self.dtype)
+            own_key = random.fold_in(random.fold_in(key, _LIFTED), number)
+            hidden = random.normal(own_key, (count, units), self.dtype)
             output = jnp.zeros(units, self.dtype)
             lifted[name] = {"hidden": hidden / math.sqrt(count), "output": output}
         net: dict[str, Any] = {}

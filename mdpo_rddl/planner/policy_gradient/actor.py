@@ -12,6 +12,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.feedback_plan import in_order
 from mdpo_rddl.planner.plans.legal import LegalActions
+from mdpo_rddl.planner.plans.limits import choose_within_limits
 from mdpo_rddl.planner.policy_gradient.few_true import FewTrue
 from mdpo_rddl.problem.limits import group_limits
 
@@ -50,8 +51,8 @@ class Actor:
         """
         plan, compiled = planner.feedback_plan, planner.test_compiled
         self._plan, self._shapes = plan, plan.feedback.action_shapes
-        limits = [*group_limits(planner.rddl)[0], *plan.concurrency]
-        self._legal = LegalActions(compiled, limits)
+        self._limits = [*group_limits(planner.rddl)[0], *plan.concurrency]
+        self._legal = LegalActions(compiled, self._limits)
         self._noop = {n: np.asarray(compiled.init_values[n]).astype(bool) for n in self._shapes}
         size = sum(math.prod(shape) for shape in self._shapes.values())
         most = planner.rddl.max_allowed_actions if plan.concurrency else size
@@ -86,13 +87,14 @@ class Actor:
         chosen = self.law.draw(noise, weights)
         left = self._tree(chosen)
         proposal = {name: left[name] ^ self._noop[name] for name in self._shapes}
-        if not self._legal.is_needed:
+        if not (self._limits or self._legal.is_needed):
             return proposal
         # in the order of the weights, but what was proposed is likelier than what was not
         half = 0.5 * in_order(weights)
         leaving = self._tree(jnp.where(chosen, 0.5 + half, half))
         true = {n: jnp.where(self._noop[n], 1.0 - leaving[n], leaving[n]) for n in self._shapes}
-        return self._legal(proposal, true, state)
+        proposal |= choose_within_limits(true, self._limits)
+        return self._legal(proposal, true, state) if self._legal.is_needed else proposal
 
     def _flat(self, tree: Mapping[str, Array]) -> Array:
         return jnp.concatenate([jnp.ravel(tree[name]) for name in self._shapes])
