@@ -27,7 +27,7 @@ class Generous:
         return 3.0
 
 
-def entrants(*refused, without=(), deterministic=True, kind="real", seen=()):
+def entrants(*refused, without=(), deterministic=True, kind="real", seen=(), memory=()):
     kinds = {"a": kind, "b": kind if kind == "bool" else "real"}
     rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen)
     arena = SimpleNamespace(
@@ -35,6 +35,7 @@ def entrants(*refused, without=(), deterministic=True, kind="real", seen=()):
         seed=0,
         incumbent=None,
         planner=SimpleNamespace(rddl=rddl),
+        plan=SimpleNamespace(memory=SimpleNamespace(initial=memory)),
         probe=SimpleNamespace(deterministic=deterministic),
     )
     return Entrants(arena, Generous(*refused), without)
@@ -75,6 +76,7 @@ def test_a_plan_comes_first_where_nothing_returns_more(case, comes):
         ((), {"kind": "int"}, False),
         ((), {"kind": "bool", "seen": ["noise"]}, False),
         ((), {"kind": "bool", "without": ["ppo"]}, False),
+        ((), {"kind": "bool", "memory": ["mean of noise"]}, False),
         (("ppo",), {"kind": "bool"}, False),
     ],
 )

@@ -80,6 +80,6 @@ def test_turns_end_with_the_first_that_raises_nothing(gains, turns):
 
 def test_a_small_gain_is_none():
     gains, reached = iter([3.0, 2.0]), [0.0]
-    for _ in raising(lambda: sum(reached), by=2.0):
+    for _ in raising(lambda: sum(reached), by=lambda: 2.0):
         reached.append(next(gains))
     assert reached == [0.0, 3.0, 2.0]

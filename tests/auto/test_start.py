@@ -78,6 +78,8 @@ def test_the_rule_of_another_instance_begins_in_the_arenas_own_planner(two, capl
 def test_what_only_its_own_planner_can_play_begins_there_too(two):
     shape = FeedbackShape(topology=None, cosines=0, squares=False, lifted=2)
     given = policy_of("a, b", FeedbackPlan(shape))
+    for layer in given.params["lifted"].values():
+        layer["output"] = np.ones_like(layer["output"])
     rule, own = start_candidates(arena_of(two), accepted_start(given, two.problem))
     assert rule.planner is two.planner
     assert own.planner is given.planner

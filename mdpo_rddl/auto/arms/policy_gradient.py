@@ -28,10 +28,12 @@ _LEAST_SHARE = 0.25
 _NO_ENTROPY = 0.005
 # of a phase: when the bonus for the entropy ends; of the step size, what is left in the end
 _NO_BONUS, _LAST_STEP = 0.8, 0.02
-# of a policy to go on from: nats for each proposal, found by so many bisections
-_EXPLORING_ENTROPY, _BISECTIONS, _SMALLEST_SCALE = 0.2, 8, 1e-3
-
-
+# of a policy to go on from: nats for each proposal, found by so many bisections, in such a share
+# of a slice
+_EXPLORING_ENTROPY, _BISECTIONS, _SMALLEST_SCALE, _SCALING_SHARE = 0.2, 8, 1e-3, 0.25
+# iterations in a row from which nothing finite is learnt, after which it is given up
+_MOST_LOST = 10
+_MOST_PHASES = 10**6
 _STILL = Pace(0.0, 0.0)
 
 
@@ -60,10 +62,11 @@ class _Phase(NamedTuple):
 class PolicyGradientArm(CompilingArm):
     """Learns the arena's own policy as a law of actions, and offers its likeliest actions.
 
-    The first phase begins at the no-op. The next ones begin at the best policy so far, whoever has
-    found it, its raw actions scaled down until its law explores. Within a phase, step size and
-    bonus fall. The first one ends with its time, a later one with a slice that finds nothing
-    better; either once its law explores no more.
+    The first phase begins at the no-op. The next ones begin at the best policy so far of the
+    arena's planner, or at the arm's own if that one has an open-loop plan, which is not learnt; its
+    raw actions are scaled down until its law explores. Within a phase, step size and bonus fall.
+    The first one ends with its time, a later one with a slice that finds nothing better; either
+    once its law explores no more.
     """
 
     descends = True
@@ -76,13 +79,16 @@ class PolicyGradientArm(CompilingArm):
           until: when the first phase ends, by the clock.
         """
         super().__init__(PPO, arena)
-        self._key = key_for(Draws.PPO, arena.seed)
+        keys = jax.random.split(key_for(Draws.PPO, arena.seed), 3)
+        self._phase_key, self._iteration_key, self._trial_key = keys
         self._phase: _Phase | None = None
         self._first_until = until
         self._phases = 0
         self._learner: Learner | None = None
         self._means: list[float] = []
         self._is_better = self._has_collapsed = False
+        self._lost = 0
+        self._iteration_seconds = 0.0
         self._resumed: State | None = None
 
     @property
@@ -106,7 +112,6 @@ class PolicyGradientArm(CompilingArm):
             "began": phase.began - began,
             "ends": phase.ends - began,
             "factor": phase.factor,
-            "is_better": self._is_better,
         }
         return State(tensors, values)
 
@@ -121,8 +126,8 @@ class PolicyGradientArm(CompilingArm):
     def _compile(self) -> None:
         """Makes the law, and learns nothing from the first rollouts."""
         self._gradient = PolicyGradient(self._arena.planner)
-        learner = self._gradient.begin(self._arena.noop, self._key)
-        jax.block_until_ready(self._gradient.iterate(learner, self._key, _STILL))
+        learner = self._gradient.begin(self._arena.noop, self._phase_key)
+        jax.block_until_ready(self._gradient.iterate(learner, self._trial_key, _STILL))
         if self._resumed is not None:
             self._try(lambda state: self._go_on(learner, state), self._resumed)
 
@@ -134,14 +139,17 @@ class PolicyGradientArm(CompilingArm):
             for number, leaf in enumerate(leaves)
         ]
         values, race = state.values, self._arena.began
-        times = [float(values[name]) for name in ("began", "ends", "factor")]
-        if not all(map(math.isfinite, times)):
-            raise ValueError("its phase has no end")
-        began, ends, factor = times
-        phases, is_better = count_of(values["phases"]), bool(values["is_better"])
+        began, ends, factor = (float(values[name]) for name in ("began", "ends", "factor"))
+        phases, seconds = count_of(values["phases"]), self._arena.deadline - race
+        # the clocks of two processes round differently
+        if not (0.0 <= began <= ends <= seconds + 1.0 and 0.0 < factor <= 1.0):
+            raise ValueError(f"its phase is from {began} to {ends} s, its step {factor}")
+        if not 1 <= phases <= _MOST_PHASES:
+            raise ValueError(f"it has {phases} phases")
         self._phase = _Phase(None, race + began, race + ends, factor)
         self._learner = jax.tree.unflatten(tree, found)
-        self._phases, self._is_better = phases, is_better
+        # it was stopped in the middle of a phase, which goes on
+        self._phases, self._is_better = phases, True
 
     def _work(self, until: float) -> None:
         """Goes on learning.
@@ -152,7 +160,7 @@ class PolicyGradientArm(CompilingArm):
         if not self._is_compiled(until):
             return
         if not self._goes_on():
-            self._begin_phase()
+            self._begin_phase(until)
         self._is_better = False
         try:
             self._learn(until)
@@ -179,26 +187,43 @@ class PolicyGradientArm(CompilingArm):
         self._means = []
         while True:
             self._arena.pulse()
-            key = jax.random.fold_in(self._key, self._log.iterations)
-            pace = self._phase.pace(self._clock())
-            learner, shown = self._gradient.iterate(self._learner, key, pace)
-            self._means.append(float(shown.mean_return))
-            if not math.isfinite(self._means[-1]):
-                self._log.details = {"cause": "rollouts of it have returns that are not finite"}
-                self.is_exhausted = True
-                break
-            self._learner = learner
+            started = self._clock()
+            key = jax.random.fold_in(self._iteration_key, self._log.iterations)
+            pace = self._phase.pace(started)
+            self._learner, shown = self._gradient.iterate(self._learner, key, pace)
             self._log.iterations += 1
-            self._has_collapsed = float(shown.entropy) < _NO_ENTROPY
-            if self._has_collapsed or self._clock() >= until:
+            is_lost = not (bool(shown.is_finite) and math.isfinite(shown.mean_return))
+            self._iteration_seconds = self._clock() - started
+            if is_lost and self._is_given_up():
+                break
+            if not is_lost:
+                self._lost = 0
+                self._means.append(float(shown.mean_return))
+                self._has_collapsed = float(shown.entropy) < _NO_ENTROPY
+            if self._has_collapsed or self._clock() + self._iteration_seconds > until:
                 break
 
-    def _begin_phase(self) -> None:
+    def _is_given_up(self) -> bool:
+        """Counts an iteration from which nothing was learnt."""
+        self._lost += 1
+        count = self._log.details.get("not_finite", 0) + 1
+        self._log.details = {**self._log.details, "not_finite": count}
+        if self._lost < _MOST_LOST:
+            return False
+        cause = "returns of its rollouts, or what is learnt from them, are not finite"
+        self._log.details = {**self._log.details, "cause": cause}
+        self.is_exhausted = True
+        return True
+
+    def _begin_phase(self, until: float) -> None:
         arena, now = self._arena, self._clock()
         is_first = not self._phases
         parent = None if is_first else arena.incumbent
+        if parent is not None and _has_plan(parent.params):
+            parent = None
         best = self._earlier_params(arena.planner) if parent is None else parent.params
-        params = arena.noop if best is None else self._exploring(best)
+        ends_by = now + _SCALING_SHARE * (until - now)
+        params = arena.noop if best is None else self._exploring(best, ends_by)
         # its program may have taken longer than that to compile
         late = max(self._first_until, arena.until(_LEAST_SHARE))
         ends = late if is_first else arena.deadline
@@ -208,21 +233,28 @@ class PolicyGradientArm(CompilingArm):
         self._has_collapsed = False
         self._phase = _Phase(parent, now, ends, factor)
         self._phases += 1
-        self._learner = self._gradient.begin(params, jax.random.fold_in(self._key, self._phases))
+        key = jax.random.fold_in(self._phase_key, self._phases)
+        self._learner = self._gradient.begin(params, key)
 
-    def _exploring(self, params: Params) -> Params:
-        """A policy with the same likeliest actions, whose law explores."""
+    def _exploring(self, params: Params, until: float) -> Params:
+        """A policy with the same likeliest actions, whose law explores; looked for till then."""
         low, high = math.log(_SMALLEST_SCALE), 0.0
         for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            learner = self._gradient.begin(with_raw_scale(params, math.exp(middle)), self._key)
-            _, shown = self._gradient.iterate(learner, self._key, _STILL)
+            if self._clock() + self._iteration_seconds > until:
+                break
+            middle, key = 0.5 * (low + high), self._trial_key
+            learner = self._gradient.begin(with_raw_scale(params, math.exp(middle)), key)
+            _, shown = self._gradient.iterate(learner, key, _STILL)
             explores = float(shown.entropy) > _EXPLORING_ENTROPY
             low, high = (middle, high) if explores else (low, middle)
-        return with_raw_scale(params, math.exp(high))
+        return with_raw_scale(params, math.exp(0.5 * (low + high)))
 
     def _offer_learnt(self) -> None:
         assert self._phase is not None
         assert self._learner is not None
         params = jax.tree.map(np.asarray, self._learner.params)
         self._offer_child(self._phase.parent, f"ppo, phase {self._phases}", params)
+
+
+def _has_plan(params: Params) -> bool:
+    return any(np.any(leaf) for leaf in jax.tree.leaves(params.get("plan", {})))

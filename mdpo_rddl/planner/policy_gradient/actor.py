@@ -89,8 +89,8 @@ class Actor:
         proposal = {name: left[name] ^ self._noop[name] for name in self._shapes}
         if not (self._limits or self._legal.is_needed):
             return proposal
-        # in the order of the weights, but what was proposed is likelier than what was not
-        half = 0.5 * in_order(weights)
+        # what was proposed is likelier than what was not
+        half = 0.5 * in_order(self.law.ranks(noise, weights))
         leaving = self._tree(jnp.where(chosen, 0.5 + half, half))
         true = {n: jnp.where(self._noop[n], 1.0 - leaving[n], leaving[n]) for n in self._shapes}
         proposal |= choose_within_limits(true, self._limits)

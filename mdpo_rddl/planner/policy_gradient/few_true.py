@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax, random
 
+_TINY = 1e-9
+
 
 class FewTrue:
     """Sets of at most k of n bools, where S has probability exp(sum of S's weights) / Z.
@@ -61,6 +63,13 @@ class FewTrue:
 
         elements = noise, weights, sums[:-1], sums[1:]
         return lax.scan(decide, jnp.array(self.most), elements)[1]
+
+    def ranks(self, noise: Array, weights: Array) -> Array:
+        """In which order other limits keep elements of a drawn set [n]: the larger, the sooner.
+
+        The weights, and noise where several may be drawn, so that it is not always the same one.
+        """
+        return weights if self.most == 1 else weights + jnp.log1p(-noise) - jnp.log(noise + _TINY)
 
     def log_probability(self, weights: Array, chosen: Array) -> Array:
         """Of a set, given as bools [n], under weights [n]."""

@@ -31,6 +31,8 @@ from mdpo_rddl.planner.policy_gradient.playing import Rollouts, compile_drawn_ro
 # to step and of their size
 _NEWS, _LEAST_SPREAD, _LEAST_SIZE = 0.1, 1e-2, 1e-3
 _TINY = 1e-6
+# log of a ratio of probabilities: beyond that its exponential, or a gradient of it, is no number
+_LARGEST_LOG_RATIO = 20.0
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,12 @@ class Shown(NamedTuple):
     Attributes:
       mean_return: discounted.
       entropy: of its proposals, the mean over the steps, in nats.
+      is_finite: whether all that was learnt from it is; else the learner is what it was.
     """
 
     mean_return: Array
     entropy: Array
+    is_finite: Array
 
 
 class _Batch(NamedTuple):
@@ -153,7 +157,7 @@ class PolicyGradient:
 
     def _iterate(self, learner: Learner, key: Array, pace: Pace) -> tuple[Learner, Shown]:
         playing, shuffling = random.split(key)
-        played = self._play(playing, learner.params)
+        before, played = learner, self._play(playing, learner.params)
         learner, batch, entropy = self._observed(learner, played)
         update = functools.partial(self._update, pace=pace)
 
@@ -163,10 +167,12 @@ class PolicyGradient:
             minibatches = jax.tree.map(lambda leaf: leaf[parts], batch)
             return lax.scan(update, learner, minibatches)
 
-        learner, _ = lax.scan(epoch, learner, random.split(shuffling, self._learning.epochs))
+        learnt, _ = lax.scan(epoch, learner, random.split(shuffling, self._learning.epochs))
+        is_finite = _is_finite(learnt)
+        learner = jax.tree.map(lambda new, old: jnp.where(is_finite, new, old), learnt, before)
         discounts = self._decay.discount**self._steps
         mean_return = jnp.mean(jnp.sum(played.rewards * discounts, axis=1))
-        return learner, Shown(mean_return, entropy)
+        return learner, Shown(mean_return, entropy, is_finite)
 
     def _observed(self, learner: Learner, played: Rollouts) -> tuple[Learner, _Batch, Array]:
         """The learner with the scale of what is learnt from, that, and the mean entropy."""
@@ -225,7 +231,8 @@ class PolicyGradient:
     def _loss(self, params: Params, critic: Any, batch: _Batch, entropy_bonus: Any) -> Array:
         law, clip = self._actor.law, self._learning.clip
         weights = self._weights(params, batch.states)
-        ratio = jnp.exp(_each(law.log_probability)(weights, batch.chosen) - batch.log_probability)
+        change = _each(law.log_probability)(weights, batch.chosen) - batch.log_probability
+        ratio = jnp.exp(jnp.clip(change, -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO))
         kept = jnp.clip(ratio, 1.0 - clip, 1.0 + clip)
         gain = jnp.minimum(ratio * batch.advantage, kept * batch.advantage)
         gain = gain + entropy_bonus * _each(law.entropy)(weights)
@@ -245,6 +252,11 @@ class PolicyGradient:
 def _learnt(params: Params) -> Params:
     """All but an open-loop plan: a value for every step is learnt slowly, and disturbs the rule."""
     return {name: part for name, part in params.items() if name != "plan"}
+
+
+def _is_finite(learner: Learner) -> Array:
+    leaves = jax.tree.leaves(learner)
+    return functools.reduce(jnp.logical_and, [jnp.all(jnp.isfinite(leaf)) for leaf in leaves])
 
 
 def _each(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -123,7 +123,7 @@ def test_a_later_phase_goes_on_from_the_best_policy_so_far(arena, make):
 
 
 def test_a_phase_ends_once_its_law_explores_no_more(arena, make, monkeypatch):
-    arm, shown = make(), [Shown(np.float32(1.0), np.float32(e)) for e in (0.5, 0.4, 0.001)]
+    arm, shown = make(), [Shown(np.float32(1.0), np.float32(e), True) for e in (0.5, 0.4, 0.001)]
     with monkeypatch.context() as patched:
         patched.setattr(arm._gradient, "iterate", lambda learner, *_: (learner, shown.pop(0)))
         arm.work(arena.clock.now + 100.0)
@@ -172,7 +172,7 @@ def test_another_process_goes_on_with_the_learner_and_its_phase(arena, make):
     later = make()
     later.restore(left)
     assert later.state() is left  # before its program is compiled
-    later._go_on(later._gradient.begin(arena.noop, later._key), left)
+    later._go_on(later._gradient.begin(arena.noop, later._phase_key), left)
     assert_same_bits(later._learner, arm._learner)
     assert later._phase == arm._phase
     later.take_over(arm.log, False)
@@ -191,7 +191,8 @@ def test_another_process_goes_on_with_the_learner_and_its_phase(arena, make):
         ),
         lambda tensors, values: tensors.pop("learner/3"),
         lambda tensors, values: values.update(ends=math.inf),
-        lambda tensors, values: values.update(phases=-1),
+        lambda tensors, values: values.update(phases=0),
+        lambda tensors, values: values.update(factor=-1.0),
     ],
 )
 def test_a_state_that_does_not_fit_is_left_out(arena, make, change):
@@ -201,20 +202,45 @@ def test_a_state_that_does_not_fit_is_left_out(arena, make, change):
     tensors, values = dict(left.tensors), dict(left.values)
     change(tensors, values)
     later = make()
-    like = later._gradient.begin(arena.noop, later._key)
+    like = later._gradient.begin(arena.noop, later._phase_key)
     assert not later._try(lambda state: later._go_on(like, state), State(tensors, values))
     assert later.state() is None
 
 
 def test_returns_that_are_not_finite_end_it(arena, make, monkeypatch):
+    for mean, is_finite in ((np.nan, True), (1.0, False)):
+        arm, broken = make(), Shown(np.float32(mean), np.float32(0.0), is_finite)
+        with monkeypatch.context() as patched:
+            patched.setattr(arm._gradient, "iterate", lambda learner, *_, s=broken: (learner, s))
+            arm.work(arena.clock.now + 100.0)
+        assert arm.is_exhausted
+        assert arm.log.details["not_finite"] == 10
+        assert "not finite" in arm.log.details["cause"]
+        # the policy of before
+        assert_same_bits(arm.take_candidates()[0].params, jax.tree.map(np.asarray, arena.noop))
+
+
+def test_a_policy_with_a_plan_is_not_gone_on_from(arena, make):
+    arm = make(until=0.0)
+    arm.work(arena.clock.now + 1.0)
+    taken(arm, arena.judge)
+    planned = known(arena)
+    plan = {"pull": np.ones_like(arena.noop["plan"]["pull"])}
+    arena.judge.record(replace(planned, params={**planned.params, "plan": plan}))
+    arena.clock.now = 200.0
+    arm.work(201.0)
+    assert taken(arm, arena.judge).parents == ()
+
+
+def test_an_iteration_that_would_end_late_is_not_begun(arena, make):
     arm = make()
-    broken = Shown(np.float32(np.nan), np.float32(0.0))
-    monkeypatch.setattr(arm._gradient, "iterate", lambda learner, *_: (learner, broken))
-    arm.work(arena.clock.now + 100.0)
-    assert arm.is_exhausted
-    assert "not finite" in arm.log.details["cause"]
-    # the policy of before
-    assert_same_bits(arm.take_candidates()[0].params, jax.tree.map(np.asarray, arena.noop))
+    # the clock ticks at each look, so that an iteration seems to take some of it
+    arm.work(arena.clock.now + 3.0)
+    assert arm.log.iterations >= 1
+    before = arm.log.iterations
+    arm._iteration_seconds = 50.0
+    arm.work(arena.clock.now + 3.0)
+    assert arm.log.iterations == before + 1
 
 
 def test_step_and_bonus_fall_within_a_phase():

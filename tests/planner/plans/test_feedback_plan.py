@@ -168,7 +168,11 @@ def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
     ("old", "new", "said"),
     [
         ("'topology'", "'topologi'", "unknown key 'topologi'"),
-        ("'topology': [4]", "'lifted': -1", "lifted: must be a whole number, 0 or more, got -1"),
+        (
+            "'topology': [4]",
+            "'lifted': -1",
+            "lifted: must be a whole number from 0 to 1024",
+        ),
         ("normalized_adam", "abnormal_adam", "optax has no function 'abnormal_adam'"),
         ("[Optimize]", "[Search]\nshared_until=2\n[Optimize]", "shared_until <= own_until"),
         ("[Optimize]", "[Search]\noptimum_until=1\n[Optimize]", "0 <= optimum_until < 1"),

@@ -52,6 +52,17 @@ def test_weights_are_the_policy_s_log_odds_and_the_likeliest_set_is_what_it_play
     np.testing.assert_array_equal(played["pull"], sets[0])
 
 
+def test_the_limit_of_a_group_is_kept_without_any_other_rule():
+    planner = planner_of("pos-inf", "(sum_{?a : arm} [pull(?a)]) <= 1;")
+    actor, params = Actor(planner), params_with(planner, [1.0, 1.2, 0.9])
+    assert not actor._legal.is_needed
+    noise = actor.law.noise(KEY, (100,))
+    played = jax.vmap(lambda one: actor.act(params, NOTHING, 0, one)["pull"])(noise)
+    assert int(np.max(np.sum(played, axis=1))) == 1
+    # one is proposed nearly always, and any of them
+    assert np.all(np.sum(played, axis=0) > 0)
+
+
 def test_the_order_is_kept_where_a_sigmoid_is_one():
     planner = planner_of("1")
     params = params_with(planner, [5.0, 6.0, 5.5])  # log-odds of 20, 24 and 22
