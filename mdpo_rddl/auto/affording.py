@@ -14,9 +14,10 @@ _COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
 _GRADIENT_EVALUATIONS = 100.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
-# and what learns from exact rollouts compiles these and a gradient of the policy; it is worth
-# much of the time
-_LEARNING_PROGRAMS, _LEARNING_AFFORDED = 2.0, 0.7
+# and what learns from exact rollouts compiles these and a gradient of the policy
+_LEARNING_PROGRAMS = 2.0
+LEARNING_FIRST, LEARNING_LATER = 0.7, 0.25
+"""Share of the time left that this may take: it is worth much of it where rewards are found."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
 
@@ -38,10 +39,13 @@ class Affording:
         """Whether there is time for what plays many policies at once."""
         return self._is_ready_in_time(_POPULATION_PROGRAMS)
 
-    def learning(self) -> bool:
-        """Whether there is time for what learns from exact rollouts."""
-        programs = _LEARNING_PROGRAMS / _LEARNING_AFFORDED
-        return not self._is_large and self._is_ready_in_time(programs)
+    def learning(self, share: float) -> bool:
+        """Whether there is time for what learns from exact rollouts.
+
+        Args:
+          share: of the time left, that its compilation may take.
+        """
+        return not self._is_large and self._is_ready_in_time(_LEARNING_PROGRAMS / share)
 
     def exploration(self) -> bool:
         """Whether there is time for a net whose parameters are explored."""

@@ -30,18 +30,19 @@ class Entrants:
         """
         self._arena, self._affording, self._without = arena, affording, without
 
-    def learner(self, until: float) -> CompilingArm | None:
+    def learner(self, until: float, share: float) -> CompilingArm | None:
         """The one that learns from exact rollouts, where actions can be drawn from a law.
 
         Args:
-          until: how long it is to work before others do, by the clock.
+          until: how long its first phase is to last, by the clock.
+          share: of the time left, that its compilation may take.
         """
         arena = self._arena
         if PPO in self._without or not can_be_drawn(arena.planner.rddl):
             return None
         if arena.plan.memory.initial:
             return None  # rollouts of the law carry none
-        return PolicyGradientArm(self._arena, until) if self._affording.learning() else None
+        return PolicyGradientArm(arena, until) if self._affording.learning(share) else None
 
     def exploration(self) -> CompilingArm | None:
         """The one that explores the parameters of a net."""

@@ -20,7 +20,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
-from mdpo_rddl.auto.affording import PATIENCE, Affording
+from mdpo_rddl.auto.affording import LEARNING_FIRST, LEARNING_LATER, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm, CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
@@ -28,6 +28,7 @@ from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
+from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
@@ -109,8 +110,12 @@ class Schedule(Slices):
     def _search(self, simple: SimpleArm) -> None:
         """Everything that needs a population of rollouts."""
         arena = self._arena
-        learner = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE))
-        self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
+        learner = None
+        # where rewards are rare, a law that explores finds none, and learns to do nothing
+        if self._marks.decided("learns first", self._finds_reward):
+            until = self._end(_LEARNING, _LEARNING_SHARE)
+            learner = self._entrants.learner(until, LEARNING_FIRST)
+            self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         leads = learner is not None and self._best.arm == learner.name
@@ -237,7 +242,10 @@ class Schedule(Slices):
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
         """Opens those arms that are in the race, must compile and can be afforded."""
         patience = self._affording.patience(until)
-        if not any(arm.name == PGPE for arm in self.arms):
+        taken = {arm.name for arm in self.arms}
+        if PPO not in taken:
+            self._opened(self._entrants.learner(until, LEARNING_LATER), until)
+        if PGPE not in taken:
             self._opened(self._entrants.exploration(), until)
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)

@@ -14,7 +14,7 @@ class Generous:
         """Refuses these."""
         self.refused = refused
 
-    def learning(self) -> bool:
+    def learning(self, share: float) -> bool:
         return "ppo" not in self.refused
 
     def exploration(self) -> bool:
@@ -81,6 +81,6 @@ def test_a_plan_comes_first_where_nothing_returns_more(case, comes):
     ],
 )
 def test_bools_are_learnt_where_the_state_is_seen(refused, case, comes):
-    arm = entrants(*refused, **case).learner(60.0)
+    arm = entrants(*refused, **case).learner(60.0, 0.5)
     assert (arm is not None) == comes
     assert arm is None or arm.name == "ppo"
