@@ -47,10 +47,10 @@ logger = logging.getLogger(__name__)
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
 # for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
-_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.75
+_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.85
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for the programs of those two
-_FIRST_PATIENCE = 0.5
+_FIRST_PATIENCE = 0.8
 # names of their parts
 _LEARNING, _PLAN_FIRST = "learning", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
