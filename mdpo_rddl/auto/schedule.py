@@ -33,6 +33,7 @@ from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, next_contender
@@ -121,7 +122,7 @@ class Schedule(Slices):
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
             self.give(simple, until)
         if arena.has_plan and self._affording.population():
-            random = self._marks.decided("random", lambda: arena.plans.random_return(arena.noop))
+            random = self._marks.decided(RANDOM, lambda: arena.plans.random_return(arena.noop))
             self.random_return = float(random)
         if exploration is not None and not exploration.slices:
             # what it finds decides what comes first
@@ -285,13 +286,13 @@ class Schedule(Slices):
         if polishing:
             self._contend(self._polisher, lambda: arena.incumbent.mean)
         self._on_stage("racing")
-        number = int(self._marks.decided("slices", lambda: 0))
+        number = int(self._marks.decided(SLICES, lambda: 0))
         while (left := until - arena.clock()) > SHORTEST_SECONDS:
             chosen = next_contender(self._contenders, number, judge.best_mean, left)
             if chosen is not None:
                 self._give_slice(chosen, until)
                 number += 1
-                self._marks.decide("slices", number)
+                self._marks.decide(SLICES, number)
                 continue
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
             if not pending:
