@@ -29,7 +29,7 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
@@ -120,6 +120,7 @@ class Schedule(Slices):
         exploration = self._opened(self._entrants.exploration() if comes_first else None, until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
+            simple.rules = Rules.FEW
             self.give(simple, until)
         if arena.has_plan and self._affording.population():
             random = self._marks.decided(RANDOM, lambda: arena.plans.random_return(arena.noop))
@@ -130,6 +131,7 @@ class Schedule(Slices):
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if not self._finds_reward():
             for until in self._once("more rules", _MORE_RULES_SHARE):
+                simple.rules = Rules.MANY
                 self.give(simple, until)
         improves = self._marks.decided("improves", self._finds_reward)
         go_on = self._improve if improves else self._explore

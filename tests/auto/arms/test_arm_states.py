@@ -18,7 +18,7 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, SimpleArm
+from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search.weights import weights_of
@@ -146,7 +146,7 @@ def test_plans_go_on_with_the_best_of_them(compiled, arena, name):
 
 def test_a_rule_is_offered_once_more(arena):
     first = SimpleArm(arena)
-    worked(first)
+    first.rules = Rules.FEW
     (rule,) = worked(first)
     second = SimpleArm(arena)
     second.restore(through_json(first.state()))
