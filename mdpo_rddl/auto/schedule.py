@@ -148,6 +148,8 @@ class Schedule(Slices):
         """Slices for one that may have worked already, while each finds a better policy."""
         self._enter(arm)
         is_better = self._judge_candidates(arm)
+        # what it found is kept from here on
+        self._marks.ended(arm.name)
         contender = self._contend(arm, lambda: arm.reached)
         self._on_stage("searching")
         if is_better:

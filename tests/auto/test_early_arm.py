@@ -55,6 +55,18 @@ def test_it_goes_on_as_long_as_it_gains(returns, expected):
     assert slices(returns) == expected
 
 
+def test_it_is_over_once_what_it_found_was_judged():
+    clock, seen = Stopped(), []
+    judge = Judge(1, 0, clock, 0.0, lambda judged: seen.append(schedule._marks.values()["over"]))
+    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0)
+    arm = Scripted(clock, [1.0])
+    arm.work(1.0)
+    schedule = Schedule(arena, Search(), lambda name: None)
+    schedule._try_early(arm, 0.0)
+    assert seen == [[]]
+    assert schedule._marks.is_over(arm.name)
+
+
 def test_it_ends_in_time():
     count, best = slices(range(1, 100))
     # slices of 5, 5, and then 10 seconds until 100
