@@ -241,6 +241,8 @@ class Schedule(Slices):
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
         """Opens those arms that are in the race, must compile and can be afforded."""
+        if self._arena.clock() >= until:
+            return  # there are no slices for them
         patience = self._affording.patience(until)
         if not any(arm.name == PGPE for arm in self.arms):
             self._opened(self._entrants.exploration(), until)
@@ -308,9 +310,22 @@ class Schedule(Slices):
         best = self._best
         self._on_stage("polishing")
         leader = next((arm for arm in self.arms if arm.name == best.arm), None)
+        leader = leader or self._reopened(best.arm)
         if best.planner is self._arena.planner or leader is None:
             leader = self._polisher
         self._end_with(leader)
+
+    def _reopened(self, name: str) -> Arm | None:
+        """The arm that led a race which was stopped after its rounds; None if it cannot go on."""
+        arena, polisher = self._arena, self._polisher
+        deadline, names = arena.deadline, [each for each in METHODS if each == name]
+        arm = next(iter(self._entrants.gradients(names, deadline, self.arms)), None)
+        if arm is None:
+            return None
+        self._open(arm, deadline, self._affording.patience(deadline))
+        while arm.is_pending and not polisher.is_exhausted and arena.clock() < deadline:
+            self.give(polisher, min(deadline, arena.clock() + self._slice_seconds))
+        return None if arm.is_exhausted else arm
 
     def _end_with(self, leader: Arm) -> None:
         """Gives an arm the time till the deadline, but for those that wait to be judged."""
