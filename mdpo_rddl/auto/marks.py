@@ -4,12 +4,20 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
+from mdpo_rddl.auto.state import count_of
+
+RANDOM, SLICES = "random", "slices"
+"""Decisions that are numbers: the return of random actions, and slices given in the rounds."""
+
 
 class _Timed(Protocol):
     """What has a race's time."""
 
     @property
     def began(self) -> float: ...
+
+    @property
+    def deadline(self) -> float: ...
 
     @property
     def clock(self) -> Callable[[], float]: ...
@@ -35,10 +43,11 @@ class Marks:
         self._over = {str(part) for part in earlier.get("over", ())}
         self._decided = dict(earlier.get("decided", {}))
         self._earlier = frozenset(self._ends)
-        if not all(map(math.isfinite, self._ends.values())):
-            raise ValueError("its parts do not end")
-        if not all(isinstance(each, bool | int | float) for each in self._decided.values()):
-            raise ValueError("its decisions are none")
+        for part, end in self._ends.items():
+            if not math.isfinite(end):
+                raise ValueError(f"its part {part!r} ends after {end} seconds")
+        for name, value in self._decided.items():
+            _check(name, value)
 
     def values(self) -> dict[str, Any]:
         """All of it, as JSON can hold it; ends are in seconds since the race began."""
@@ -56,9 +65,12 @@ class Marks:
           part: its name.
           race: that it is a part of.
           until: when it ends if it begins now.
+
+        Returns:
+          The race's deadline at the latest.
         """
         seconds = self._ends.setdefault(part, until - race.began)
-        return race.began + seconds
+        return min(race.began + seconds, race.deadline)
 
     def once(self, part: str, race: _Timed, until: float) -> Iterator[float]:
         """One turn with the end of a part, or none if the part is over.
@@ -81,11 +93,30 @@ class Marks:
         self._over.add(part)
 
     def decided(self, name: str, decide: Callable[[], Any]) -> Any:
-        """What was decided, or is decided now: a truth or a number."""
-        if name not in self._decided:
-            self._decided[name] = decide()
-        return self._decided[name]
+        """What was decided, or is decided now: a truth or a number.
+
+        A number that is not finite is decided anew by the next race.
+        """
+        if name in self._decided:
+            return self._decided[name]
+        value = decide()
+        if math.isfinite(value):
+            self._decided[name] = value
+        return value
 
     def decide(self, name: str, value: bool | float) -> None:
         """Notes a decision, in place of an earlier one."""
         self._decided[name] = value
+
+
+def _check(name: str, value: Any) -> None:
+    """Raises TypeError or ValueError if a decision is not of its type."""
+    if name == SLICES:
+        if not math.isfinite(value):
+            raise ValueError(f"its slices are {value}")
+        count_of(value)
+    elif name == RANDOM:
+        if not math.isfinite(value):
+            raise ValueError(f"its return of random actions is {value}")
+    elif not isinstance(value, bool):
+        raise ValueError(f"its decision {name!r} is {value!r:.40}, and no truth")

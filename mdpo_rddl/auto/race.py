@@ -106,7 +106,6 @@ def plan_automatically(
                 resumption.enter(trials)
                 if not resumption.marks.is_over(TRIALS):
                     _begin(trials, seconds, started + seconds, clock)
-                resumption.marks.ended(TRIALS)
             options.on_stage("probing")
             arena = _arena(problem, config, seed, started, options, resumption)
             return _raced(arena, shares, (exact, trials), alternatives, options, resumption)

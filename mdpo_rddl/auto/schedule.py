@@ -30,10 +30,11 @@ from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, next_contender
@@ -124,9 +125,10 @@ class Schedule(Slices):
         exploration = self._opened(self._entrants.exploration() if comes_first else None, until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
+            simple.rules = Rules.FEW
             self.give(simple, until)
         if arena.has_plan and self._affording.population():
-            random = self._marks.decided("random", lambda: arena.plans.random_return(arena.noop))
+            random = self._marks.decided(RANDOM, lambda: arena.plans.random_return(arena.noop))
             self.random_return = float(random)
         if exploration is not None and not exploration.slices:
             # what it finds decides what comes first
@@ -134,6 +136,7 @@ class Schedule(Slices):
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if not self._finds_reward():
             for until in self._once("more rules", _MORE_RULES_SHARE):
+                simple.rules = Rules.MANY
                 self.give(simple, until)
         improves = self._marks.decided("improves", self._finds_reward)
         go_on = self._improve if improves else self._explore
@@ -150,6 +153,8 @@ class Schedule(Slices):
         """Slices for one that may have worked already, while each finds a better policy."""
         self._enter(arm)
         is_better = self._judge_candidates(arm)
+        # what it found is kept from here on
+        self._marks.ended(arm.name)
         contender = self._contend(arm, lambda: arm.reached)
         self._on_stage("searching")
         if is_better:
@@ -241,6 +246,8 @@ class Schedule(Slices):
 
     def _open_programs(self, until: float, names: Sequence[str]) -> None:
         """Opens those arms that are in the race, must compile and can be afforded."""
+        if self._arena.clock() >= until:
+            return  # there are no slices for them
         patience = self._affording.patience(until)
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
@@ -293,13 +300,13 @@ class Schedule(Slices):
         if polishing:
             self._contend(self._polisher, lambda: arena.incumbent.mean)
         self._on_stage("racing")
-        number = int(self._marks.decided("slices", lambda: 0))
+        number = int(self._marks.decided(SLICES, lambda: 0))
         while (left := until - arena.clock()) > SHORTEST_SECONDS:
             chosen = next_contender(self._contenders, number, judge.best_mean, left)
             if chosen is not None:
                 self._give_slice(chosen, until)
                 number += 1
-                self._marks.decide("slices", number)
+                self._marks.decide(SLICES, number)
                 continue
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
             if not pending:
@@ -311,9 +318,22 @@ class Schedule(Slices):
         best = self._best
         self._on_stage("polishing")
         leader = next((arm for arm in self.arms if arm.name == best.arm), None)
+        leader = leader or self._reopened(best.arm)
         if best.planner is self._arena.planner or leader is None:
             leader = self._polisher
         self._end_with(leader)
+
+    def _reopened(self, name: str) -> Arm | None:
+        """The arm that led a race which was stopped after its rounds; None if it cannot go on."""
+        arena, polisher = self._arena, self._polisher
+        deadline, names = arena.deadline, [each for each in METHODS if each == name]
+        arm = next(iter(self._entrants.gradients(names, deadline, self.arms)), None)
+        if arm is None:
+            return None
+        self._open(arm, deadline, self._affording.patience(deadline))
+        while arm.is_pending and not polisher.is_exhausted and arena.clock() < deadline:
+            self.give(polisher, min(deadline, arena.clock() + self._slice_seconds))
+        return None if arm.is_exhausted else arm
 
     def _end_with(self, leader: Arm) -> None:
         """Gives an arm the time till the deadline, but for those that wait to be judged."""

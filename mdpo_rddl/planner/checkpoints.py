@@ -47,12 +47,13 @@ class Checkpoints:
 
     Attributes:
       seconds: from one to the next.
-      save: is given the state now and then, and when the training is interrupted.
+      save: is given the state now and then, and when the training is interrupted; None where the
+        state is only asked for.
       resumed: what an earlier training has left.
     """
 
     seconds: float
-    save: Callable[[TrainingState], None]
+    save: Callable[[TrainingState], None] | None
     resumed: TrainingState | None = None
 
 
@@ -155,9 +156,10 @@ class CheckpointedLoop:
 
     def save(self) -> None:
         """Leaves a checkpoint of the last iteration, unless it was the last one of all."""
-        if self._latest is not None:
+        save = self._checkpoints.save
+        if save is not None and self._latest is not None:
             self._saved, self._latest = self._latest(), None
-            self._checkpoints.save(self._saved)
+            save(self._saved)
         self._saved_at = time.monotonic()
 
 

@@ -213,18 +213,14 @@ class WatchedLoop:
 
     @contextlib.contextmanager
     def _averaging(self) -> Iterator[None]:
-        """Has JaxPlan's loop average test losses with objects that are known here."""
-        made = planner.RollingMean
-
-        class Average(made):  # type: ignore[misc, valid-type]
-            latest: Any = None
-
-            def update(self, losses: Any) -> Any:
-                self.latest = super().update(losses)
-                return self.latest
+        """Has JaxPlan's loop in this thread average test losses with objects known here."""
+        here = threading.get_ident()
 
         def make(window: int) -> Any:
-            average = Average(window)
+            # the loop of another thread may begin meanwhile
+            if threading.get_ident() != here:
+                return made(window)
+            average = _watched_average(made, window)
             if self._resumed is not None:
                 name = self._names_of_losses[len(self._averages)]
                 average._memory.extend(self._resumed.tensors[name])
@@ -233,6 +229,7 @@ class WatchedLoop:
             return average
 
         with _FIRST_TURN:
+            made = planner.RollingMean
             planner.RollingMean = make
             try:
                 yield
@@ -263,6 +260,19 @@ class WatchedLoop:
         saved = fitted_leaves(name, self._resumed.tensors, template, lanes)
         leaves, structure = jax.tree.flatten(template)
         return jax.tree.unflatten(structure, list(map(_placed, leaves, saved)))
+
+
+def _watched_average(made: Any, window: int) -> Any:
+    """An average of JaxPlan's class that also knows its latest value."""
+
+    class Average(made):
+        latest: Any = None
+
+        def update(self, losses: Any) -> Any:
+            self.latest = super().update(losses)
+            return self.latest
+
+    return Average(window)
 
 
 def _placed(leaf: Any, saved: np.ndarray) -> Any:

@@ -55,6 +55,18 @@ def test_it_goes_on_as_long_as_it_gains(returns, expected):
     assert slices(returns) == expected
 
 
+def test_it_is_over_once_what_it_found_was_judged():
+    clock, seen = Stopped(), []
+    judge = Judge(1, 0, clock, 0.0, lambda judged: seen.append(schedule._marks.values()["over"]))
+    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0)
+    arm = Scripted(clock, [1.0])
+    arm.work(1.0)
+    schedule = Schedule(arena, Search(), lambda name: None)
+    schedule._try_early(arm, 0.0)
+    assert seen == [[]]
+    assert schedule._marks.is_over(arm.name)
+
+
 def test_it_ends_in_time():
     count, best = slices(range(1, 100))
     # slices of 5, 5, and then 10 seconds until 100
@@ -114,3 +126,45 @@ def test_where_none_comes_first_the_others_begin():
     schedule = Schedule(arena, Search(), lambda name: None)
     schedule._begin_with("plan first", None, 0.6)
     assert schedule.arms == []
+
+
+def finished(names):
+    """Slices of an arm that led a race stopped after its rounds, and of the search around it."""
+    clock = Stopped()
+    clock.now = 148.0
+    judge = Judge(1, 0, clock, 0.0)
+    judge.record(Candidate("slp", "earlier", preset(1.0), None, None, mean=0.0, error=0.0))
+    arena = SimpleNamespace(
+        judge=judge, clock=clock, planner=object(), began=0.0, deadline=160.0, incumbent=None
+    )
+    schedule = Schedule(arena, Search(), lambda name: None)
+
+    class Slow(Planned):
+        is_pending = property(lambda self: clock.now < 150.0)
+
+        def await_program(self, until):
+            """Is not asked to."""
+            raise AssertionError
+
+    arm, polisher = Slow(clock, [1.0]), Scripted(clock, [])
+    arm.name = "slp"
+
+    def gradients(wanted, until, arms):
+        assert until == arena.deadline
+        return iter([arm] if "slp" in wanted and "slp" in names else [])
+
+    schedule._entrants = SimpleNamespace(gradients=gradients)
+    schedule._affording = SimpleNamespace(patience=lambda until: clock())
+    schedule.__dict__["_polisher"] = polisher
+    # the rounds are over: nothing is opened for them
+    schedule._open_programs(147.0, ["slp"])
+    assert schedule.arms == []
+    schedule._finish()
+    assert clock() == 160.0
+    return arm.log.slices, polisher.log.slices
+
+
+def test_who_led_a_race_that_was_stopped_after_its_rounds_has_the_rest():
+    # the search has what the compilation takes, till 158
+    assert finished(["slp"]) == (1, 1)
+    assert finished([]) == (0, 1)

@@ -21,7 +21,7 @@ from mdpo_rddl.auto import (
     schedule,
     sizes,
 )
-from mdpo_rddl.auto.arms import gradient, jaxplan
+from mdpo_rddl.auto.arms import gradient, jaxplan, simple
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.errors import Cancelled, InputError
@@ -191,7 +191,9 @@ def test_without_a_gradient_the_search_has_to_do(lake, in_one_arena, no_gradient
 
 
 @pytest.mark.long
-def test_where_nothing_beats_the_no_op_it_explores(corridor):
+def test_where_nothing_beats_the_no_op_it_explores(corridor, monkeypatch):
+    # of very many rules one may
+    monkeypatch.setitem(simple._COUNTS, simple.Rules.MANY, 512)
     outcome = raced(corridor, 3000.0)
     found = means(outcome)
     assert found[CONSTANT] <= 0.0

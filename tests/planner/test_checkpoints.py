@@ -1,6 +1,8 @@
 """A training that goes on from a checkpoint is the unbroken one, bit for bit."""
 
 import math
+import threading
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -16,8 +18,9 @@ from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.found import Found
-from mdpo_rddl.planner.training import TrainingResult, train
-from mdpo_rddl.planner.upstream import JaxPlannerStatus
+from mdpo_rddl.planner.loop_state import WatchedLoop
+from mdpo_rddl.planner.training import Training, TrainingResult, train
+from mdpo_rddl.planner.upstream import JaxPlannerStatus, planner
 from mdpo_rddl.problem.load import load_problem
 
 CONFIGS = {
@@ -152,3 +155,34 @@ def test_what_was_not_finite_is_counted_over_a_resumption():
     assert resumed.first_not_finite == whole.first_not_finite == 1
     assert float(resumed.suspect["w"]) == float(whole.suspect["w"]) == 0.0
     assert resumed.is_flat is whole.is_flat is True
+
+
+def test_a_loop_that_begins_in_another_thread_has_its_own_averages():
+    loop, plain = WatchedLoop(SimpleNamespace(use_pgpe=False), None), planner.RollingMean
+    others: list[Any] = []
+    thread = threading.Thread(target=lambda: others.append(planner.RollingMean(3)))
+    with loop._averaging():
+        own = planner.RollingMean(3)
+        thread.start()
+        thread.join()
+    assert loop._averages == [own]
+    assert [type(other) for other in others] == [plain]
+    assert planner.RollingMean is plain
+
+
+def test_an_interrupt_asks_for_no_state_that_is_kept_nowhere(built, monkeypatch):
+    def broken(loop, callback):
+        def make():
+            raise ValueError("no state")
+
+        return make
+
+    def interrupt(progress):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(WatchedLoop, "state", broken)
+    training = Training(built, KEY, BUDGET, interrupt, Checkpoints(math.inf, None))
+    training.compile()
+    training.advance()
+    training.close()
+    assert training.result().status == "interrupted"

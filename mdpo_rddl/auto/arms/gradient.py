@@ -94,6 +94,8 @@ class GradientArm(CompilingArm):
         self._noise: Sequence[float] = ()
         self._best_before = -math.inf
         self._earlier = _Earlier()
+        # phases of this process that are over: the latest is not in `phases` before its first slice
+        self._ended = 0
         self._resumed: State | None = None
 
     def state(self) -> State | None:
@@ -102,7 +104,7 @@ class GradientArm(CompilingArm):
         latest = None if training is None else training.state()
         if latest is None:
             return self._resumed
-        done, earlier = self.phases[:-1], self._earlier
+        done, earlier = self.phases[: self._ended], self._earlier
         values = {
             "ended": earlier.phases + len(done),
             "iterations": earlier.iterations + sum(each.result.iterations for each in done),
@@ -211,23 +213,21 @@ class GradientArm(CompilingArm):
             checkpoints_of(state),
         )
         is_first = self._training is None
-        self._training = training
+        self._training, self._ended = training, len(self.phases)
         # a later phase has the first one's program
         self._start(training.compile, in_turn=is_first)
 
     def _train(self, until: float) -> None:
         training = self._training
         assert training is not None
-        is_new = not training.train_seconds
-        if is_new:
+        if not training.train_seconds:
             training.limit(_FOREVER)
         training.advance(until - self._clock())
         result = training.result(seconds=REPLAY_SECONDS)
         self._note_not_finite(training, result)
-        here = len(self.phases) + is_new
-        number = self._earlier.phases + here
+        number = self._earlier.phases + self._ended + 1
         labels = f"phase {number}", f"phase {number}, last iterate"
-        self.phases[here - 1 :] = [PhaseLog(self._steps, self._noise, result, labels)]
+        self.phases[self._ended :] = [PhaseLog(self._steps, self._noise, result, labels)]
         for label, params in zip(labels, (result.best_params, result.last_params), strict=True):
             self._offer(self._trained(self._parent, label, params, result))
         if result.status == "interrupted":

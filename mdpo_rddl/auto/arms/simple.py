@@ -1,5 +1,7 @@
 """The arm of policies that need no search: the no-op, the best constant and random rules."""
 
+from enum import IntEnum
+
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
@@ -10,23 +12,33 @@ from mdpo_rddl.auto.state import State
 
 SIMPLE = "constants and rules"
 NOOP, CONSTANT, RANDOM_RULE = "no-op", "constant", "random rule"
-# in the second slice, and in those after it
-_RULES, _MORE_RULES = 512, 32_768
 _SIGMA = 0.5
 
 
+class Rules(IntEnum):
+    """Parts of a race in which rules are drawn, each with random numbers of its own."""
+
+    FEW = 0
+    MANY = 1
+
+
+_COUNTS = {Rules.FEW: 512, Rules.MANY: 32_768}
+
+
 class SimpleArm(ArenaArm):
-    """Offers the no-op and the best constant in its first slice, a random rule in the others.
+    """Offers the no-op and the best constant, and random rules where a part is for these.
 
     Where a reward comes only after many right actions, few rules are paid for what they do, and
-    changing one that is not leads nowhere: more of them are drawn in a third slice.
+    changing one that is not leads nowhere: more of them are drawn later.
+
+    Attributes:
+      rules: which of them the next slice draws; None if it is for the others.
     """
 
     def __init__(self, arena: Arena) -> None:
         """Compiles nothing yet."""
         super().__init__(SIMPLE, arena)
-        self._random = np.random.default_rng(arena.seed)
-        self._turn = 0
+        self.rules: Rules | None = None
         self._best: np.ndarray | None = None
 
     def state(self) -> State | None:
@@ -40,9 +52,8 @@ class SimpleArm(ArenaArm):
 
     def _work(self, until: float) -> None:
         arena = self._arena
-        self._turn += 1
         rules = simple_weights(arena.noop, arena.plan)
-        if self._turn == 1:
+        if self.rules is None:
             self._offer(arena.candidate(self.name, NOOP, arena.noop))
             self._offer(arena.candidate(self.name, CONSTANT, arena.constant))
             if self._best is not None:
@@ -55,27 +66,28 @@ class SimpleArm(ArenaArm):
         self._log.compile_seconds += compile_seconds
         # what is compiled serves all searches: the time for it is not taken from the rules
         until = min(until + compile_seconds, arena.deadline)
-        count = _RULES if self._turn == 2 else _MORE_RULES
-        found = self._random_rules(arena.population, rules, count, until)
+        found = self._random_rules(arena.population, rules, self.rules, until)
         best = found[0] if len(found) == 1 else arena.population.best(rules, found)
         self._best = best
         self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(best)))
 
     def _random_rules(
-        self, population: PopulationReturns, rules: Weights, count: int, until: float
+        self, population: PopulationReturns, rules: Weights, which: Rules, until: float
     ) -> list[np.ndarray]:
         """Of many vectors [D], those of the largest returns: at least one population is drawn."""
         size = (population.population, rules.start.size)
-        drawn = 0
+        drawn, count = 0, _COUNTS[which]
+        # a race that goes on has not drawn what comes before
+        random = np.random.default_rng((self._arena.seed, int(which)))
         kept: list[tuple[float, np.ndarray]] = []
         while not drawn or (drawn < count and self._clock() < until):
             # most of the weights of a simple rule are zero
-            scales = self._random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
-            vectors = self._random.normal(size=size) * scales * _SIGMA
+            scales = random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
+            vectors = random.normal(size=size) * scales * _SIGMA
             means = population(rules, 0, vectors)
             means = np.where(np.isfinite(means), means, -np.inf)
             kept += zip(means.tolist(), vectors, strict=True)
             kept = sorted(kept, key=lambda pair: -pair[0])[: population.population]
             drawn += population.population
             self._log.iterations += 1
-        return [vector for _, vector in kept] if count > _RULES else [kept[0][1]]
+        return [vector for _, vector in kept] if which is Rules.MANY else [kept[0][1]]

@@ -118,8 +118,15 @@ class TrainingArm(CompilingArm):
         """Where the state of another process turns out not to fit."""
         logger.info("%s: its state is left out: %s", self.name, error)
         self._resumed = self._best = None
-        self._estimate, self._phase, self._iterations = -math.inf, 0, 0
+        self._estimate = -math.inf
+        self._put_back()
         self._begin()
+
+    def _put_back(self) -> None:
+        """Leaves the planner as the first phase has it."""
+        self.close()
+        self._training, self._phase, self._iterations = None, 0, 0
+        self._built.planner.vary_restarts()
 
     def _compile(self, seconds: float) -> None:
         if self._resumed is not None and self._try(
@@ -135,14 +142,15 @@ class TrainingArm(CompilingArm):
         """Compiles the phase's training, which goes on with the state."""
         built, values = self._built, state.values
         best = BestIterate.of(state.part("best"), built.planner)
-        self._phase, self._iterations = count_of(values["phase"]), count_of(values["iterations"])
+        phase, iterations = count_of(values["phase"]), count_of(values["iterations"])
         best_iteration = count_of(values["best_iteration"])
-        if self._phase:
-            built = self._with_smaller_steps(built, best)
+        self._phase, self._iterations = phase, iterations
         try:
+            if phase:
+                built = self._with_smaller_steps(built, best)
             self._training = self._compiled_training(built, seconds, state.part("training"))
         except (InputError, *UNFIT):
-            self._phase = self._iterations = 0
+            self._put_back()
             raise
         self._best, self._best_iteration = best, best_iteration
         self._estimate = best.mean_return

@@ -7,8 +7,9 @@ and Hansen (2008), by the package cmaes.
 import math
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,8 @@ _WORST = -1e30
 # the optimiser's arrays that change from one iteration to the next
 _ARRAYS = ("mean", "C", "p_sigma", "pc", "funhist_values")
 _LARGEST_MEAN = 1e30
+# of the generator MT19937
+_WORDS = 624
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,17 @@ class Adaptation:
         """
         optimizer, values = self._optimizer, state.values
         arrays = {name: np.shape(getattr(optimizer, f"_{name}")) for name in _ARRAYS}
-        found = {f"_{name}": state.array(name, shape) for name, shape in arrays.items()}
+        found = {f"_{n}": state.array(n, shape).astype(float) for n, shape in arrays.items()}
         sigma, generation = float(values["sigma"]), count_of(values["generation"])
-        if not 0.0 < sigma < math.inf or np.any(np.abs(found["_mean"]) > _LARGEST_MEAN):
-            raise ValueError("its distribution is none")
+        if not 0.0 < sigma < math.inf:
+            raise ValueError(f"its sigma is {sigma}, and not between 0 and infinity")
+        if (largest := np.abs(found["_mean"]).max()) > _LARGEST_MEAN:
+            raise ValueError(f"its mean has {largest:g}, and {_LARGEST_MEAN:g} is the most")
+        covariance = found["_C"]  # symmetric but for the rounding
+        if not np.allclose(covariance, covariance.T, atol=1e-9 * np.abs(covariance).max()):
+            raise ValueError("its covariance C is not symmetric")
         iterations, flat = count_of(values["iterations"]), count_of(values["flat"])
-        name, *rest = values["generator"]
-        random = np.random.RandomState()
-        random.set_state((name, state.array("words", (None,)), *rest))
+        random = _generator(values["generator"], state.array("words", (_WORDS,)))
         vars(optimizer).update(found, _sigma=sigma, _g=generation, _rng=random, _B=None, _D=None)
         self.iterations, self._flat = iterations, flat
 
@@ -133,3 +139,22 @@ class Adaptation:
             self._optimizer.tell(list(zip(candidates, -returns, strict=True)))
             self.iterations += 1
             self._flat = self._flat + 1 if np.ptp(returns) == 0.0 else 0
+
+
+def _generator(values: Sequence[Any], words: np.ndarray) -> np.random.RandomState:
+    """A generator at the place of another one; numpy itself looks at little of it.
+
+    Raises:
+      TypeError, ValueError: if that is no such place.
+    """
+    name, place, has_gauss, gauss = values
+    # numpy would read beyond the words
+    if count_of(place) > _WORDS:
+        raise ValueError(f"its generator is at word {place}, and {_WORDS} is the last")
+    if words.dtype != np.uint32:
+        raise ValueError(f"its generator's words are {words.dtype}, and not uint32")
+    if has_gauss not in (0, 1) or not math.isfinite(gauss):
+        raise ValueError(f"its generator keeps {gauss!r:.40}, {has_gauss!r:.40} times")
+    random = np.random.RandomState()
+    random.set_state((name, words, int(place), int(has_gauss), float(gauss)))
+    return random

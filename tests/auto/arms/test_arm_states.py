@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +13,19 @@ from helpers.problems import assert_same_bits
 
 from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms import gradient
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GradientArm
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, SimpleArm
+from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search.weights import weights_of
 from mdpo_rddl.auto.state import UNFIT, State
+from mdpo_rddl.planner.checkpoints import TrainingState
 
 FOREVER = 300.0
 
@@ -146,7 +149,7 @@ def test_plans_go_on_with_the_best_of_them(compiled, arena, name):
 
 def test_a_rule_is_offered_once_more(arena):
     first = SimpleArm(arena)
-    worked(first)
+    first.rules = Rules.FEW
     (rule,) = worked(first)
     second = SimpleArm(arena)
     second.restore(through_json(first.state()))
@@ -250,3 +253,53 @@ def test_parameter_exploration_goes_on_with_its_law_and_record(compiled, arena):
     np.testing.assert_array_equal(second._record.vector, first._record.vector)
     second.work(time.monotonic())
     assert second.log.iterations > first.log.iterations
+
+
+def test_phases_that_are_over_are_counted_in_the_first_slice_of_the_next(arena, monkeypatch):
+    seen = []
+
+    class Ended:
+        """A training that ends after five iterations."""
+
+        train_seconds = 0.0
+        has_ended = False
+
+        def __init__(self, *given: object) -> None:
+            """Trains nothing."""
+
+        def advance(self, seconds: float) -> None:
+            values = arm.state().values
+            seen.append((values["ended"], values["iterations"]))
+            self.train_seconds, self.has_ended = 1.0, True
+
+        def state(self) -> TrainingState:
+            return TrainingState({}, {"iterations": 5})
+
+        def result(self, seconds: float) -> SimpleNamespace:
+            return SimpleNamespace(
+                best_params=arena.noop,
+                last_params=arena.noop,
+                policy_hyperparams={},
+                iterations=5,
+                restart=0,
+                status="ended",
+                not_finite=0,
+                lost_sensitivities=0,
+            )
+
+        def compile(self) -> None:
+            """Compiles nothing."""
+
+        def limit(self, seconds: float) -> None:
+            """Has no time of its own."""
+
+        def close(self) -> None:
+            """Leaves nothing."""
+
+    monkeypatch.setattr(gradient, "Training", Ended)
+    arm = begun(make_gradient(arena))
+    for _ in range(3):
+        arm.work(time.monotonic() + FOREVER)
+    arena.planner.vary_restarts()
+    assert seen == [(0, 0), (1, 5), (2, 10)]
+    assert arm.state().values["ended"] == len(arm.phases) - 1

@@ -8,7 +8,7 @@ import pytest
 from helpers.clocks import Stopped
 
 from mdpo_rddl.auto.arms import simple
-from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, SimpleArm
+from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
 
 POPULATION = 32
 
@@ -60,6 +60,7 @@ def test_compiling_takes_nothing_from_the_time_of_the_rules(arena):
     arm = SimpleArm(arena)
     arm.work(0.0)
     assert next(one.label for one in arm.take_candidates()) == NOOP
+    arm.rules = Rules.FEW
     arm.work(3.0)
     (found,) = arm.take_candidates()
     assert found.label == RANDOM_RULE
@@ -67,14 +68,34 @@ def test_compiling_takes_nothing_from_the_time_of_the_rules(arena):
     assert found.params[0] == np.concatenate(arena.population.played)[:, 0].max()
 
 
-def test_a_third_slice_draws_many_more_and_ends_in_time(arena):
+def test_another_part_draws_many_more_and_ends_in_time(arena):
     arm = SimpleArm(arena)
-    for until in (0.0, 3.0):
-        arm.work(until)
+    arm.rules = Rules.FEW
+    arm.work(3.0)
     arm.take_candidates()
     before = len(arena.population.played)
+    arm.rules = Rules.MANY
     arm.work(arena.clock.now + 2.0)
     (found,) = arm.take_candidates()
     drawn = np.concatenate(arena.population.played[before:])
     assert len(drawn) == pytest.approx(200 * POPULATION, abs=2 * POPULATION)
     assert found.params[0] == drawn[:, 0].max()
+
+
+def drawn(arena, *parts: Rules) -> np.ndarray:
+    """The rules of the last part, drawn by one arm."""
+    arm, before = SimpleArm(arena), 0
+    for part in parts:
+        before = len(arena.population.played)
+        arm.rules = part
+        arm.work(arena.clock.now + 1.0)
+    return np.concatenate(arena.population.played[before:])
+
+
+def test_a_race_that_goes_on_draws_the_rules_that_its_part_would_have_drawn(arena):
+    few = drawn(arena, Rules.FEW)
+    many = drawn(arena, Rules.FEW, Rules.MANY)
+    again = drawn(arena, Rules.MANY)
+    np.testing.assert_array_equal(again[:512], many[:512])
+    assert len(again) > len(few) == 512
+    assert not np.isin(few[few != 0.0], again).any()

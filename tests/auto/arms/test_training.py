@@ -22,6 +22,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.search.steps import step_factor
+from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, InputError
 
 FOREVER = 300.0
@@ -265,3 +266,41 @@ def test_an_interrupted_training_ends_the_race(arena, monkeypatch):
     # another process may go on with it
     assert not arm.is_exhausted
     assert arm.state() is not None
+
+
+@pytest.fixture
+def varied(arena, monkeypatch):
+    """What the restarts of the plans' planner were given, one after the other."""
+    given = []
+    planner = arena.plain.built("slp").planner
+    monkeypatch.setattr(planner, "vary_restarts", lambda **values: given.append(values))
+    return given
+
+
+def test_a_phase_that_is_refused_leaves_no_step_size(arena, monkeypatch, varied):
+    best = SimpleNamespace(params={"pump": np.zeros(8)}, mean_return=-1.0)
+    monkeypatch.setattr(training, "BestIterate", SimpleNamespace(of=lambda *given: best))
+    arm, begun = TrainingArm(arena, "slp"), []
+
+    def refuse(built, seconds, state=None):
+        if state is not None:
+            raise ValueError("other shapes")
+        begun.append(arm._phase)
+
+    monkeypatch.setattr(arm, "_compiled_training", refuse)
+    values = {"phase": 2, "iterations": 7, "best_iteration": 3, "best": {}, "training": {}}
+    arm._resumed = State({}, values)
+    arm._compile(1.0)
+    assert [bool(each) for each in varied] == [True, False]
+    assert begun == [0]
+    assert arm._iterations == 0
+
+
+def test_a_training_that_is_begun_anew_ends_the_old_one(arena, monkeypatch, varied):
+    arm, done = TrainingArm(arena, "slp"), []
+    arm._training = SimpleNamespace(close=lambda: done.append("closed"))
+    monkeypatch.setattr(arm, "_begin", lambda: done.append("begun"))
+    arm._begin_anew(InputError("other shapes"))
+    assert done == ["closed", "begun"]
+    assert varied == [{}]
+    assert arm._training is None

@@ -81,6 +81,49 @@ def test_a_state_that_does_not_fit_is_refused(name, broken):
     np.testing.assert_array_equal(fresh.mean, np.zeros(4))
 
 
+@pytest.mark.parametrize(
+    ("generator", "cause"),
+    [
+        (["MT19937", 100_000_000, 0, 0.0], "word 100000000"),
+        (["MT19937", -1, 0, 0.0], "-1"),
+        (["MT19937", 624, 2, 0.0], "2 times"),
+        (["MT19937", 624, 1, float("nan")], "nan"),
+        (["PCG64", 624, 0, 0.0], "PCG64|MT19937"),
+    ],
+)
+def test_a_generator_at_no_place_is_refused_before_it_draws(generator, cause):
+    state = through_json(adaptation(False).state())
+    state.values["generator"] = generator
+    with pytest.raises(ValueError, match=cause):
+        adaptation(False).restore(state)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "cause"),
+    [
+        ("words", lambda words: words[:3], "words"),
+        ("words", lambda words: words.astype(float), "uint32"),
+        ("C", lambda matrix: matrix + np.triu(np.ones((4, 4)), 1), "not symmetric"),
+        ("mean", lambda mean: mean + 2e30, "2e.30, and 1e.30 is the most"),
+    ],
+)
+def test_arrays_that_are_no_distribution_are_refused(name, change, cause):
+    state = through_json(adaptation(False).state())
+    state.tensors[name] = change(state.tensors[name])
+    with pytest.raises(ValueError, match=cause):
+        adaptation(False).restore(state)
+
+
+def test_a_distribution_in_whole_numbers_goes_on_in_real_ones():
+    first, second = adaptation(False), adaptation(False)
+    state = through_json(first.state())
+    state.tensors["mean"] = state.tensors["mean"].astype(np.int8)
+    second.restore(state)
+    for one in (first, second):
+        one.run(distance, 20.5)
+    np.testing.assert_array_equal(second.mean, first.mean)
+
+
 def filled(count: int = 3) -> Archive:
     archive = Archive(LAYOUT, {"x": (0.0, 1.0)}, seed=0)
     plans = np.random.default_rng(1).normal(size=(count, HORIZON, 3)).astype(np.float32)
