@@ -199,12 +199,6 @@ class Schedule(Slices):
             self._on_stage("polishing")
             self._end_with(exploration)
 
-    @property
-    def _best(self) -> Candidate:
-        best = self._judge.incumbent
-        assert best is not None
-        return best
-
     def _improve(self, shared: SharedWeightsArm) -> None:
         """For problems in which a constant or a random rule beats the no-op."""
         arena, shares = self._arena, self._shares
@@ -281,13 +275,6 @@ class Schedule(Slices):
 
         for _ in self._marks.once(part, arena, until):
             self._give_while(contender, until, lambda: arm.progress, least)
-
-    def _to_catch_up(self, arm: Arm, until: float) -> float:
-        """What each slice till then must gain for an arm to reach the incumbent of another one."""
-        if self._best.arm == arm.name:
-            return 0.0
-        slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
-        return max(0.0, (self._judge.best_mean - arm.progress) / slices)
 
     def _compete(self, until: float, polishing: bool = True) -> None:
         """Rounds of slices, each for the arm that promises most.

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising
 from mdpo_rddl.errors import Cancelled, one_line_cause
@@ -135,3 +136,16 @@ class Slices:
             if one.arm.is_exhausted or until - self._arena.clock() <= SHORTEST_SECONDS:
                 break
             self._give_slice(one, until)
+
+    @property
+    def _best(self) -> Candidate:
+        best = self._judge.incumbent
+        assert best is not None
+        return best
+
+    def _to_catch_up(self, arm: Arm, until: float) -> float:
+        """What each slice till then must gain for an arm to reach the incumbent of another one."""
+        if self._best.arm == arm.name:
+            return 0.0
+        slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
+        return max(0.0, (self._judge.best_mean - arm.progress) / slices)
