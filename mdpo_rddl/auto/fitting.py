@@ -56,9 +56,13 @@ def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:
     return config.with_policy_arguments(memory=dict(MEMORY))
 
 
-def with_lifted_layer(config: PlannerConfig, problem: Problem) -> PlannerConfig:
-    """The configuration with a hidden layer on each object's features, where ppo can learn it."""
-    if not can_be_drawn(problem.model) or "lifted" in config.policy_arguments:
+def with_lifted_layer(config: PlannerConfig, problem: Problem, probe: Probe) -> PlannerConfig:
+    """The configuration with a hidden layer on each object's features, where ppo comes first.
+
+    It slows down the rollouts of all other arms, which do not learn it.
+    """
+    is_learnt = can_be_drawn(problem.model) and probe.start_return > probe.noop_return
+    if not is_learnt or "lifted" in config.policy_arguments:
         return config
     return config.with_policy_arguments(lifted=LIFTED_UNITS)
 

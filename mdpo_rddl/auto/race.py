@@ -272,7 +272,7 @@ def _arena(
         resumption.probe = seen
     config = with_memory(scaled(config, seen), problem)
     if PPO not in shares.without:
-        config = with_lifted_layer(config, problem)
+        config = with_lifted_layer(config, problem, seen)
     large = seen.policy_seconds is not None
     if large:
         config = simplified(config)

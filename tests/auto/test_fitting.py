@@ -1,5 +1,7 @@
 """How the preset is fitted to a problem: a memory, and a layer that ppo can learn."""
 
+from types import SimpleNamespace
+
 import pytest
 from helpers.clocks import Ticking
 from helpers.lakes import PLAIN, preset, write_lake
@@ -30,12 +32,15 @@ def test_bools_have_a_hidden_layer_on_each_objects_features(tmp_path):
     config = preset(1.0)
     rules = {"RULES": "forall_{?a : arm} [pull(?a) => true];", "TERMINATION": "false"}
     lever = toy("lever", LIKELIHOOD="1.0", DISCOUNT="1.0", MOST="1", **rules)
-    fitted = with_lifted_layer(config, lever)
+    seen = SimpleNamespace(noop_return=-5.0, start_return=-4.0)
+    fitted = with_lifted_layer(config, lever, seen)
     assert fitted.policy_arguments["lifted"] == LIFTED_UNITS
     given = config.with_policy_arguments(lifted=0)
-    assert with_lifted_layer(given, lever) is given
+    assert with_lifted_layer(given, lever, seen) is given
     for other in (write_lake(tmp_path), toy("signal")):  # real actions; a state that is not seen
-        assert with_lifted_layer(config, other) is config
+        assert with_lifted_layer(config, other, seen) is config
+    rare = SimpleNamespace(noop_return=-5.0, start_return=-5.0)  # ppo does not come first
+    assert with_lifted_layer(config, lever, rare) is config
 
 
 @pytest.mark.slow
