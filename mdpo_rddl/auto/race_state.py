@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +40,7 @@ class RaceState:
     contenders: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     logs: Mapping[str, ArmLog] = field(default_factory=dict)
     exhausted: frozenset[str] = frozenset()
-    states: Mapping[str, State] = field(default_factory=dict)
+    states: MutableMapping[str, State] = field(default_factory=dict)
     probe: Probe | None = None
 
     def flat(self) -> State:

@@ -30,7 +30,8 @@ class Resumption:
 
         Args:
           seconds: says how many the race has used.
-          earlier: where the earlier race was; None for a race that begins.
+          earlier: where the earlier race was, whose states are taken out as their arms begin;
+            None for a race that begins.
         """
         self._seconds = seconds
         self._earlier = RaceState(0.0) if earlier is None else earlier
@@ -46,7 +47,8 @@ class Resumption:
         self._arms[arm.name] = arm
         if (log := earlier.logs.get(arm.name)) is not None:
             arm.take_over(log, arm.name in earlier.exhausted)
-        if (state := earlier.states.get(arm.name)) is None:
+        # it may be large: the arm has it from here on
+        if (state := earlier.states.pop(arm.name, None)) is None:
             return
         try:
             arm.restore(state)
@@ -80,7 +82,7 @@ class Resumption:
         }
         exhausted = {name for name in earlier.exhausted if name not in arms}
         exhausted |= {name for name, arm in arms.items() if arm.is_exhausted}
-        states = {name: state for name, state in earlier.states.items() if name not in arms}
+        states = dict(earlier.states)
         for name, arm in arms.items():
             if (state := _state_of(arm)) is not None:
                 states[name] = state

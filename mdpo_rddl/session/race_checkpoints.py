@@ -57,7 +57,8 @@ class RaceCheckpoints:
         first, second = RACE_FILES
         self._kept = KeptPair((folder / first, folder / second), _FORMAT, terms, _start)
         self.start: EarlierRace | None = self._kept.newest
-        self._seconds = seconds
+        self._seconds, self._race_seconds = seconds, terms.config.budget().seconds
+        self._ends = math.inf
         self._incumbent: Candidate | None = None
         self._best: dict[str, Candidate] = {}
         self._saved_at, self._cost, self._has_new = -math.inf, 0.0, False
@@ -66,6 +67,8 @@ class RaceCheckpoints:
     def begun(self, snapshot: "Snapshot") -> None:
         """A race has begun; what is given says where it is."""
         self._snapshot = snapshot
+        used = 0.0 if self.start is None else self.start.seconds
+        self._ends = time.monotonic() + self._race_seconds - used
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
@@ -87,10 +90,13 @@ class RaceCheckpoints:
 
     @property
     def _is_due(self) -> bool:
-        waited = time.monotonic() - self._saved_at
-        # a new incumbent at once, unless that would take too much of the race
+        now = time.monotonic()
+        waited = now - self._saved_at
+        # it must not take too much of the race, nor make it end late
         is_cheap = self._cost <= _CHEAP_SECONDS or waited >= self._cost / _MOST_SHARE
-        return waited >= self._seconds or (self._has_new and is_cheap)
+        is_cheap &= self._cost <= self._ends - now
+        # a new incumbent at once
+        return is_cheap and (self._has_new or waited >= self._seconds)
 
     def _is_kept(self, found: "Candidate") -> bool:
         """No proven optimum, nothing that diverged, nothing worse than what it began with."""

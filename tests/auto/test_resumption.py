@@ -88,6 +88,8 @@ def test_all_of_it_comes_back():
     resumption.enter(arm)
     assert (arm.log.slices, arm.log.iterations) == (2, 2)
     np.testing.assert_array_equal(arm.counted, [2.0, 2.0])
+    assert state.states == {}  # the arm has it
+    assert sorted(resumption.snapshot().states) == ["counting"]
     arm.work(1.0)
     np.testing.assert_array_equal(arm.counted, [3.0, 3.0])
     contender = Contender(arm, lambda: None)

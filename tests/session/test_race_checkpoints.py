@@ -151,6 +151,31 @@ def test_checkpoints_that_take_long_are_not_written_with_each_incumbent(tmp_path
     assert RaceCheckpoints(tmp_path, terms(), 60.0).start.seconds == 9.0
 
 
+def test_checkpoints_that_take_long_are_not_written_each_time_either(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
+    checkpoints.begun(state)
+    checkpoints.judged(judged(-5.0, 1.0))
+    checkpoints._cost = 1.0
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 1.0
+    checkpoints._saved_at -= 20.0
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 9.0
+
+
+def test_nothing_is_written_that_the_end_of_the_race_would_meet(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
+    checkpoints.judged(judged(-5.0, CONFIG.budget().seconds - 2.0))
+    again = RaceCheckpoints(tmp_path, terms(), 0.0)
+    again.begun(state)  # two seconds are left
+    again._cost = 3.0
+    again.judged(judged(-4.0, 2.0))
+    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.incumbent.mean == -5.0
+    again._cost = 1.0
+    again.judged(judged(-4.0, 2.0))
+    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.incumbent.mean == -4.0
+
+
 def test_a_damaged_state_costs_the_state_only(tmp_path, caplog):
     checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
     checkpoints.begun(lambda: state(float("nan")))
