@@ -87,8 +87,11 @@ class Probe:
         )
         sizes = [*found.units.values(), *(scale for _, scale in found.state_scales.values())]
         centers = [center for center, _ in found.state_scales.values()]
-        if not (np.isfinite([*sizes, *centers]).all() and all(size > 0.0 for size in sizes)):
-            raise ValueError("its units are none")
+        for value in sizes:
+            if not 0.0 < value < np.inf:
+                raise ValueError(f"a unit is {value}, and not between 0 and infinity")
+        if not np.isfinite(centers).all():
+            raise ValueError(f"its centers are {centers!r:.40}, and not finite")
         return found
 
     def fits(self, planner: MDPOPlanner) -> bool:

@@ -14,6 +14,7 @@ from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender
 from mdpo_rddl.auto.state import UNFIT, State
+from mdpo_rddl.planner.training import Record
 
 
 class Counting(Arm):
@@ -170,7 +171,12 @@ def test_a_probe_whose_units_are_none_is_refused():
 
 
 def test_a_log_keeps_no_iterations():
+    record = Record(iteration=0, train_return=-2.0, test_return=-1.0, mean_sigma=0.5)
     log = ArmLog("slp", slices=2, seconds=3.0, best_return=None, details={"cause": "x"})
+    log.records, log.sigma = (record,), np.ones((1, 7))
     back = RaceState.of(written(RaceState(1.0, logs={"slp": log}))).logs["slp"]
     assert (back.slices, back.seconds, back.best_return) == (2, 3.0, None)
     assert back.details == {"cause": "x"}
+    # they may be many
+    assert (back.records, back.sigma) == ((), None)
+    assert written(RaceState(1.0, logs={"slp": log})).tensors == {}

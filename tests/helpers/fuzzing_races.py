@@ -49,6 +49,9 @@ class _Cells:
     def restore(self, state: State) -> None:
         self._archive.restore(state, HORIZON)
 
+    def run(self, evaluate: Any, until: float) -> None:
+        self._archive.plans(2)
+
 
 def searches() -> dict[str, Any]:
     """What goes on with a state, by the names of arms."""
@@ -67,7 +70,7 @@ def terms() -> Any:
 
 
 def read(folder: Path, chance: random.Random, change: Any) -> None:
-    """Reads a changed checkpoint, and restores the searches.
+    """Reads a changed checkpoint, restores the searches, and has them go on a little.
 
     Args:
       folder: where it is.
@@ -98,6 +101,8 @@ def read(folder: Path, chance: random.Random, change: Any) -> None:
         try:
             if state is not None:
                 search.restore(state)
+                search.run(lambda number, vectors: -np.sum(vectors**2, axis=1), 3.5)
+                assert isinstance(search, _Cells) or search.iterations > 0
         except UNFIT as error:
             raise InputError(f"{arm}: {error}") from error
 

@@ -186,8 +186,9 @@ class GradientArm(CompilingArm):
         steps, noise = (list(map(float, values[name])) for name in ("steps", "noise"))
         if len(steps) != count or len(noise) != count:
             raise ValueError(f"its steps are not those of {count} restarts")
-        if not all(0.0 < value < math.inf for value in (*steps, *noise)):
-            raise ValueError("its steps are none")
+        for value in (*steps, *noise):
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"a step or noise is {value}, and not between 0 and infinity")
         self._steps, self._noise = steps, noise
         self._begin_training(earlier.phases, [self._parent.params], state.part("training"))
         self._earlier = earlier

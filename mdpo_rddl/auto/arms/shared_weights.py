@@ -57,7 +57,8 @@ class SharedWeightsArm(ArenaArm):
         if "every" in state.tensors:
             refined = list(state.array("every", (None, every.start.size)))
         if not 0 < len(begun) <= _VECTORS or len(refined) > _VECTORS:
-            raise ValueError("its adaptations are none of a slice")
+            counts = f"{len(begun)} and {len(refined)}"
+            raise ValueError(f"its adaptations are {counts}, and {_VECTORS} are the most of each")
         if "adaptation" in state.values:
             self._resumed = state.part("adaptation")
         self._simple, self._every = begun, refined if len(begun) == _VECTORS else []

@@ -139,7 +139,9 @@ class Archive:
             if numbers.dtype.kind != "i" or np.any((numbers < least) | (numbers > most)):
                 raise ValueError("its cells lead nowhere")
         if cells.dtype != np.uint8 or count > _MOST_CELLS:
-            raise ValueError("its cells are none")
+            raise ValueError(
+                f"its cells are {count} of {cells.dtype}, not uint8 or over {_MOST_CELLS}"
+            )
         names = [cell.tobytes() for cell in cells]
         if len(set(names)) != count:
             raise ValueError("its cells are not different ones")

@@ -89,8 +89,12 @@ class ParameterExploration:
         mean, best, first, second = (state.array(name, shape).astype(float) for name in names)
         sigma, best_return = float(values["sigma"]), float(values["best_return"])
         moves, iterations = count_of(values["moves"]), count_of(values["iterations"])
-        if not 0.0 < sigma < np.inf or np.any(second < 0.0) or np.isnan(best_return):
-            raise ValueError("its law is none")
+        if not 0.0 < sigma < np.inf:
+            raise ValueError(f"its sigma is {sigma}, and not between 0 and infinity")
+        if (least := second.min()) < 0.0:
+            raise ValueError(f"its second moments have {least:g}, and 0 is the least")
+        if np.isnan(best_return):
+            raise ValueError("its best return is no number")
         set_generator(self._random, values["generator"])
         self.mean, self.best, self._first, self._second = mean, best, first, second
         self._sigma, self._moves, self.best_return = sigma, moves, best_return

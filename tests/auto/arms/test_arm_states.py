@@ -23,7 +23,7 @@ from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.search.weights import weights_of
+from mdpo_rddl.auto.search.weights import simple_weights, weights_of
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.planner.checkpoints import TrainingState
 
@@ -99,6 +99,9 @@ def test_shared_weights_go_on_in_the_middle_of_a_slice(compiled, arena):
     assert arm.log.iterations == 0
     assert np.any(mean != 0.0)
     assert candidate.label == "shared weights"
+    # the best of what the slice has found
+    rule = simple_weights(arena.noop, arena.plan).to_params(mean)
+    assert_same_bits(candidate.params["shared"], rule["shared"])
     assert arm.state() is None
 
 

@@ -184,3 +184,11 @@ def test_an_evolution_says_after_each_iteration_which_plans_are_the_best():
     np.testing.assert_array_equal(seen[-1], result.elites)
     again = evolve(evaluate, seen[-1], breeding, Goal(24.0, -np.inf))
     assert again.best >= result.best
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_what_is_wrong_with_a_state_is_said_with_its_bound(name):
+    state = through_json(MAKERS[name]().state())
+    state.values["sigma"] = -1.0
+    with pytest.raises(ValueError, match=r"sigma is -1\.0, and not between 0 and infinity"):
+        MAKERS[name]().restore(state)
