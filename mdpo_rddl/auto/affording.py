@@ -16,8 +16,11 @@ _GRADIENT_EVALUATIONS = 100.0
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
 # and what learns from exact rollouts compiles these and a gradient of the policy
 _LEARNING_PROGRAMS = 2.0
-LEARNING_FIRST, LEARNING_LATER = 0.7, 0.25
-"""Share of the time left that this may take: it is worth much of it where rewards are found."""
+# no such program took less; the judge's may come from the cache
+_LEAST_LEARNING_SECONDS = 8.0
+LEARNING_FIRST, LATER = 0.7, 0.25
+"""Shares of the time left that a compilation may take: of what learns where rewards are found, and
+of what begins late."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
 
@@ -45,11 +48,18 @@ class Affording:
         Args:
           share: of the time left, that its compilation may take.
         """
-        return not self._is_large and self._is_ready_in_time(_LEARNING_PROGRAMS / share)
+        left = self._arena.deadline - self._arena.clock()
+        is_enough = share * left > _LEAST_LEARNING_SECONDS
+        ready = self._is_ready_in_time(_LEARNING_PROGRAMS / share)
+        return not self._is_large and is_enough and ready
 
-    def exploration(self) -> bool:
-        """Whether there is time for a net whose parameters are explored."""
-        return not self._is_large and self._is_ready_in_time(_EXPLORATION_PROGRAMS)
+    def exploration(self, share: float = 1.0) -> bool:
+        """Whether there is time for a net whose parameters are explored.
+
+        Args:
+          share: of the time left, that its compilation may take.
+        """
+        return not self._is_large and self._is_ready_in_time(_EXPLORATION_PROGRAMS / share)
 
     def usual_seconds(self, name: str) -> float:
         """How long the program of an arm with a gradient is likely to take to compile."""

@@ -44,9 +44,13 @@ class Entrants:
             return None  # rollouts of the law carry none
         return PolicyGradientArm(arena, until) if self._affording.learning(share) else None
 
-    def exploration(self) -> CompilingArm | None:
-        """The one that explores the parameters of a net."""
-        if PGPE in self._without or not self._affording.exploration():
+    def exploration(self, share: float = 1.0) -> CompilingArm | None:
+        """The one that explores the parameters of a net.
+
+        Args:
+          share: of the time left, that its compilation may take.
+        """
+        if PGPE in self._without or not self._affording.exploration(share):
             return None
         return ParameterExplorationArm(self._arena)
 

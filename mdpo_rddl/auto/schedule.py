@@ -20,7 +20,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
-from mdpo_rddl.auto.affording import LEARNING_FIRST, LEARNING_LATER, PATIENCE, Affording
+from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm, CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
@@ -245,9 +245,9 @@ class Schedule(Slices):
         patience = self._affording.patience(until)
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
-            self._opened(self._entrants.learner(until, LEARNING_LATER), until)
+            self._opened(self._entrants.learner(until, LATER), until)
         if PGPE not in taken:
-            self._opened(self._entrants.exploration(), until)
+            self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
 

@@ -17,7 +17,7 @@ class Generous:
     def learning(self, share: float) -> bool:
         return "ppo" not in self.refused
 
-    def exploration(self) -> bool:
+    def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
 
     def gradient(self, name: str, until: float) -> bool:
