@@ -51,7 +51,7 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 _EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.85
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for the programs of those two
-_FIRST_PATIENCE = 0.8
+_FIRST_PATIENCE = 0.9
 # names of their parts
 _LEARNING, _PLAN_FIRST = "learning", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
