@@ -2,20 +2,16 @@
 
 import json
 import threading
-from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
-from helpers.clocks import Ticking
-from helpers.lakes import preset, write_lake
-from helpers.problems import write_corridor
+from helpers.lakes import preset
+from helpers.races import CLOCK, means, means_of, raced
 
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import (
     RaceOptions,
     affording,
-    plan_automatically,
     probing,
     race,
     schedule,
@@ -23,80 +19,14 @@ from mdpo_rddl.auto import (
 )
 from mdpo_rddl.auto.arms import gradient, jaxplan, simple
 from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.search.population import PopulationReturns
-from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
+pytestmark = pytest.mark.usefixtures("one_core")
 NOOP, CONSTANT = "no-op", "constant"
-
-
-@pytest.fixture(scope="module")
-def lake(tmp_path_factory):
-    return write_lake(tmp_path_factory.mktemp("lake"))
-
-
-@pytest.fixture(scope="module")
-def corridor(tmp_path_factory):
-    return write_corridor(tmp_path_factory.mktemp("corridor"))
-
-
-@pytest.fixture
-def no_gradient(monkeypatch):
-    def refuse_to_compile(training):
-        raise InputError("this model has no gradient")
-
-    monkeypatch.setattr(gradient.Training, "compile", refuse_to_compile)
-
-
-@pytest.fixture(autouse=True)
-def _one_core(monkeypatch):
-    """Compilations are waited for: the clock of the tests does not move meanwhile."""
-    monkeypatch.setattr(affording, "usable_cores", lambda: 1)
-
-
-CLOCK = Ticking()
-
-
-def raced(problem, ticks: float, options: RaceOptions | None = None, **search):
-    """A race of so many ticks of the clock, which an iteration of a search takes three of."""
-    options = options or RaceOptions(clock=CLOCK, most_iterations=60)
-    return plan_automatically(problem, preset(ticks, **search), 0, options)
-
-
-@pytest.fixture(scope="module")
-def compiled(lake):
-    """An arena whose programs are compiled once for all tests that look at the order of arms."""
-    options = RaceOptions(clock=CLOCK, most_iterations=60)
-    return race._arena(lake, preset(1000.0), 0, CLOCK(), options)
-
-
-@pytest.fixture
-def in_one_arena(compiled, monkeypatch):
-    def as_new(problem, config, seed, began, options, resumption=None):
-        judge = Judge(128, seed, CLOCK, began)
-        judge._players = compiled.judge._players
-        deadline = began + config.section("Optimize")["train_seconds"]
-        times = {"deadline": deadline, "began": began}
-        told = {"on_progress": options.on_progress, "pulse": options.on_pulse}
-        arena = replace(compiled, judge=judge, **times, **told)
-        arena.__dict__.update(population=compiled.population, plans=compiled.plans)
-        return arena
-
-    monkeypatch.setattr(race, "_arena", as_new)
 
 
 def refuse(*arguments):
     raise AssertionError("asked for")
-
-
-def means_of(judge) -> dict[str, float]:
-    """The mean return of the latest candidate of each label."""
-    return {judged.candidate.label: judged.candidate.mean for judged in judge.judged}
-
-
-def means(outcome) -> dict[str, float]:
-    """As `means_of`, by the judge of a race."""
-    return means_of(outcome)
 
 
 def arm(outcome, name: str) -> dict:
@@ -311,38 +241,6 @@ def test_a_better_alternative_is_taken(
     assert outcome.noise_log is None
 
 
-def test_an_interrupt_keeps_the_best_policy_so_far(lake, in_one_arena, monkeypatch):
-    def interrupted(*arguments, **keywords):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(schedule.SharedWeightsArm, "_work", interrupted)
-    outcome = raced(lake, 300.0)
-    assert outcome.interrupted
-    assert outcome.chosen.arm == "constants and rules"
-    monkeypatch.setattr(schedule.Schedule, "run", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        raced(lake, 300.0)
-
-
-def test_an_interrupted_phase_is_judged(lake, in_one_arena):
-    def cancelled(progress):
-        raise Cancelled
-
-    options = RaceOptions(clock=CLOCK, most_iterations=60, on_progress=cancelled)
-    outcome = raced(lake, 2500.0, options)
-    assert outcome.interrupted
-    assert outcome.judged[-1].candidate.label == "phase 1, last iterate"
-
-
-def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
-    def broken(*arguments, **keywords):
-        raise AttributeError("module has no attribute\n'distributions'")
-
-    monkeypatch.setattr(race, "probe", broken)
-    with pytest.raises(InputError, match=r"i\.rddl: cannot be planned: .*no attribute 'dist"):
-        raced(lake, 300.0)
-
-
 def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch):
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
     monkeypatch.setattr(affording, "_FEWEST_POLICIES", 10**9)
@@ -350,32 +248,3 @@ def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch)
     assert outcome.chosen.label == CONSTANT
     assert outcome.arms == []
     assert outcome.chosen.mean >= outcome.probe.noop_return
-
-
-def test_where_every_arm_is_lost_the_best_so_far_is_kept(
-    lake, in_one_arena, no_gradient, monkeypatch, caplog
-):
-    def lost(arm, until):
-        raise FloatingPointError("nothing is finite")
-
-    names = ("SharedWeightsArm", "PlanArm", "OwnWeightsArm")
-    for name in names:
-        monkeypatch.setattr(getattr(schedule, name), "_work", lost)
-    outcome = raced(lake, 300.0)
-    for name in ("shared weights", "plan", "own weights", "polishing the weights"):
-        assert f"{name} is given up: nothing is finite" in caplog.text
-    assert outcome.chosen.arm == "constants and rules"
-    assert not outcome.interrupted
-    assert outcome.chosen.mean >= means(outcome)[CONSTANT] > means(outcome)[NOOP]
-
-
-def test_where_no_return_of_a_search_is_finite_the_best_so_far_is_kept(
-    lake, in_one_arena, no_gradient, monkeypatch
-):
-    monkeypatch.setattr(
-        PopulationReturns, "__call__", lambda self, weights, number, vectors: vectors[:, 0] * np.nan
-    )
-    outcome = raced(lake, 300.0)
-    assert np.isfinite(outcome.chosen.mean)
-    assert outcome.chosen.mean >= means(outcome)[CONSTANT]
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(outcome.policy.params))

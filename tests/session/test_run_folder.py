@@ -1,7 +1,6 @@
 """The run folder: complete, or not there at all."""
 
 import errno
-import json
 import os
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from helpers.files import contents
 from helpers.mistakes import one_line
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, free_name, write_json
+from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, free_name
 
 
 def write_run(folder: RunFolder, text: str = "{}") -> None:
@@ -214,28 +213,6 @@ def test_free_name_counts_up_from_the_stem(tmp_path: Path) -> None:
     (tmp_path / "hvac10-seed0-3").symlink_to(tmp_path / "nowhere")
     assert free_name(tmp_path, "hvac10-seed0") == tmp_path / "hvac10-seed0-5"
     assert free_name(tmp_path, "hvac10-seed1") == tmp_path / "hvac10-seed1"
-
-
-def test_json_is_readable_and_ends_with_a_line(tmp_path: Path) -> None:
-    value = {"a": [1, 2.5, None, "\u03c3"], "b": {"c": True}}
-    write_json(tmp_path / "x.json", value)
-    text = (tmp_path / "x.json").read_text(encoding="utf-8")
-    assert json.loads(text) == value
-    assert text.endswith("}\n")
-    assert '\n  "b"' in text
-
-
-def test_literals_that_json_lacks_are_written_as_lists_and_text(tmp_path: Path) -> None:
-    write_json(tmp_path / "x.json", {"set": {"b", "a"}, "tuple": (1, 2), "bytes": b"x"})
-    written = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
-    assert written == {"set": ["a", "b"], "tuple": [1, 2], "bytes": "b'x'"}
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_numbers_that_json_lacks_are_refused(tmp_path: Path, value: float) -> None:
-    with pytest.raises(ValueError, match="JSON"):
-        write_json(tmp_path / "x.json", {"a": value})
-    assert not (tmp_path / "x.json").exists()
 
 
 def test_a_folder_with_anything_else_beside_a_summary_is_refused(tmp_path: Path) -> None:
