@@ -16,6 +16,7 @@ _MAX_VARIABLES = 20
 _MAX_CELLS_PER_STATE = 16  # beyond, a list of successors is shorter
 _MAX_ROWS = 20_000_000
 _BATCH = 4096
+_SAMPLE = 2048
 
 
 @dataclass(frozen=True)
@@ -62,15 +63,30 @@ def enumerate_factored(model: GroundModel, limits: EnumerationLimits) -> Enumera
         raise NotEnumerableError(f"more than {_MAX_ROWS:,} states with actions")
     initial = int(model.initial[0])
     states = (np.arange(1 << count) ^ initial).astype(np.uint64)[:, np.newaxis]
+    if len(states) > _SAMPLE:
+        # the levels of a few states tell whether there are too many, before all are expanded
+        sample = Search(model, limits, follow=False)
+        sample.expand(np.random.default_rng(0).choice(states, _SAMPLE, replace=False))
+        _cells(sample, len(states))
     for start in range(0, len(states), _BATCH):
         search.expand(states[start : start + _BATCH])
+    chances, cells = _cells(search, len(states))
+    transitions = FactoredTransitions(chances, cells, initial)
+    return joined(search, states, np.zeros(len(states), np.int32), transitions)
+
+
+def _cells(search: Search, states: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """The chances and cells of `FactoredTransitions`, of what was expanded.
+
+    Raises:
+      NotEnumerableError: if there are too many combinations for so many states.
+    """
     chances: list[np.ndarray] = []
     cells, size = np.zeros(search.after_index.count, np.int64), 1
-    for number in reversed(range(count)):
+    for number in reversed(range(len(search.model.variables))):
         levels, chance = search.afterstates.chances(number, search.after_index.states)
         cells, size = cells * len(chance) + levels, size * len(chance)
         chances.insert(0, chance)
-        if size > _MAX_CELLS_PER_STATE * len(states):
+        if size > _MAX_CELLS_PER_STATE * states:
             raise NotEnumerableError("many combinations of distributions")
-    transitions = FactoredTransitions(chances, cells, initial)
-    return joined(search, states, np.zeros(len(states), np.int32), transitions)
+    return chances, cells

@@ -7,7 +7,7 @@ from helpers import toy_mdps as toys
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
-from mdpo_rddl.problem.enumeration.states import enumerate_states
+from mdpo_rddl.problem.enumeration.states import Search, enumerate_states
 from mdpo_rddl.problem.load import load_problem, make_environment
 
 
@@ -99,6 +99,22 @@ def test_a_contraction_expects_what_the_list_of_successors_does():
         np.testing.assert_allclose(listed.reward[rows], factored.reward[start:stop])
         expected = theirs[listed.afterstate[rows]]
         np.testing.assert_allclose(ours[factored.afterstate[start:stop]], expected, atol=1e-12)
+
+
+def test_too_many_distributions_are_seen_in_a_sample_of_the_states(monkeypatch):
+    # 2^16 states, of which 2,048 tell
+    limits, expanded = EnumerationLimits(seconds=60), []
+    model = ground_model(load_problem("Tamarisk_MDP_ippc2014", "1"), limits)
+    expand = Search.expand
+
+    def counting(search, states):
+        expanded.append(len(states))
+        expand(search, states)
+
+    monkeypatch.setattr(Search, "expand", counting)
+    with pytest.raises(NotEnumerableError, match="combinations of distributions"):
+        enumerate_factored(model, limits)
+    assert sum(expanded) == 2048
 
 
 def test_a_model_with_fixed_fluents_is_not_factored(tmp_path):
