@@ -15,6 +15,8 @@ Ground = tuple[str, tuple[int, ...]]
 """A fluent and the indices of its objects."""
 Binding = Mapping[str, int]
 
+# bindings of an aggregation, between two looks at the clock
+_CHECK_EVERY = 1024
 _LEAVES = {"state-fluent": Kind.STATE, "action-fluent": Kind.ACTION}
 _BOOLEAN = {"^": "and", "&": "and", "|": "or", "=>": "implies", "<=>": "iff"}
 _AGGREGATIONS = {
@@ -176,7 +178,9 @@ class Grounder:
         variables = [variable for _, variable in typed]
         names = [name for name, _ in variables]
         sizes = [range(len(self._rddl.type_to_objects[kind])) for _, kind in variables]
-        for indices in product(*sizes):
+        for count, indices in enumerate(product(*sizes)):
+            if count % _CHECK_EVERY == 0:
+                self._limits.check_time()
             yield body, {**binding, **dict(zip(names, indices, strict=True))}
 
     def _rank(self, expression: Any) -> int:

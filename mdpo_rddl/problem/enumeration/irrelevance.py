@@ -1,7 +1,8 @@
 """States that differ only in what no longer matters, taken as one.
 
 Once a bool has a value that it keeps for ever, other variables may have no way left to reach
-the rewards, the preconditions or the end of the episode. They are set to 0 then.
+the rewards, the preconditions or the end of the episode. Their bits are cleared then. Ints stay as
+they are: cleared bits would be a value from which the next one may not fit.
 """
 
 from typing import NamedTuple
@@ -68,7 +69,8 @@ def _relevant(model: GroundModel, number: int, value: bool) -> set[int]:
         | {action.reward for action in model.actions}
         | {action.legal for action in model.actions}
     )
-    relevant = {number}
+    ints = (each for each, place in enumerate(model.packing.places) if place.offset)
+    relevant = {number, *ints}
     while waiting:
         relevant |= waiting
         nodes = {

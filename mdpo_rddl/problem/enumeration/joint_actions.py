@@ -14,6 +14,8 @@ from mdpo_rddl.problem.enumeration.program import Program
 from mdpo_rddl.problem.legality import action_box
 
 _MAX_PROPOSALS = 200_000
+# values of all variables in all of them
+_MAX_VALUES = 20_000_000
 
 
 def action_variables(env: Any) -> dict[Ground, tuple[Any, list[Any]]]:
@@ -59,20 +61,28 @@ def joint_actions(
       NotEnumerableError: if there are too many.
     """
     most = int(min(most, len(variables)))
-    _check_count([len(others) for _, others in variables.values()], most)
+    count = _count([len(others) for _, others in variables.values()], most)
+    graph, preconditions = allowed
+    fixed = [node for node in preconditions if not graph.depends[node] & ~Kind.ACTION]
+    if not fixed:
+        _check_legal(count, len(variables), limits)
     defaults = {ground: default for ground, (default, _) in variables.items()}
-    proposals = [defaults | changes for changes in _changes(variables, most)]
-    legal = _may_be_legal(proposals, *allowed)
+    changes = list(_changes(variables, most))
+    legal = _may_be_legal(changes, defaults, graph, fixed)
     # the default comes first even where it is illegal, since others are compared with it
-    found = [proposal for proposal, good in zip(proposals, legal, strict=True) if good]
-    if not legal[0]:
-        found.insert(0, proposals[0])
-    if len(found) > limits.actions:
+    legal[0] = True
+    _check_legal(np.count_nonzero(legal), len(variables), limits)
+    return [defaults | own for own, good in zip(changes, legal, strict=True) if good]
+
+
+def _check_legal(count: int, variables: int, limits: EnumerationLimits) -> None:
+    if count > limits.actions:
         raise NotEnumerableError(f"more than {limits.actions:,} joint actions")
-    return found
+    if count * variables > _MAX_VALUES:
+        raise NotEnumerableError(f"{count:,} joint actions of {variables:,} variables")
 
 
-def _check_count(others: Sequence[int], most: int) -> None:
+def _count(others: Sequence[int], most: int) -> int:
     if all(count == 1 for count in others):
         count = sum(comb(len(others), size) for size in range(most + 1))
     elif most == 1:
@@ -81,6 +91,7 @@ def _check_count(others: Sequence[int], most: int) -> None:
         count = prod(1 + each for each in others)
     if count > _MAX_PROPOSALS:
         raise NotEnumerableError(f"{float(count):.3g} joint actions")
+    return count
 
 
 def _changes(
@@ -93,16 +104,30 @@ def _changes(
 
 
 def _may_be_legal(
-    proposals: Sequence[Mapping[Ground, Any]], graph: Graph, preconditions: Sequence[int]
+    changes: Sequence[Mapping[Ground, Any]],
+    defaults: Mapping[Ground, Any],
+    graph: Graph,
+    preconditions: Sequence[int],
 ) -> np.ndarray:
-    """Whether no precondition that reads only the action forbids each proposal."""
-    legal = np.ones(len(proposals), bool)
-    fixed = [node for node in preconditions if not graph.depends[node] & ~Kind.ACTION]
-    needed = [node for node in graph.needed(fixed) if graph.operators[node] == "leaf"]
+    """Whether none of the preconditions, which read the action alone, forbids each change.
+
+    Raises:
+      NotEnumerableError: if they read too many variables for so many changes.
+    """
+    leaves = [node for node in graph.needed(preconditions) if graph.operators[node] == "leaf"]
+    if len(leaves) * len(changes) > _MAX_VALUES:
+        raise NotEnumerableError(f"{len(changes):,} joint actions of {len(leaves):,} variables")
     columns = {
-        node: np.array([proposal[graph.values[node]] for proposal in proposals]) for node in needed
+        graph.values[node]: np.full(len(changes), defaults[graph.values[node]]) for node in leaves
     }
-    values = Program(graph, fixed).run(columns)
-    for node in fixed:
+    for number, change in enumerate(changes):
+        for ground, value in change.items():
+            if ground in columns:
+                columns[ground][number] = value
+    values = Program(graph, preconditions).run(
+        {node: columns[graph.values[node]] for node in leaves}
+    )
+    legal = np.ones(len(changes), bool)
+    for node in preconditions:
         legal &= values[node]
     return legal

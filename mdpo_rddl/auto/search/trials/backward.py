@@ -5,10 +5,11 @@ With horizon H, V_H = 0 and discount g:
     Q_t(s, a) = r(s, a) + g (sum_k P(k) V_{t+1}(k) + (1 - sum_k P(k)) U),   V_t(s) = max_a Q_t(s, a)
 
 The sums are over the next states k that were seen. What was not seen is worth U: a mixture of the
-mean of what was seen, and of the default action's reward there in every step that is left.
+mean of what was seen, and of the default action's reward there in every step that is left,
+discounted.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,6 +67,13 @@ def induct(explored: Explored, trust: float) -> Greedy:
     return Greedy(rows, float(values[0]), popularity)
 
 
+def annuity(discount: float, steps: Any) -> Any:
+    """What a reward of 1 in each of so many steps is worth before the first of them."""
+    if discount == 1.0:
+        return steps
+    return (1.0 - discount**steps) / (1.0 - discount)
+
+
 class _Future:
     """Expected values of next states."""
 
@@ -74,6 +82,7 @@ class _Future:
         self._probability = explored.probability.values
         self._idle = explored.idle.values
         self._count = explored.after_index.count
+        self._discount = explored.model.discount
         seen = np.bincount(self._origin, self._probability, self._count)
         self._unseen = np.maximum(0.0, 1.0 - seen)
         self._scale = 1.0 + trust * self._unseen / np.where(seen > 0.0, seen, 1.0)
@@ -83,7 +92,8 @@ class _Future:
         """After each afterstate [E], with next states' values [S] and so many steps left."""
         weighted = self._probability * values[self._next]
         seen = np.bincount(self._origin, weighted, self._count)
-        return seen * self._scale + self._doubt * left * self._idle
+        idle = annuity(self._discount, left) * self._idle
+        return seen * self._scale + self._doubt * idle
 
 
 def _popularity(explored: Explored, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -93,7 +103,7 @@ def _popularity(explored: Explored, rows: np.ndarray, values: np.ndarray) -> np.
     used = np.flatnonzero((visits > 0) & (depth < horizon) & (explored.row_count.values > 0))
     played = rows[depth[used], used]
     idle = explored.idle.values[explored.afterstate.values[explored.first_row.values[used]]]
-    nothing = idle * (horizon - depth[used])
+    nothing = idle * annuity(explored.model.discount, horizon - depth[used])
     is_better = values[used] > nothing + _TIE * (1 + np.abs(nothing))
     chosen = explored.action.values[played[is_better]]
     weights = np.sqrt(visits[used][is_better])
