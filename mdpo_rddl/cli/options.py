@@ -84,8 +84,8 @@ def plan_parser() -> OneLineParser:
     """The parser of `mdpo-plan`."""
     parser = OneLineParser(
         prog="mdpo-plan",
-        description="Plan an RDDL problem by gradient through its relaxed model, with adaptive "
-        "noise on the actions, and evaluate the policy on the exact environment.",
+        description="Plan an RDDL problem by a race of methods (dynamic programming, searches, "
+        "gradients with noise on the actions), and evaluate the policy on the exact environment.",
         epilog="Bad input ends with one line on standard error and status 2.",
     )
     domain = parser.add_argument(

@@ -46,7 +46,7 @@ def test_every_planner_and_every_option_is_described():
         known |= {name for action in command._actions for name in action.option_strings}
     docker = {"--tag", "--rm", "--volume"}
     assert described <= known | docker
-    assert known - described == {"-h", "--help", "--seed", "--quiet"}
+    assert known - described == {"-h", "--help"}
     for name in ("cpus", "memory_gb", "minutes", "parallel"):
         option = "--slurm-" + name.replace("_", "-")
         (row,) = (line for line in PAGE.splitlines() if line.startswith(f"| `{option}`"))
