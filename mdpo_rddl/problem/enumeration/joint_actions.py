@@ -71,7 +71,7 @@ def joint_actions(
     legal = _may_be_legal(changes, defaults, graph, fixed)
     # the default comes first even where it is illegal, since others are compared with it
     legal[0] = True
-    _check_legal(np.count_nonzero(legal), len(variables), limits)
+    _check_legal(int(np.count_nonzero(legal)), len(variables), limits)
     return [defaults | own for own, good in zip(changes, legal, strict=True) if good]
 
 
