@@ -54,7 +54,9 @@ class RaceOptions:
       earlier: what a race that was stopped has left, whose seconds count as used.
       on_begun: given what says, whenever it is called by `on_judged` or `on_pulse`, where the race
         is.
-      on_pulse: called between two iterations of whichever arm works.
+      on_pulse: called between two iterations of whichever arm works, and before a part that has
+        none.
+      on_wait: called before the race waits for what another process does.
     """
 
     traced_cache: Path | None = None
@@ -67,3 +69,4 @@ class RaceOptions:
     earlier: EarlierRace | None = None
     on_begun: Callable[[Snapshot], None] = _ignore_snapshot
     on_pulse: Callable[[], None] = _ignore_pulse
+    on_wait: Callable[[], None] = _ignore_pulse

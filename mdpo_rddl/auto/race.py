@@ -97,16 +97,18 @@ def plan_automatically(
         try:
             if exact is not None:
                 resumption.enter(exact)
+                options.on_pulse()
                 _enumerate(exact, resumption, shares.optimum_until, started + seconds, clock)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, clock)
-                trials = _trials_arm(problem, config, seed, exact, clock)
+                trials = _trials_arm(problem, config, seed, exact, options)
             if trials is not None:
                 options.on_stage("searching")
                 resumption.enter(trials)
                 if not resumption.marks.is_over(TRIALS):
                     _begin(trials, seconds, started + seconds, clock)
             options.on_stage("probing")
+            options.on_pulse()
             arena = _arena(problem, config, seed, started, options, resumption)
             return _raced(arena, shares, (exact, trials), alternatives, options, resumption)
         except (KeyboardInterrupt, Cancelled):
@@ -145,6 +147,7 @@ def _raced(
         schedule.run()
         late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
         if alternatives.started:
+            options.on_wait()
             schedule.give(JaxPlanArm(alternatives, arena.clock), late)
     except (KeyboardInterrupt, Cancelled):
         if arena.judge.incumbent is None:
@@ -212,12 +215,16 @@ def _only(
 
 
 def _trials_arm(
-    problem: Problem, config: PlannerConfig, seed: int, exact: DynamicProgrammingArm, clock: Clock
+    problem: Problem,
+    config: PlannerConfig,
+    seed: int,
+    exact: DynamicProgrammingArm,
+    options: RaceOptions,
 ) -> TrialsArm | None:
     """What searches by trials where states are too many to be enumerated."""
     if exact.model is None or TRIALS in _shares(config).without:
         return None
-    return TrialsArm(problem, config, seed, clock, exact.model)
+    return TrialsArm(problem, config, seed, options.clock, exact.model, options.on_pulse)
 
 
 def _begin(trials: TrialsArm, seconds: float, deadline: float, clock: Clock) -> None:

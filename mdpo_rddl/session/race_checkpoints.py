@@ -88,13 +88,21 @@ class RaceCheckpoints:
         if self._is_due:
             self._save()
 
+    def waits(self) -> None:
+        """The race's own work is over, and another process is waited for."""
+        if self._is_wanted:
+            self._save()
+
     @property
     def _is_due(self) -> bool:
-        now = time.monotonic()
-        waited = now - self._saved_at
-        # it must not take too much of the race, nor make it end late
+        # it must not make the race end late
+        return self._is_wanted and self._cost <= self._ends - time.monotonic()
+
+    @property
+    def _is_wanted(self) -> bool:
+        waited = time.monotonic() - self._saved_at
+        # it must not take too much of the race
         is_cheap = self._cost <= _CHEAP_SECONDS or waited >= self._cost / _MOST_SHARE
-        is_cheap &= self._cost <= self._ends - now
         # a new incumbent at once
         return is_cheap and (self._has_new or waited >= self._seconds)
 

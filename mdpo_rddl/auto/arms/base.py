@@ -46,6 +46,7 @@ class Arm(ABC):
         self._is_prepared = False
         self._at_work_since: float | None = None
         self._new: list[Candidate] = []
+        self._unjudged = 0
 
     def prepare(self) -> None:
         """Compiles what the first slice needs; done once, at the latest by `work`."""
@@ -99,9 +100,15 @@ class Arm(ABC):
 
     def judged(self, candidate: Candidate) -> None:
         """Is told what the judge says of one of its candidates."""
+        self._unjudged -= 1
         best = self._log.best_return
         mean = candidate.known_mean
         self._log.best_return = mean if best is None else max(best, mean)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether another slice would be of no use, and all that it has found was judged."""
+        return self.is_exhausted and not self._unjudged
 
     @property
     def reached(self) -> float | None:
@@ -167,6 +174,7 @@ class Arm(ABC):
 
     def _offer(self, candidate: Candidate) -> None:
         self._new.append(candidate)
+        self._unjudged += 1
 
 
 class ArenaArm(Arm):

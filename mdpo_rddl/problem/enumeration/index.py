@@ -24,6 +24,22 @@ class StateIndex:
         self._numbers = np.zeros(0, np.int64)
         self.count = 0
 
+    @classmethod
+    def of(cls, states: np.ndarray) -> "StateIndex":
+        """One that has numbered states [N, words] in their order.
+
+        Raises:
+          ValueError: if two of them are equal.
+        """
+        index = cls(states.shape[1])
+        index._append(states)
+        of_states = keys(states)
+        index._numbers = np.argsort(of_states, kind="stable")
+        index._keys = of_states[index._numbers]
+        if np.any(index._keys[1:] == index._keys[:-1]):
+            raise ValueError("two of its states are equal")
+        return index
+
     @property
     def states(self) -> np.ndarray:
         """All of them [count, words], in the order of their numbers."""
