@@ -189,7 +189,8 @@ def test_what_was_not_judged_is_found_again_by_one_that_had_given_up(
 
 
 @pytest.mark.usefixtures("_few_trials")
-def test_what_takes_longer_than_a_slice_is_restored_in_several(arm, problem, model):
+def test_what_takes_longer_than_a_slice_is_restored_in_several(arm, problem, model, monkeypatch):
+    monkeypatch.setattr("mdpo_rddl.auto.search.trials.explored._ROWS_TOGETHER", 1)
     arm.work(100.0)
     judged(arm)
     pulses = []

@@ -1,6 +1,6 @@
 """What trials have seen of a ground model: states, what may be done there, and what followed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,12 +12,14 @@ from mdpo_rddl.problem.enumeration.irrelevance import find_merges, merged
 from mdpo_rddl.problem.enumeration.levels import Afterstates, Draws
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
-from mdpo_rddl.problem.enumeration.rows import RowMaker
+from mdpo_rddl.problem.enumeration.rows import NO_ROWS, RowMaker, Rows
 
 NEVER = np.iinfo(np.int32).max
 """The depth of a state that was not reached from the initial one yet."""
 # next states after an afterstate that are all added with the first that is drawn
 _FEW = 4
+# rows that are made together where the states are known before, if all actions are legal
+_ROWS_TOGETHER = 500_000
 # of the probabilities of all next states that are known
 _ROUNDING = 1e-6
 
@@ -121,16 +123,25 @@ class Explored:
             self._remember(draws._replace(origin=first[draws.origin]), numbers)
 
     def _expand(self, states: np.ndarray) -> None:
+        self._append(*self._rows(states))
+
+    def _rows(self, states: np.ndarray) -> tuple[np.ndarray, Rows]:
+        """How many rows each of states [N, words] has [N], and the rows."""
         counts = np.zeros(len(states), np.int64)
         alive = np.flatnonzero(~self.maker.ended(states))
-        start = self.reward.count
-        if len(alive):
-            rows = self.maker.rows(states[alive])
-            counts[alive] = np.bincount(rows.state, minlength=len(alive))
+        if not len(alive):
+            return counts, NO_ROWS
+        rows = self.maker.rows(states[alive])
+        counts[alive] = np.bincount(rows.state, minlength=len(alive))
+        return counts, rows
+
+    def _append(self, counts: np.ndarray, rows: Rows) -> None:
+        """Takes states in, by what `_rows` says of them."""
+        start, starts = self.reward.count, np.cumsum(counts) - counts
+        if len(rows.reward):
             known = self.after_index.count
             numbers = self.after_index.numbers(rows.afterstates)
-            own = counts[alive]
-            idle = rows.reward[np.cumsum(own) - own][rows.state]
+            idle = rows.reward[np.repeat(starts, counts)]
             first = np.full(self.after_index.count - known, np.inf)
             is_new = numbers >= known
             np.minimum.at(first, numbers[is_new] - known, idle[is_new])
@@ -139,12 +150,12 @@ class Explored:
             self.reward.add(rows.reward)
             self.afterstate.add(numbers)
             self.tried.add(np.zeros(len(numbers), np.int32))
-        self.first_row.add(start + np.cumsum(counts) - counts)
+        self.first_row.add(start + starts)
         self.row_count.add(counts)
-        self.depth.add(np.full(len(states), NEVER, np.int32))
-        self.visits.add(np.zeros(len(states), np.int64))
+        self.depth.add(np.full(len(counts), NEVER, np.int32))
+        self.visits.add(np.zeros(len(counts), np.int64))
         # last: these states are whole, whatever interrupts
-        self._batches.add(np.array([len(states)]))
+        self._batches.add(np.array([len(counts)]))
 
     def _remember(self, drawn: Draws, numbers: np.ndarray) -> None:
         """Keeps what was not drawn before; several states may have been joined to one number."""
@@ -201,8 +212,12 @@ class Explored:
             raise ValueError("its states have what does not matter")
         self.afterstates.know(read_levels(state.part("levels")))
         self.index = StateIndex.of(states)
-        for end, count in zip(np.cumsum(batches).tolist()[1:], batches.tolist()[1:], strict=True):
-            self._expand(states[end - count : end])
+        most = _ROWS_TOGETHER // len(self.model.actions)
+        for some in _together(batches.tolist()[1:], most):
+            counts, rows = self._rows(states[self.depth.count :][: sum(some)])
+            for own in np.split(counts, np.cumsum(some)[:-1]):
+                self._append(own, Rows(*(each[: own.sum()] for each in rows)))
+                rows = Rows(*(each[own.sum() :] for each in rows))
             yield
         self._restore_counts(state)
         self._restore_draws(state)
@@ -242,3 +257,15 @@ class Explored:
         self.origin.add(origin)
         self.next.add(numbers)
         self.probability.add(probability)
+
+
+def _together(batches: Sequence[int], most: int) -> Iterator[Sequence[int]]:
+    """Batches of about so many states at most: many small calls take longer than large ones."""
+    some: list[int] = []
+    for count in batches:
+        some.append(count)
+        if sum(some) >= most:
+            yield some
+            some = []
+    if some:
+        yield some

@@ -136,7 +136,7 @@ class TrialSearch:
         explored = self.explored
         try:
             for _ in explored.restoring(own, _MOST_TOGETHER):
-                if explored.reward.count > _MOST_ROWS + _MOST_TOGETHER * len(
+                if explored.reward.count > _MOST_ROWS + 2 * _MOST_TOGETHER * len(
                     explored.model.actions
                 ):
                     raise ValueError(f"it has more than {_MOST_ROWS} rows")

@@ -72,7 +72,9 @@ def assert_same(one: TrialSearch, other: TrialSearch) -> None:
     assert (one.batches, one._inductions) == (other.batches, other._inductions)
 
 
-def test_it_goes_on_exactly_as_it_would_have(model, tmp_path):
+@pytest.mark.parametrize("together", [1, 100, 10**6])
+def test_it_goes_on_exactly_as_it_would_have(model, tmp_path, monkeypatch, together):
+    monkeypatch.setattr("mdpo_rddl.auto.search.trials.explored._ROWS_TOGETHER", together)
     search = new(model)
     search.work(25.0)
     # what is played sees distributions that the search has not
