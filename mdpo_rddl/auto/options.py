@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mdpo_rddl.auto.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.curve import Curve
 from mdpo_rddl.auto.earlier import EarlierRace
 from mdpo_rddl.auto.resumption import Snapshot
 from mdpo_rddl.auto.timing import Clock
@@ -70,3 +71,8 @@ class RaceOptions:
     on_begun: Callable[[Snapshot], None] = _ignore_snapshot
     on_pulse: Callable[[], None] = _ignore_pulse
     on_wait: Callable[[], None] = _ignore_pulse
+
+    @property
+    def earlier_curve(self) -> Curve:
+        """The candidates of earlier processes."""
+        return () if self.earlier is None else self.earlier.curve

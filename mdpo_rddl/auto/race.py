@@ -24,7 +24,7 @@ from mdpo_rddl.auto.fitting import (
 )
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.options import RaceOptions
-from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
+from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
@@ -100,7 +100,7 @@ def plan_automatically(
                 options.on_pulse()
                 _enumerate(exact, resumption, shares.optimum_until, started + seconds, clock)
                 if exact.solution is not None:
-                    return _proven(exact, seed, started, clock)
+                    return _proven(exact, seed, started, options)
                 trials = _trials_arm(problem, config, seed, exact, options)
             if trials is not None:
                 options.on_stage("searching")
@@ -160,7 +160,12 @@ def _raced(
         arena.compilations.close()
         for arm in schedule.arms:
             arm.close()
-    return _outcome(schedule, arena, resumption, interrupted)
+    outcome = _outcome(schedule, arena, resumption, interrupted)
+    outcome = replace(outcome, earlier=options.earlier_curve)
+    policy = outcome.policy
+    if isinstance(policy, Policy):
+        policy = replace(policy, candidates=tuple(outcome.curve))
+    return replace(outcome, policy=policy)
 
 
 def _shares(config: PlannerConfig) -> Shares:
@@ -237,10 +242,12 @@ def _begin(trials: TrialsArm, seconds: float, deadline: float, clock: Clock) -> 
             trials.work(min(clock() + share * seconds, deadline))
 
 
-def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -> RaceOutcome:
+def _proven(
+    arm: DynamicProgrammingArm, seed: int, began: float, options: RaceOptions
+) -> RaceOutcome:
     """The outcome of a race that nobody can win any more."""
     assert arm.solution is not None
-    judge = Judge(_ROLLOUTS, seed, clock, began)
+    judge = Judge(_ROLLOUTS, seed, options.clock, began)
     (candidate,) = arm.take_candidates()
     judge.record(candidate)
     arm.judged(candidate)
@@ -253,8 +260,9 @@ def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -
         noop_return=None,
         random_return=None,
         compile_seconds=0.0,
-        seconds=clock() - began,
+        seconds=options.clock() - began,
         interrupted=False,
+        earlier=options.earlier_curve,
     )
 
 
@@ -312,12 +320,8 @@ def _outcome(
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
     logs = [*resumption.left_out(schedule.arms), *(arm.log for arm in schedule.arms)]
-    policy = policy_of(chosen, arena.problem, arena.seed)
-    if isinstance(policy, Policy):
-        candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
-        policy = replace(policy, candidates=candidates)
     return RaceOutcome(
-        policy=policy,
+        policy=policy_of(chosen, arena.problem, arena.seed),
         chosen=chosen,
         judged=arena.judge.judged,
         arms=logs,

@@ -27,7 +27,7 @@ from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 from mdpo_rddl.session.unfinished import RACE_FILES
 
-FORMAT = "mdpo-rddl race 3"
+FORMAT = "mdpo-rddl race 4"
 HORIZON = 6
 LAYOUT = layout_of({"push": np.zeros((HORIZON, 2))}, [])
 
@@ -83,7 +83,7 @@ def read(folder: Path, chance: random.Random, change: Any) -> None:
     path = folder / RACE_FILES[0]
     path.write_bytes(checkpoint())
     text, tensors = read_container(path, (FORMAT,))
-    name = chance.choice(["state", "state", "about", "seconds", "number", "terms"])
+    name = chance.choice(["state", "state", "about", "curve", "seconds", "number", "terms"])
     if chance.random() < 0.7:
         text[name] = change(text[name], chance).replace("\x00", "")
     else:
