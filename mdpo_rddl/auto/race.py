@@ -235,9 +235,10 @@ def _trials_arm(
 def _begin(trials: TrialsArm, seconds: float, deadline: float, clock: Clock) -> None:
     """Two slices, of which the second is given only to what promises something.
 
-    They need no compilation and thus come before it.
+    They need no compilation and thus come before it. A search that goes on has had the first.
     """
-    for share in _TRIALS_SHARES:
+    begun = int(trials.state() is not None)
+    for share in _TRIALS_SHARES[begun:]:
         if not trials.is_exhausted:
             trials.work(min(clock() + share * seconds, deadline))
 
