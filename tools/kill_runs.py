@@ -103,7 +103,7 @@ def left(folder: Path) -> Left | None:
     found = []
     for path in sorted(folder.glob("incumbent-?.safetensors")):
         with contextlib.suppress(InputError):
-            text, _ = read_container(path, ("mdpo-rddl race 3",))
+            text, _ = read_container(path, ("mdpo-rddl race 4",))
             race = json.loads(text["state"])["race"]
             slices = {name: log["slices"] for name, log in race["logs"].items()}
             about = json.loads(text["about"])[0]

@@ -7,6 +7,7 @@ from typing import Any
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate, has_structure
+from mdpo_rddl.auto.curve import Curve
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.file import SavedTable, problem_identity
@@ -90,12 +91,14 @@ class EarlierRace:
       incumbent: its best policy.
       others: the best policy of each other arm.
       state: where the race was; None if that is not known.
+      curve: all candidates that it had judged.
     """
 
     seconds: float
     incumbent: EarlierPolicy
     others: tuple[EarlierPolicy, ...] = ()
     state: RaceState | None = None
+    curve: Curve = ()
 
     def candidates(self, arena: Arena) -> list[Candidate]:
         """The policies as candidates, the incumbent first.

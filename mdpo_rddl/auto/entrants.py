@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 
 from mdpo_rddl.auto.affording import Affording
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO, PolicyGradientArm

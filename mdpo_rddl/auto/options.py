@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mdpo_rddl.auto.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.curve import Curve
 from mdpo_rddl.auto.earlier import EarlierRace
 from mdpo_rddl.auto.resumption import Snapshot
 from mdpo_rddl.auto.timing import Clock
@@ -54,7 +55,9 @@ class RaceOptions:
       earlier: what a race that was stopped has left, whose seconds count as used.
       on_begun: given what says, whenever it is called by `on_judged` or `on_pulse`, where the race
         is.
-      on_pulse: called between two iterations of whichever arm works.
+      on_pulse: called between two iterations of whichever arm works, and before a part that has
+        none.
+      on_wait: called before the race waits for what another process does.
     """
 
     traced_cache: Path | None = None
@@ -67,3 +70,9 @@ class RaceOptions:
     earlier: EarlierRace | None = None
     on_begun: Callable[[Snapshot], None] = _ignore_snapshot
     on_pulse: Callable[[], None] = _ignore_pulse
+    on_wait: Callable[[], None] = _ignore_pulse
+
+    @property
+    def earlier_curve(self) -> Curve:
+        """The candidates of earlier processes."""
+        return () if self.earlier is None else self.earlier.curve

@@ -9,6 +9,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.curve import Curve, candidate_figures
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -37,6 +38,7 @@ class RaceOutcome:
       compile_seconds: of `seconds`, spent in compilation.
       seconds: that everything took.
       interrupted: whether the race was ended early.
+      earlier: the candidates of the processes that this one has gone on from.
     """
 
     policy: AnyPolicy
@@ -49,6 +51,12 @@ class RaceOutcome:
     compile_seconds: float
     seconds: float
     interrupted: bool
+    earlier: Curve = ()
+
+    @property
+    def curve(self) -> Curve:
+        """All candidates, those of earlier processes among them, over the race's seconds."""
+        return (*self.earlier, *map(candidate_figures, self.judged))
 
     @property
     def optimum(self) -> Optimum | None:
@@ -78,7 +86,7 @@ class RaceOutcome:
             "noop_return": _finite(self.noop_return),
             "random_return": _finite(self.random_return),
             "arms": {log.name: _arm(log) for log in self.arms},
-            "candidates": [candidate_figures(judged) for judged in self.judged],
+            "candidates": list(self.curve),
             "units": probe.units if probe else {},
             "state_scales": _lists(probe.state_scales) if probe else {},
         }
@@ -116,19 +124,6 @@ def _arm(log: ArmLog) -> dict[str, Any]:
         "iterations": log.iterations,
         "best_return": _finite(log.best_return),
         **log.details,
-    }
-
-
-def candidate_figures(judged: Judged) -> dict[str, Any]:
-    """A judged candidate as JSON can hold it; None for a return that is not finite."""
-    candidate = judged.candidate
-    return {
-        "seconds": round(judged.seconds, 3),
-        "arm": candidate.arm,
-        "candidate": candidate.label,
-        "mean_return": _finite(candidate.mean),
-        "error": _finite(candidate.error),
-        "became_incumbent": judged.became_incumbent,
     }
 
 

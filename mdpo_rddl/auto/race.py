@@ -24,7 +24,7 @@ from mdpo_rddl.auto.fitting import (
 )
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.options import RaceOptions
-from mdpo_rddl.auto.outcome import RaceOutcome, candidate_figures, policy_of
+from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
@@ -97,16 +97,18 @@ def plan_automatically(
         try:
             if exact is not None:
                 resumption.enter(exact)
+                options.on_pulse()
                 _enumerate(exact, resumption, shares.optimum_until, started + seconds, clock)
                 if exact.solution is not None:
-                    return _proven(exact, seed, started, clock)
-                trials = _trials_arm(problem, config, seed, exact, clock)
+                    return _proven(exact, seed, started, options)
+                trials = _trials_arm(problem, config, seed, exact, options)
             if trials is not None:
                 options.on_stage("searching")
                 resumption.enter(trials)
                 if not resumption.marks.is_over(TRIALS):
                     _begin(trials, seconds, started + seconds, clock)
             options.on_stage("probing")
+            options.on_pulse()
             arena = _arena(problem, config, seed, started, options, resumption)
             return _raced(arena, shares, (exact, trials), alternatives, options, resumption)
         except (KeyboardInterrupt, Cancelled):
@@ -145,6 +147,7 @@ def _raced(
         schedule.run()
         late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
         if alternatives.started:
+            options.on_wait()
             schedule.give(JaxPlanArm(alternatives, arena.clock), late)
     except (KeyboardInterrupt, Cancelled):
         if arena.judge.incumbent is None:
@@ -157,7 +160,12 @@ def _raced(
         arena.compilations.close()
         for arm in schedule.arms:
             arm.close()
-    return _outcome(schedule, arena, resumption, interrupted)
+    outcome = _outcome(schedule, arena, resumption, interrupted)
+    outcome = replace(outcome, earlier=options.earlier_curve)
+    policy = outcome.policy
+    if isinstance(policy, Policy):
+        policy = replace(policy, candidates=tuple(outcome.curve))
+    return replace(outcome, policy=policy)
 
 
 def _shares(config: PlannerConfig) -> Shares:
@@ -212,28 +220,35 @@ def _only(
 
 
 def _trials_arm(
-    problem: Problem, config: PlannerConfig, seed: int, exact: DynamicProgrammingArm, clock: Clock
+    problem: Problem,
+    config: PlannerConfig,
+    seed: int,
+    exact: DynamicProgrammingArm,
+    options: RaceOptions,
 ) -> TrialsArm | None:
     """What searches by trials where states are too many to be enumerated."""
     if exact.model is None or TRIALS in _shares(config).without:
         return None
-    return TrialsArm(problem, config, seed, clock, exact.model)
+    return TrialsArm(problem, config, seed, options.clock, exact.model, options.on_pulse)
 
 
 def _begin(trials: TrialsArm, seconds: float, deadline: float, clock: Clock) -> None:
     """Two slices, of which the second is given only to what promises something.
 
-    They need no compilation and thus come before it.
+    They need no compilation and thus come before it. A search that goes on has had the first.
     """
-    for share in _TRIALS_SHARES:
+    begun = int(trials.state() is not None)
+    for share in _TRIALS_SHARES[begun:]:
         if not trials.is_exhausted:
             trials.work(min(clock() + share * seconds, deadline))
 
 
-def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -> RaceOutcome:
+def _proven(
+    arm: DynamicProgrammingArm, seed: int, began: float, options: RaceOptions
+) -> RaceOutcome:
     """The outcome of a race that nobody can win any more."""
     assert arm.solution is not None
-    judge = Judge(_ROLLOUTS, seed, clock, began)
+    judge = Judge(_ROLLOUTS, seed, options.clock, began)
     (candidate,) = arm.take_candidates()
     judge.record(candidate)
     arm.judged(candidate)
@@ -246,8 +261,9 @@ def _proven(arm: DynamicProgrammingArm, seed: int, began: float, clock: Clock) -
         noop_return=None,
         random_return=None,
         compile_seconds=0.0,
-        seconds=clock() - began,
+        seconds=options.clock() - began,
         interrupted=False,
+        earlier=options.earlier_curve,
     )
 
 
@@ -305,12 +321,8 @@ def _outcome(
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
     logs = [*resumption.left_out(schedule.arms), *(arm.log for arm in schedule.arms)]
-    policy = policy_of(chosen, arena.problem, arena.seed)
-    if isinstance(policy, Policy):
-        candidates = tuple(candidate_figures(judged) for judged in arena.judge.judged)
-        policy = replace(policy, candidates=candidates)
     return RaceOutcome(
-        policy=policy,
+        policy=policy_of(chosen, arena.problem, arena.seed),
         chosen=chosen,
         judged=arena.judge.judged,
         arms=logs,

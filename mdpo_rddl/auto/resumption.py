@@ -81,7 +81,7 @@ class Resumption:
             for name, one in self._contenders.items()
         }
         exhausted = {name for name in earlier.exhausted if name not in arms}
-        exhausted |= {name for name, arm in arms.items() if arm.is_exhausted}
+        exhausted |= {name for name, arm in arms.items() if arm.is_over}
         states = dict(earlier.states)
         for name, arm in arms.items():
             if (state := _state_of(arm)) is not None:

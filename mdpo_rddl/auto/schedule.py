@@ -22,7 +22,8 @@ from functools import cached_property
 
 from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm

@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm, CompilingArm
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising

@@ -22,13 +22,14 @@ from mdpo_rddl.session.unfinished import RACE_FILES
 
 if TYPE_CHECKING:
     from mdpo_rddl.auto.candidate import Candidate, Judged
+    from mdpo_rddl.auto.curve import Curve
     from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
     from mdpo_rddl.auto.race_state import RaceState
     from mdpo_rddl.auto.resumption import Snapshot
 
 logger = logging.getLogger(__name__)
 
-_FORMAT = "mdpo-rddl race 3"
+_FORMAT = "mdpo-rddl race 4"
 _STATE = "state/"
 # of a file that can be read again, with room for its text
 _MOST_BYTES = MOST_POLICY_BYTES - 2**24
@@ -61,6 +62,7 @@ class RaceCheckpoints:
         self._ends = math.inf
         self._incumbent: Candidate | None = None
         self._best: dict[str, Candidate] = {}
+        self._curve: Curve = () if self.start is None else self.start.curve
         self._saved_at, self._cost, self._has_new = -math.inf, 0.0, False
         self._snapshot: Snapshot | None = None
 
@@ -72,7 +74,10 @@ class RaceCheckpoints:
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
+        from mdpo_rddl.auto.curve import candidate_figures, shortened
+
         found = judged.candidate
+        self._curve = shortened((*self._curve, candidate_figures(judged)))
         if _is_policy(found):
             best = self._best.get(found.arm)
             if best is None or found.known_mean > best.known_mean:
@@ -88,13 +93,21 @@ class RaceCheckpoints:
         if self._is_due:
             self._save()
 
+    def waits(self) -> None:
+        """The race's own work is over, and another process is waited for."""
+        if self._is_wanted:
+            self._save()
+
     @property
     def _is_due(self) -> bool:
-        now = time.monotonic()
-        waited = now - self._saved_at
-        # it must not take too much of the race, nor make it end late
+        # it must not make the race end late
+        return self._is_wanted and self._cost <= self._ends - time.monotonic()
+
+    @property
+    def _is_wanted(self) -> bool:
+        waited = time.monotonic() - self._saved_at
+        # it must not take too much of the race
         is_cheap = self._cost <= _CHEAP_SECONDS or waited >= self._cost / _MOST_SHARE
-        is_cheap &= self._cost <= self._ends - now
         # a new incumbent at once
         return is_cheap and (self._has_new or waited >= self._seconds)
 
@@ -147,7 +160,11 @@ class RaceCheckpoints:
                 tree = {"params": found.params, "hyperparams": dict(found.policy_hyperparams)}
                 tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
             about.append(described)
-        text = {"seconds": str(seconds), "about": json.dumps(about)}
+        text = {
+            "seconds": str(seconds),
+            "about": json.dumps(about),
+            "curve": json.dumps([dict(point) for point in self._curve]),
+        }
         own, words = _flat(state)
         if sum(each.nbytes for each in (*tensors.values(), *own.values())) < _MOST_BYTES:
             tensors |= own
@@ -188,13 +205,15 @@ def _about(found: "Candidate | EarlierPolicy") -> dict[str, Any]:
 
 
 def _start(text: Metadata, tensors: Tensors) -> "EarlierRace":
+    from mdpo_rddl.auto.curve import read_curve
     from mdpo_rddl.auto.earlier import EarlierRace
 
     seconds = float(text["seconds"])
     incumbent, *others = (_policy(about, tensors) for about in json.loads(text["about"]))
     if not (math.isfinite(seconds) and seconds >= 0.0):
         raise ValueError("its seconds are not those of a race")
-    return EarlierRace(seconds, incumbent, tuple(others), _state(text, tensors))
+    curve = read_curve(json.loads(text["curve"]), seconds)
+    return EarlierRace(seconds, incumbent, tuple(others), _state(text, tensors), curve)
 
 
 def _state(text: Metadata, tensors: Tensors) -> "RaceState | None":

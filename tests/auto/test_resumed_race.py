@@ -83,14 +83,22 @@ def stopped(lake, when: Callable[[RaceState], bool], earlier: EarlierRace | None
         mean=best.mean,
         error=best.error,
     )
-    return EarlierRace(state.seconds, policy, (), state)
+    return EarlierRace(state.seconds, policy, (), state, outcome.curve)
 
 
 def resumed(lake, earlier: EarlierRace):
     outcome = plan_automatically(lake, preset(TICKS), 0, RaceOptions(clock=CLOCK, earlier=earlier))
     assert outcome.chosen.mean >= earlier.incumbent.mean
     assert earlier.seconds < outcome.seconds < 1.2 * TICKS
-    return outcome.diagnostics()["arms"]
+    figures = outcome.diagnostics()
+    before, after = np.split(np.array(figures["candidates"]), [len(earlier.curve)])
+    # the curve goes on where it was
+    assert before.tolist() == list(earlier.curve)
+    seconds = [point["seconds"] for point in (*before, *after)]
+    assert seconds == sorted(seconds)
+    assert after[0]["seconds"] > earlier.seconds
+    assert list(outcome.policy.candidates) == figures["candidates"]
+    return figures["arms"]
 
 
 def in_rounds(state: RaceState) -> bool:
@@ -143,9 +151,11 @@ def test_an_incumbent_of_another_planner_stays_unless_something_is_better(lake):
 
 def test_a_race_can_be_stopped_twice(lake):
     earlier = stopped(lake, lambda state: "rules" in state.marks["over"])
-    seconds = earlier.seconds
+    seconds, curve = earlier.seconds, earlier.curve
+    assert curve
     earlier = stopped(lake, in_rounds, earlier)
     assert earlier.seconds > seconds
+    assert earlier.curve[: len(curve)] == curve
     arms = resumed(lake, earlier)
     assert arms["constants and rules"]["slices"] == 4
 

@@ -1,6 +1,7 @@
 """What a race leaves behind is what the next one begins with."""
 
 import dataclasses
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,10 @@ from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
 from helpers.problems import assert_same_bits
 
+from mdpo_rddl.auto import curve as curves
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.curve import candidate_figures
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.state import State
@@ -22,6 +25,7 @@ from mdpo_rddl.policy.table import Estimate, table_tensors
 from mdpo_rddl.session import race_checkpoints
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
+FORMAT = "mdpo-rddl race 4"
 CONFIG = PRESETS["paper"]("tanks")
 PARAMS = {"rule": {"w": np.arange(6.0).reshape(2, 3)}, "b": np.ones(2, np.float32)}
 
@@ -98,6 +102,60 @@ def test_seconds_are_kept_between_incumbents_too(tmp_path):
     assert (start.incumbent.mean, start.seconds) == (-5.0, 6.0)
 
 
+def test_the_curve_of_all_processes_comes_back(tmp_path):
+    kept(tmp_path, judged(-5.0, 1.0), judged(-9.0, 2.0, False))
+    start = kept(tmp_path, judged(-5.0, 2.5), judged(-3.0, 4.0))
+    points = [(p["seconds"], p["mean_return"], p["became_incumbent"]) for p in start.curve]
+    # the second candidate did not become the incumbent, and was not written by itself
+    assert points == [(1.0, -5.0, True), (2.5, -5.0, True), (4.0, -3.0, True)]
+    assert start.curve[-1] == candidate_figures(judged(-3.0, 4.0))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seconds": 0.5},
+        {"seconds": 9.0},
+        {"seconds": float("nan")},
+        {"mean_return": "much"},
+        {"error": float("inf")},
+        {"became_incumbent": 1},
+        {"arm": None},
+    ],
+)
+def test_a_curve_that_is_none_is_refused(tmp_path, change):
+    kept(tmp_path, judged(-5.0, 1.0), judged(-3.0, 4.0))
+    path = tmp_path / "incumbent-1.safetensors"
+    text, tensors = read_container(path, (FORMAT,))
+    curve = json.loads(text["curve"])
+    curve[1].update(change)
+    write_container(path, tensors, {**text, "curve": json.dumps(curve)})
+    (tmp_path / "incumbent-0.safetensors").unlink()
+    said = one_line(lambda: RaceCheckpoints(tmp_path, terms(), 1.0))
+    assert said.startswith(f"{path}: damaged checkpoint: ")
+
+
+def test_a_long_curve_keeps_its_incumbents(monkeypatch):
+    monkeypatch.setattr(curves, "MOST_POINTS", 3)
+    points = [candidate_figures(judged(-9.0, 1.0 + each, each % 2 == 0)) for each in range(9)]
+    assert curves.shortened(points[:3]) == tuple(points[:3])
+    assert curves.shortened(points[:4]) == (points[0], points[2])
+    assert [point["seconds"] for point in curves.shortened(points)] == [5.0, 7.0, 9.0]
+    with pytest.raises(ValueError, match="its candidates are 4"):
+        curves.read_curve(points[:4], 100.0)
+
+
+def test_a_checkpoint_is_written_before_another_process_is_waited_for(tmp_path):
+    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
+    checkpoints.begun(state)
+    checkpoints.judged(judged(-5.0, 1.0))
+    checkpoints._ends = 0.0  # the race's own time is over
+    checkpoints.pulse()
+    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 1.0
+    checkpoints.waits()
+    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 9.0
+
+
 def state(seconds: float = 9.0) -> RaceState:
     log = ArmLog("plan", slices=2, seconds=3.0, iterations=7, best_return=-5.0)
     flat = State({"elites": np.ones((2, 3))}, {"number": 1})
@@ -169,10 +227,11 @@ def test_nothing_is_written_that_the_end_of_the_race_would_meet(tmp_path):
     again = RaceCheckpoints(tmp_path, terms(), 0.0)
     again.begun(state)  # two seconds are left
     again._cost = 3.0
-    again.judged(judged(-4.0, 2.0))
+    later = judged(-4.0, CONFIG.budget().seconds - 1.0)
+    again.judged(later)
     assert RaceCheckpoints(tmp_path, terms(), 0.0).start.incumbent.mean == -5.0
     again._cost = 1.0
-    again.judged(judged(-4.0, 2.0))
+    again.judged(later)
     assert RaceCheckpoints(tmp_path, terms(), 0.0).start.incumbent.mean == -4.0
 
 
@@ -250,7 +309,7 @@ def test_a_damaged_file_leaves_the_one_before(tmp_path):
 def test_a_checkpoint_without_a_number_is_refused_and_not_overwritten(tmp_path):
     kept(tmp_path, judged(-5.0, 1.0))
     (path,) = tmp_path.iterdir()
-    text, tensors = read_container(path, ("mdpo-rddl race 3",))
+    text, tensors = read_container(path, (FORMAT,))
     write_container(path, tensors, {**text, "number": "-1"})
     said = one_line(lambda: RaceCheckpoints(tmp_path, terms(), 1.0))
     assert said.startswith(f"{path}: damaged checkpoint: ValueError('number -1')")

@@ -1,30 +1,20 @@
 """What every arm is: something that looks for a policy for a slice of time, and can go on."""
 
-import contextlib
 import logging
 import math
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.candidate import Candidate, has_structure
-from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.machine.background import Background
-from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
-from mdpo_rddl.planner.training import Training, TrainingResult
 
 logger = logging.getLogger(__name__)
-
-REPLAY_SECONDS = 2.0
-"""To find what is not finite, while the other arms wait."""
 
 
 class Arm(ABC):
@@ -46,6 +36,7 @@ class Arm(ABC):
         self._is_prepared = False
         self._at_work_since: float | None = None
         self._new: list[Candidate] = []
+        self._unjudged = 0
 
     def prepare(self) -> None:
         """Compiles what the first slice needs; done once, at the latest by `work`."""
@@ -99,9 +90,15 @@ class Arm(ABC):
 
     def judged(self, candidate: Candidate) -> None:
         """Is told what the judge says of one of its candidates."""
+        self._unjudged -= 1
         best = self._log.best_return
         mean = candidate.known_mean
         self._log.best_return = mean if best is None else max(best, mean)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether another slice would be of no use, and all that it has found was judged."""
+        return self.is_exhausted and not self._unjudged
 
     @property
     def reached(self) -> float | None:
@@ -167,6 +164,7 @@ class Arm(ABC):
 
     def _offer(self, candidate: Candidate) -> None:
         self._new.append(candidate)
+        self._unjudged += 1
 
 
 class ArenaArm(Arm):
@@ -188,148 +186,3 @@ class ArenaArm(Arm):
             self._offer(self._arena.candidate(self.name, label, params))
         else:
             self._offer(parent.child(self.name, label, params))
-
-
-class CompilingArm(ArenaArm):
-    """An arm whose program is compiled in a thread while others work: nothing interrupts that.
-
-    Attributes:
-      descends: whether it goes on from the best policy so far, whoever found that.
-      usual_seconds: what its first program is likely to take.
-    """
-
-    descends = False
-
-    def __init__(self, name: str, arena: Arena, usual_seconds: float = 0.0) -> None:
-        """Does nothing yet; the other arguments are those of `ArenaArm`."""
-        super().__init__(name, arena)
-        self.usual_seconds = usual_seconds
-        self._compiling: Background | None = None
-        self._estimate = -math.inf
-        self._is_judged = self._awaits_judge = False
-
-    @property
-    def is_pending(self) -> bool:
-        """Whether the compilation goes on."""
-        return self._compiling is not None and not self._compiling.has_ended
-
-    def begin(self, until: float) -> None:
-        """Begins the compilation, and waits for it; what it raises is for the first slice.
-
-        Args:
-          until: how long to wait, by the clock.
-        """
-        started = self._clock()
-        self._begin()
-        self._log.seconds += self._clock() - started
-        self.await_program(until)
-
-    def await_program(self, until: float) -> None:
-        """Waits for what is compiled, as `Arm` says."""
-        started = self._clock()
-        try:
-            with contextlib.suppress(Exception):
-                self._is_compiled(until)
-        finally:
-            self._log.seconds += self._clock() - started
-
-    @property
-    def awaits_judge(self) -> bool:
-        """Whether what plays its policies is compiled, or was, since its latest slice."""
-        leads = self._estimate > self._arena.judge.best_mean
-        return self._awaits_judge and leads and not self.is_exhausted
-
-    @property
-    def reached(self) -> float | None:
-        """By the judge, else by the arm's own estimate."""
-        judged = self._log.best_return
-        return self._estimate if judged is None and math.isfinite(self._estimate) else judged
-
-    def _earlier_params(self, planner: MDPOPlanner) -> Any:
-        """What the arm had found in a race that was stopped; None without that.
-
-        Args:
-          planner: the arm's own, whose parameters must have the same shapes.
-        """
-        found = self._arena.judge.best_of_arm(self.name)
-        if found is None:
-            return None
-        fits = has_structure(planner, found.params, found.policy_hyperparams)
-        return found.params if fits else None
-
-    def _note_not_finite(self, training: Training, result: TrainingResult) -> None:
-        """Counts what is not finite, in the worst phase, and says once where it arises."""
-        count, details = result.not_finite + result.lost_sensitivities, self._log.details
-        if count and "advice" not in details:
-            advice = result.advice or training.diagnosis(seconds=REPLAY_SECONDS)
-            self._log.details = {**details, "advice": advice}
-        if count:
-            count = max(count, details.get("not_finite", 0))
-            self._log.details = {**self._log.details, "not_finite": count}
-
-    def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:
-        """Whether the judge can play a planner's policies.
-
-        What that needs is compiled once the arm's estimate exceeds the incumbent's return, so
-        that an arm that finds nothing costs less. It begins at once, whatever else is compiled.
-
-        Args:
-          planner: the arm's own.
-          params: of any of its policies.
-          until: of the slice; others work while it is not compiled by then.
-        """
-        judge = self._arena.judge
-        if not self._is_judged:
-            self._log.details = {**self._log.details, "estimate": self._estimate}
-            # also where it is no number
-            if not self._estimate > judge.best_mean:
-                return False
-            if self._arena.deadline - self._clock() < judge.usual_seconds:
-                return False
-            self._is_judged = self._awaits_judge = True
-            self._start(lambda: judge.prepare(planner, params), in_turn=False)
-        is_ready = self._is_compiled(until)
-        self._awaits_judge &= not is_ready
-        return is_ready
-
-    @abstractmethod
-    def _begin(self) -> None:
-        """Calls `_start`."""
-
-    def _start(self, compile_program: Callable[[], None], in_turn: bool = True) -> None:
-        """Begins a compilation.
-
-        Args:
-          compile_program: does it; must not ask the clock, which may raise for the caller only.
-          in_turn: whether after those of other arms, if there is time for it then; else now.
-        """
-
-        def timed() -> None:
-            started = time.monotonic()
-            compile_program()
-            self._log.compile_seconds += time.monotonic() - started
-
-        if in_turn:
-            left = self._arena.deadline - self._clock() - self.usual_seconds
-            self._compiling = self._arena.compilations.add(timed, left)
-        else:
-            self._compiling = Background(timed)
-
-    def _is_compiled(self, until: float) -> bool:
-        """Waits for the compilation; one that was not begun in time ends the arm.
-
-        Args:
-          until: how long, by the clock.
-
-        Raises:
-          Exception: whatever it has raised.
-        """
-        assert self._compiling is not None
-        try:
-            # a thread is waited for by the machine's clock
-            return self._compiling.wait(time.monotonic() + until - self._clock())
-        except TooLateError as error:
-            logger.info("%s: %s", self.name, error)
-            self._log.details = {"cause": str(error)}
-            self.is_exhausted = True
-            return False

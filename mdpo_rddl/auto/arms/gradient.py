@@ -13,7 +13,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, CompilingArm
+from mdpo_rddl.auto.arms.trained import REPLAY_SECONDS, TrainedArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.state import State, count_of, joined
@@ -65,7 +65,7 @@ class _Earlier(NamedTuple):
     iterations: int = 0
 
 
-class GradientArm(CompilingArm):
+class GradientArm(TrainedArm):
     """Trains with MDPO in phases.
 
     The first goes from the best policy so far and from the best constant, with several step
@@ -88,7 +88,6 @@ class GradientArm(CompilingArm):
         """
         super().__init__(GRADIENT, arena, usual_seconds)
         self.phases: list[PhaseLog] = []
-        self._training: Training | None = None
         self._parent = arena.incumbent
         self._steps: Sequence[float] = ()
         self._noise: Sequence[float] = ()
@@ -96,7 +95,6 @@ class GradientArm(CompilingArm):
         self._earlier = _Earlier()
         # phases of this process that are over: the latest is not in `phases` before its first slice
         self._ended = 0
-        self._resumed: State | None = None
 
     def state(self) -> State | None:
         """The phase's training, and what its restarts differ in."""
@@ -112,16 +110,6 @@ class GradientArm(CompilingArm):
             "noise": list(self._noise),
         }
         return joined(State({}, values), state_of(latest).within("training"))
-
-    def close(self) -> None:
-        """Leaves the planner as it was before the training."""
-        if self._training is not None:
-            self._training.close()
-
-    def restore(self, state: State) -> None:
-        """Keeps it until the arm begins."""
-        checkpoints_of(state.part("training"))  # raises if there is none
-        self._resumed = state
 
     @property
     def log(self) -> ArmLog:

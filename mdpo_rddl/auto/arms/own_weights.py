@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdpo_rddl.auto.adapting import Adapting
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
@@ -43,21 +44,21 @@ class OwnWeightsArm(ArenaArm):
         """
         super().__init__(name, arena)
         self._around = around
-        self._start: np.ndarray | None = None
-        self._adaptation: Adaptation | None = None
-        self._resumed: State | None = None
+        self._adapting = Adapting(arena, self._try)
+        # of the adaptation that goes on
+        self._start = np.zeros(0)
 
     def state(self) -> State | None:
         """The adaptation of the slice that goes on, and the policy that it began with."""
-        if self._adaptation is None or self._start is None:
-            return self._resumed
-        adaptation = self._adaptation.state().within("adaptation")
-        return joined(State({"start": self._start}), adaptation)
+        latest = self._adapting.state()
+        if latest is None:
+            return None
+        return joined(State({"start": self._start}), latest.within("adaptation"))
 
     def restore(self, state: State) -> None:
         """Goes on with the adaptation if the slice begins where that of another process did."""
-        state.part("adaptation")  # raises if there is none
-        self._resumed = state
+        self._start = state.array("start", (None,))
+        self._adapting.restore(state.part("adaptation"))
 
     def _prepare(self) -> None:
         self._arena.compile_population()
@@ -73,18 +74,9 @@ class OwnWeightsArm(ArenaArm):
         seed, before = arena.seed + max(1, self._log.slices), self._log.iterations
         sampling = Sampling(around.sigma, population.population, seed, separable=True)
         adaptation = Adaptation(weights.start, sampling, self._clock)
-        self._start = flat_vector(parent.params)
-        state, self._resumed = self._resumed, None
-        if state is not None and np.array_equal(state.tensors.get("start", ()), self._start):
-            self._try(adaptation.restore, state.part("adaptation"))
-        begun = adaptation.iterations
-
-        def evaluate(number: int, vectors: np.ndarray) -> np.ndarray:
-            arena.pulse()
-            return population(weights, before + number, vectors)
-
-        self._adaptation = adaptation
-        adaptation.run(evaluate, until)
-        self._adaptation = None
-        self._log.iterations += adaptation.iterations - begun
+        start = flat_vector(parent.params)
+        if not np.array_equal(start, self._start):
+            self._adapting.restore(None)
+        self._start = start
+        self._log.iterations += self._adapting.run(weights, adaptation, until, before)
         self._offer_child(parent, around.label, weights.to_params(adaptation.mean))

@@ -8,7 +8,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import CompilingArm
+from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mdpo_rddl.auto.adapting import Adapting
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
@@ -33,8 +34,7 @@ class SharedWeightsArm(ArenaArm):
         # of the slice that goes on: what its adaptations began with and have found, per part
         self._simple: list[np.ndarray] = []
         self._every: list[np.ndarray] = []
-        self._adaptation: Adaptation | None = None
-        self._resumed: State | None = None
+        self._adapting = Adapting(arena, self._try)
 
     def state(self) -> State | None:
         """What the adaptations of the slice that goes on have found, and the one at work."""
@@ -44,9 +44,8 @@ class SharedWeightsArm(ArenaArm):
         if self._every:
             tensors["every"] = np.stack(self._every)
         state = State(tensors)
-        if self._adaptation is not None:
-            return joined(state, self._adaptation.state().within("adaptation"))
-        return state if self._resumed is None else joined(state, self._resumed.within("adaptation"))
+        latest = self._adapting.state()
+        return state if latest is None else joined(state, latest.within("adaptation"))
 
     def restore(self, state: State) -> None:
         """Goes on with the slice."""
@@ -60,7 +59,7 @@ class SharedWeightsArm(ArenaArm):
             counts = f"{len(begun)} and {len(refined)}"
             raise ValueError(f"its adaptations are {counts}, and {_VECTORS} are the most of each")
         if "adaptation" in state.values:
-            self._resumed = state.part("adaptation")
+            self._adapting.restore(state.part("adaptation"))
         self._simple, self._every = begun, refined if len(begun) == _VECTORS else []
 
     def _prepare(self) -> None:
@@ -93,21 +92,8 @@ class SharedWeightsArm(ArenaArm):
     def _adapted(
         self, weights: Weights, start: np.ndarray, sigma: float, until: float
     ) -> np.ndarray:
-        population = self._arena.population
         # the candidates' generator refuses the seed 0
-        sampling = Sampling(sigma, population.population, self._arena.seed + 1)
+        sampling = Sampling(sigma, self._arena.population.population, self._arena.seed + 1)
         adaptation = Adaptation(start, sampling, self._clock)
-        state, self._resumed = self._resumed, None
-        if state is not None:
-            self._try(adaptation.restore, state)
-        begun = adaptation.iterations
-
-        def evaluate(number: int, vectors: np.ndarray) -> np.ndarray:
-            self._arena.pulse()
-            return population(weights, number, vectors)
-
-        self._adaptation = adaptation
-        adaptation.run(evaluate, until)
-        self._adaptation = None
-        self._log.iterations += adaptation.iterations - begun
+        self._log.iterations += self._adapting.run(weights, adaptation, until)
         return adaptation.mean

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import REPLAY_SECONDS, CompilingArm
+from mdpo_rddl.auto.arms.trained import REPLAY_SECONDS, TrainedArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
@@ -28,7 +28,7 @@ _FOREVER = 1e9
 _LOOKING_SECONDS = 0.5
 
 
-class TrainingArm(CompilingArm):
+class TrainingArm(TrainedArm):
     """Follows the relaxed model's gradient on a straight-line plan or a deep reactive policy.
 
     Compilation goes on in a thread while other arms work, for nothing interrupts it. Each slice
@@ -45,9 +45,7 @@ class TrainingArm(CompilingArm):
           usual_seconds: what its program is likely to take to compile.
         """
         super().__init__(method, arena, usual_seconds)
-        self._training: Training | None = None
         self._best: BestIterate | None = None
-        self._resumed: State | None = None
         self._records: tuple[Record, ...] = ()
         self._iterations = self._phase = 0
         self._offered = self._best_iteration = -1
@@ -66,16 +64,6 @@ class TrainingArm(CompilingArm):
         return joined(
             State({}, values), best.state().within("best"), state_of(latest).within("training")
         )
-
-    def close(self) -> None:
-        """Leaves the planner as it was before the training."""
-        if self._training is not None:
-            self._training.close()
-
-    def restore(self, state: State) -> None:
-        """Keeps it until the program is compiled."""
-        checkpoints_of(state.part("training"))  # raises if there is none
-        self._resumed = state
 
     def _begin(self) -> None:
         seconds = max(1.0, self._arena.deadline - self._clock())

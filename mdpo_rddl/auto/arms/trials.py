@@ -1,6 +1,8 @@
 """The arm that searches by trials where the states are too many to be enumerated."""
 
 import logging
+import math
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from mdpo_rddl.auto.search.trials.backward import Greedy
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.playing import play, runs
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
+from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.auto.tables import action_table
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
@@ -34,11 +37,21 @@ _MOST_MISSED = 0.5
 _PATIENCE = 3
 
 
+def _ignore() -> None:
+    pass
+
+
 class TrialsArm(Arm):
     """Offers tables of actions, with their returns in simulated episodes of the ground model."""
 
     def __init__(
-        self, problem: Problem, config: PlannerConfig, seed: int, clock: Clock, model: GroundModel
+        self,
+        problem: Problem,
+        config: PlannerConfig,
+        seed: int,
+        clock: Clock,
+        model: GroundModel,
+        pulse: Callable[[], None] = _ignore,
     ) -> None:
         """Does nothing yet.
 
@@ -48,13 +61,35 @@ class TrialsArm(Arm):
           seed: of everything that is drawn.
           clock: what is asked for the time.
           model: of the problem.
+          pulse: called between two batches of trials.
         """
         super().__init__(TRIALS, clock)
         self._problem, self._config, self._seed = problem, config, seed
-        self._model = model
+        self._model, self._pulse = model, pulse
         self._search: TrialSearch | None = None
+        # of a search in another process, until this one knows what that has known
+        self._resumed: State | None = None
+        self._steps: Iterator[None] = iter(())
         self._best, self._closing = -np.inf, 0.0
         self._without_gain = 0
+
+    def state(self) -> State | None:
+        """What was seen, and where the search is."""
+        if self.is_over or self._search is None or self._resumed is not None:
+            return self._resumed
+        own = {"closing": self._closing, "without_gain": self._without_gain}
+        return joined(State({}, own), self._search.state().within("search"))
+
+    def restore(self, state: State) -> None:
+        """Keeps it until the first slice."""
+        closing = float(state.values["closing"])
+        state.part("search")  # raises if there is none
+        if not (math.isfinite(closing) and closing >= 0.0):
+            raise ValueError(f"its closing takes {closing} s")
+        self._without_gain = count_of(state.values["without_gain"])
+        self._closing, self._resumed = closing, state
+        # better ones were not judged, and are found again
+        self._best = -np.inf if self._log.best_return is None else self._log.best_return
 
     def _work(self, until: float) -> None:
         left = until - self._clock()
@@ -63,17 +98,43 @@ class TrialsArm(Arm):
             self._note_no_gain("its slices are too short")
             return
         try:
-            if self._search is None:
-                limits = EnumerationLimits(left, clock=self._clock)
-                self._search = TrialSearch(self._model, limits, self._seed, self._clock)
-            self._search.work(until - closing)
+            if (search := self._begun(until, closing)) is None:
+                return
+            search.work(until - closing, self._pulse)
             started = self._clock()
-            self._close(self._search)
+            self._close(search)
             self._closing = self._clock() - started
         except NotEnumerableError as error:
             self._give_up(str(error))
         except Exception as error:  # the other arms need no ground model
             self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
+
+    def _begun(self, until: float, closing: float) -> TrialSearch | None:
+        """The search, with all that was known in another process; None if that takes too long.
+
+        Args:
+          until: when the slice ends.
+          closing: seconds to be left then.
+        """
+        if self._search is None:
+            limits = EnumerationLimits(until - self._clock(), clock=self._clock)
+            self._search = TrialSearch(self._model, limits, self._seed, self._clock)
+            if self._resumed is not None:
+                self._steps = self._search.restoring(self._resumed.part("search"))
+        if self._resumed is not None and not self._try(
+            lambda _: self._go_on(until - closing), self._resumed
+        ):
+            self._search, self._resumed, self._best = None, None, -np.inf
+            return self._begun(until, closing)
+        return self._search if self._resumed is None else None
+
+    def _go_on(self, until: float) -> None:
+        """Takes more steps of what is restored, until none is left."""
+        for _ in self._steps:
+            self._pulse()
+            if self._clock() >= until:
+                return
+        self._resumed = None
 
     def _close(self, search: TrialSearch) -> None:
         """Offers what was found if it is better than before, and sees whether to go on."""

@@ -48,6 +48,20 @@ class Levels:
         unique, inverse = np.unique(distributions, axis=0, return_inverse=True)
         return np.array([self._add(row) for row in unique])[inverse.ravel()]
 
+    @property
+    def rows(self) -> list[tuple[float, ...]]:
+        """All of them, in the order of their numbers: values, then probabilities."""
+        return list(self._numbers)
+
+    def know(self, number: int, row: tuple[float, ...]) -> None:
+        """Gives a distribution the number that it has had before.
+
+        Raises:
+          ValueError: if it is none, or not the next one.
+        """
+        if not row or len(row) % 2 or self._add(row) != number:
+            raise ValueError(f"its distribution {number} is none, or another one")
+
     def _add(self, row: Iterable[float]) -> int:
         number = self._numbers.setdefault(tuple(map(float, row)), len(self._numbers))
         if number >= _MAX_LEVELS:
@@ -91,6 +105,32 @@ class Afterstates:
                 for random, size in zip(self.is_random, bits, strict=True)
             ]
         )
+
+    def levels(self) -> list[list[tuple[float, ...]]]:
+        """Of each variable its distributions so far, in the order of their numbers."""
+        return [levels.rows for levels in self._levels]
+
+    def know(self, levels: Iterable[tuple[int, tuple[float, ...]]]) -> None:
+        """Numbers distributions as they were numbered before.
+
+        Args:
+          levels: pairs of a variable and a distribution of it, those of one variable in the order
+            of their numbers.
+
+        Raises:
+          NotEnumerableError: if they are too many, or have values that do not fit.
+          ValueError: if they are not those of such variables.
+        """
+        counts = [0] * len(self._levels)
+        for variable, row in levels:
+            if not 0 <= variable < len(counts) or not self.is_random[variable]:
+                raise ValueError(f"its variable {variable} is not random")
+            self._levels[variable].know(counts[variable], row)
+            counts[variable] += 1
+        for variable, count in enumerate(counts):
+            if count:
+                values, _ = self._levels[variable].tables()
+                self._encoded(variable, values)
 
     def _may_be_random(self, law: Law, is_bool: bool) -> bool:
         graph = self._model.graph
@@ -194,11 +234,15 @@ class Afterstates:
         is_law = (used >= -_TOLERANCE).all() and np.allclose(used.sum(axis=1), 1.0)
         if not is_law:
             raise NotEnumerableError("a probability outside of [0, 1]")
+        encoded = self._encoded(number, values)
+        return encoded, np.where(probabilities > 0, np.minimum(probabilities, 1.0), 0.0)
+
+    def _encoded(self, number: int, values: np.ndarray) -> np.ndarray:
+        """Values [L, B] of a variable as bits in its word [L, B]."""
         try:
-            encoded = self._model.packing.encode(number, values.ravel()).reshape(values.shape)
+            return self._model.packing.encode(number, values.ravel()).reshape(values.shape)
         except OverflowError as error:
             raise NotEnumerableError(str(error)) from error
-        return encoded, np.where(probabilities > 0, np.minimum(probabilities, 1.0), 0.0)
 
     def _fixed(self, afterstates: np.ndarray) -> np.ndarray:
         """Next states [N, words] of which the random variables are still 0."""

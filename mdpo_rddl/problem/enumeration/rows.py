@@ -26,6 +26,10 @@ class Rows(NamedTuple):
     afterstates: np.ndarray
 
 
+NO_ROWS = Rows(np.zeros(0, int), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 1), np.uint64))
+"""Of no states."""
+
+
 class _Batch:
     """Values of the nodes in N states."""
 

@@ -7,12 +7,17 @@ policy knows no state, a trial plays the actions that this policy uses elsewhere
 trials begin at a state that has a rare value of some variable, and prefer what was rarely tried.
 """
 
+import math
+from collections.abc import Callable, Iterator
+
 import numpy as np
 
 from mdpo_rddl.auto.search.trials.backward import Greedy, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
+from mdpo_rddl.auto.search.trials.kept_policy import policy_state, read_policy
+from mdpo_rddl.auto.state import State, count_of, generator_place, joined, set_generator
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
 _TRIALS = 512
@@ -25,6 +30,12 @@ _GROWTH, _INDUCTION_SHARE = 1.25, 0.25
 # of a trial that begins anywhere
 _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
+# states that one step of all trials may add
+_MOST_TOGETHER = 8 * _TRIALS
+
+
+def _ignore() -> None:
+    pass
 
 
 class TrialSearch:
@@ -60,16 +71,18 @@ class TrialSearch:
         self._inductions = 0
         self._searching = self._inducting = 0.0
 
-    def work(self, until: float) -> None:
+    def work(self, until: float, pulse: Callable[[], None] = _ignore) -> None:
         """Plays trials; the steps of one are not begun after the end.
 
         Args:
           until: when to end, by the clock.
+          pulse: called between two batches.
 
         Raises:
           NotEnumerableError: if a state has no legal action, or a probability is none.
         """
         while not self.is_full and self._clock() < until:
+            pulse()
             started = self._clock()
             self._from_the_start(until)
             self._from_rare_states(until)
@@ -86,6 +99,57 @@ class TrialSearch:
         """
         return induct(self.explored, trust)
 
+    def state(self) -> State:
+        """All that another search of the same model needs to go on as this one would."""
+        values = {
+            "batches": self.batches,
+            "is_full": self.is_full,
+            "inductions": self._inductions,
+            "searching": self._searching,
+            "inducting": self._inducting,
+            "generator": generator_place(self._random),
+        }
+        policy = policy_state(self._greedy, self.explored)
+        return joined(
+            State({}, values), self.explored.state().within("explored"), policy.within("policy")
+        )
+
+    def restoring(self, state: State) -> Iterator[None]:
+        """Goes on, before its first trial, where another search was.
+
+        Args:
+          state: of the other one.
+
+        Yields:
+          Between two parts of the work, which may take a share of what the search has taken.
+
+        Raises:
+          ArithmeticError, AttributeError, LookupError, TypeError, ValueError: if it does not fit;
+            this search is of no use then.
+        """
+        values, own = state.values, state.part("explored")
+        seconds = float(values["searching"]), float(values["inducting"])
+        if not all(math.isfinite(each) and each >= 0.0 for each in seconds):
+            raise ValueError(f"it has searched for {seconds} s")
+        if len(own.tensors["states"]) > self._most_states + _MOST_TOGETHER:
+            raise ValueError(f"it has more than {self._most_states} states")
+        explored = self.explored
+        try:
+            for _ in explored.restoring(own, _MOST_TOGETHER):
+                if explored.reward.count > _MOST_ROWS + 2 * _MOST_TOGETHER * len(
+                    explored.model.actions
+                ):
+                    raise ValueError(f"it has more than {_MOST_ROWS} rows")
+                yield
+        except NotEnumerableError as error:
+            raise ValueError(str(error)) from error
+        self._greedy = read_policy(state.part("policy"), explored)
+        self._rarity = _rarity(explored, self._greedy.rows.shape[1])
+        self._searching, self._inducting = seconds
+        self._inductions, self.batches = count_of(values["inductions"]), count_of(values["batches"])
+        self.is_full = bool(values["is_full"])
+        set_generator(self._random, values["generator"])
+
     def _induct_if_grown(self) -> None:
         grown = self.explored.size > _GROWTH * self._greedy.rows.shape[1]
         if self._inducting > _INDUCTION_SHARE * self._searching or not (
@@ -95,13 +159,16 @@ class TrialSearch:
         started = self._clock()
         self._inductions += 1
         self._greedy = induct(self.explored, _TRUSTS[self._inductions % len(_TRUSTS)])
-        self._rarity = _rarity(self.explored)
+        self._rarity = _rarity(self.explored, self.explored.size)
         self._inducting += self._clock() - started
 
+    @property
+    def _most_states(self) -> int:
+        return min(_MOST_STATES, _MOST_DECISIONS // self.explored.model.horizon)
+
     def _is_over(self, until: float) -> bool:
-        explored, horizon = self.explored, self.explored.model.horizon
-        states = min(_MOST_STATES, _MOST_DECISIONS // horizon)
-        self.is_full = explored.size > states or explored.reward.count > _MOST_ROWS
+        explored = self.explored
+        self.is_full = explored.size > self._most_states or explored.reward.count > _MOST_ROWS
         return self.is_full or self._clock() >= until
 
     def _from_the_start(self, until: float) -> None:
@@ -170,9 +237,17 @@ def _least(choices: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.asarray(choices[np.argmin(counts[choices], axis=0), np.arange(choices.shape[1])])
 
 
-def _rarity(explored: Explored) -> np.ndarray:
-    """Per state [S] how few others have its value of a variable, for the one that is rarest."""
-    states, packing = explored.index.states, explored.model.packing
+def _rarity(explored: Explored, known: int) -> np.ndarray:
+    """How few others have a state's value of a variable, for the one that is rarest.
+
+    Args:
+      explored: what was seen.
+      known: number of states, K, that are looked at.
+
+    Returns:
+      Of each of them [K].
+    """
+    states, packing = explored.index.states[:known], explored.model.packing
     rarest = np.ones(len(states))
     for number in range(len(explored.model.variables)):
         values = packing.decode(number, states).astype(np.int64)

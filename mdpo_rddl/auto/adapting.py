@@ -1,0 +1,62 @@
+"""Adaptations of weights, of which the latest goes on in another process."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.search.cma import Adaptation
+from mdpo_rddl.auto.search.weights import Weights
+from mdpo_rddl.auto.state import State
+
+Attempt = Callable[[Callable[[State], None], State], bool]
+"""Says whether a state could be restored."""
+
+
+class Adapting:
+    """The adaptations of an arm, one after the other."""
+
+    def __init__(self, arena: Arena, attempt: Attempt) -> None:
+        """Adapts nothing yet.
+
+        Args:
+          arena: what all arms have in common.
+          attempt: restores a state, and says so if it does not fit.
+        """
+        self._arena, self._attempt = arena, attempt
+        self._working: Adaptation | None = None
+        self._resumed: State | None = None
+
+    def state(self) -> State | None:
+        """Of the adaptation at work, or what another process has left for the next one."""
+        return self._resumed if self._working is None else self._working.state()
+
+    def restore(self, state: State | None) -> None:
+        """Has the next adaptation go on with a state, or begin if there is none."""
+        self._resumed = state
+
+    def run(self, weights: Weights, adaptation: Adaptation, until: float, first: int = 0) -> int:
+        """Adapts weights.
+
+        Args:
+          weights: what the adaptation's vectors stand for.
+          adaptation: that has not begun.
+          until: when to end, by the clock.
+          first: number of its first generation, which has rollouts of its own.
+
+        Returns:
+          The number of iterations.
+        """
+        state, self._resumed = self._resumed, None
+        if state is not None:
+            self._attempt(adaptation.restore, state)
+        begun = adaptation.iterations
+
+        def evaluate(number: int, vectors: np.ndarray) -> np.ndarray:
+            self._arena.pulse()
+            return self._arena.population(weights, first + number, vectors)
+
+        self._working = adaptation
+        adaptation.run(evaluate, until)
+        self._working = None
+        return adaptation.iterations - begun
