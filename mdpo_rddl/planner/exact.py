@@ -72,6 +72,13 @@ def step_bytes(planner: MDPOPlanner) -> int:
     return state + features
 
 
+def visit_bytes(planner: MDPOPlanner) -> int:
+    """What the states take that one rollout has seen, as `compile_visits` gives them."""
+    fluents = initial_values(planner).test.fluents
+    step = sum(fluents[name][:1].nbytes for name in observed_fluents(planner.rddl))
+    return max(1, planner.horizon * step)
+
+
 def _over_policies(play: Callable[..., Any], side_by_side: int | None) -> Callable[..., Any]:
     if side_by_side is None:
         return jax.jit(jax.vmap(play, in_axes=(None, 0)))

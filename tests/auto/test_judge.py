@@ -10,9 +10,9 @@ from helpers.clocks import Ticking
 from helpers.lakes import preset, write_lake
 
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.probing import with_bias
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import compile_exact_returns
 

@@ -20,8 +20,9 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
+from mdpo_rddl.auto.candidate import NOOP
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search.weights import simple_weights, weights_of
 from mdpo_rddl.auto.state import UNFIT, State
