@@ -4,7 +4,7 @@ They are played in batches of one size, for one program, that are small enough f
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +49,7 @@ class Constants:
         self._key = jax.random.PRNGKey(seed)
         self._params = planner.feedback_plan.initializer(self._key, {}, None)
         self._until, self._clock = until, clock
-        self._batches, self.seconds = 0, 0.0
+        self._played, self.seconds = 0, 0.0
         self.are_alike, self.saw_alike = True, True
         self._random: dict[str, np.ndarray] = {}
         self._changed: dict[str, np.ndarray] = {}
@@ -60,9 +60,9 @@ class Constants:
     @property
     def is_late(self) -> bool:
         """Whether another batch would end after its time."""
-        if not self._batches:
+        if not self._played:
             return False
-        next_seconds = self.seconds if self._batches > 1 else 0.0
+        next_seconds = self.seconds if self._played > 1 else 0.0
         return self._clock() + next_seconds > self._until
 
     @property
@@ -73,34 +73,44 @@ class Constants:
 
     def means(self, constants: Sequence[Constant]) -> np.ndarray:
         """Mean returns [C]; minus infinity if not finite, or if it was too late to play one."""
-        return self.played(constants, 0)[0]
+        batches = [means for means, _ in self._batches_of(constants, at_least=0)]
+        played = np.concatenate([np.zeros(0), *batches])
+        return np.append(played, np.full(len(constants) - len(played), -np.inf))
 
-    def played(
+    def means_and_states(
         self, constants: Sequence[Constant], at_least: int
     ) -> tuple[np.ndarray, dict[str, list[np.ndarray]]]:
         """Plays constants, some of them even if it is late.
 
         Args:
-          constants: to be played, C.
+          constants: to be played, no more than there are in all.
           at_least: how many, of the first ones.
 
         Returns:
-          Their mean returns [C] as `means` says, and per observed fluent the values that they
-          saw, in arrays [P, N, steps, *shape] that have some of the steps if all are too many.
+          The mean returns [C] of those that were played, minus infinity if not finite; and per
+          observed fluent the values that they saw, in arrays [P, N, steps, *shape] that have some
+          of the steps only if all are too many.
         """
-        means = np.full(len(constants), -np.inf)
+        means: list[np.ndarray] = []
         seen: dict[str, list[np.ndarray]] = {}
+        for batch_means, states in self._batches_of(constants, at_least):
+            means.append(batch_means)
+            for name, values in states.items():
+                some = values[: len(batch_means), :, :: self._stride]
+                seen.setdefault(name, []).append(some.copy())
+        return np.concatenate(means), seen
+
+    def _batches_of(
+        self, constants: Sequence[Constant], at_least: int
+    ) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+        """Mean returns and states of batches, until it is late."""
         for first in range(0, len(constants), self._at_once):
             if first >= at_least and self.is_late:
                 break
-            batch = constants[first : first + self._at_once]
-            returns, states = self._batch(batch, self._key)
+            returns, states = self._batch(constants[first : first + self._at_once], self._key)
             self._note(returns, states)
-            found = np.mean(returns, axis=1)
-            means[first : first + len(batch)] = np.where(np.isfinite(found), found, -np.inf)
-            for name, values in states.items():
-                seen.setdefault(name, []).append(values[: len(batch), :, :: self._stride].copy())
-        return means, seen
+            means = np.mean(returns, axis=1)
+            yield np.where(np.isfinite(means), means, -np.inf), states
 
     def fresh_returns(self, one: Constant, other: Constant, batches: int) -> np.ndarray:
         """Returns of two constants [2, R] in common rollouts that neither was chosen by.
@@ -130,9 +140,9 @@ class Constants:
         returns = np.asarray(played, float)
         states = {name: np.asarray(values) for name, values in visited.items()}
         self.seconds = self._clock() - began
-        if not self._batches:
+        if not self._played:
             self._until += self.seconds
-        self._batches += 1
+        self._played += 1
         return returns[: len(constants)], states
 
     def _note(self, returns: np.ndarray, states: Mapping[str, np.ndarray]) -> None:
