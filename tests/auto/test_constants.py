@@ -6,7 +6,7 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.lakes import preset, write_lake
 
-from mdpo_rddl.auto import constants, probing
+from mdpo_rddl.auto import constants, probing, sizes
 from mdpo_rddl.auto.constants import Constants
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.sizes import Batches
@@ -102,10 +102,8 @@ def test_the_best_of_many_constants_is_compared_in_other_rollouts(planner, monke
 def test_batches_and_what_is_kept_of_them_fit_into_memory(planner, monkeypatch):
     one = visit_bytes(planner)
     assert one == STEPS * 4
-    room = 6 * one
-    for module in (constants, "mdpo_rddl.auto.sizes"):
-        name = module if isinstance(module, str) else module.__name__
-        monkeypatch.setattr(f"{name}.VISITS_BYTES", room)
+    for module in (constants, sizes):
+        monkeypatch.setattr(module, "VISITS_BYTES", 6 * one)
     model = Model(monkeypatch, lambda pump, chance: pump + chance, lambda pump, chance: pump)
     kept = []
     scale = probing._scale

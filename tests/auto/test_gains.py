@@ -86,4 +86,6 @@ def test_the_best_of_many_plans_must_be_beyond_luck():
     # four standard errors of a mean of four rollouts
     assert return_to_beat_by_luck(NoopReturn(-100.0, 20.0), 4) == -60.0
     # without chance half a percent is enough
-    assert return_to_beat_by_luck(NoopReturn(-100.0, 0.0), 1) == return_to_beat(-100.0, 0.0) == -99.5
+    assert (
+        return_to_beat_by_luck(NoopReturn(-100.0, 0.0), 1) == return_to_beat(-100.0, 0.0) == -99.5
+    )
