@@ -1,5 +1,6 @@
 """What all arms of a race have in common: the problem, the planner, the judge and the clock."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,11 +8,13 @@ from functools import cached_property
 
 import jax
 
-from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.candidate import NOOP, Candidate
 from mdpo_rddl.auto.compilations import Compilations
-from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.constants import with_bias
+from mdpo_rddl.auto.gains import NoopReturn, return_to_beat
+from mdpo_rddl.auto.judge import Judge, difference_error
 from mdpo_rddl.auto.plain import PlainPlanners
-from mdpo_rddl.auto.probing import Probe, with_bias
+from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import PopulationReturns, compile_population
 from mdpo_rddl.auto.timing import Clock
@@ -138,7 +141,22 @@ class Arena:
     def incumbent(self) -> Candidate:
         """The best candidate so far of the arena's planner; the no-op before the first."""
         best = self.judge.best_of(self.planner)
-        return self.candidate("", "no-op", self.noop) if best is None else best
+        return self.candidate("", NOOP, self.noop) if best is None else best
+
+    @property
+    def noop_return(self) -> NoopReturn:
+        """Of the no-op, by the judge; what probing has seen if it was not judged."""
+        noop = self.judge.latest(NOOP)
+        if noop is None:
+            return NoopReturn(self.probe.noop_return, 0.0)
+        count = 1 if noop.returns is None else len(noop.returns)
+        return NoopReturn(noop.known_mean, noop.error * math.sqrt(count))
+
+    def beats_noop(self, candidate: Candidate) -> bool:
+        """Whether a judged candidate returns more than the no-op, and not by chance."""
+        noop = self.judge.latest(NOOP)
+        error = candidate.error if noop is None else difference_error(candidate, noop)
+        return candidate.known_mean > return_to_beat(self.noop_return.mean, error)
 
     def candidate(self, arm: str, label: str, params: Params) -> Candidate:
         """A candidate of the arena's planner."""

@@ -6,10 +6,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import jax
+import numpy as np
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.table import ActionTable, Estimate
+
+NOOP = "no-op"
+"""Label of the policy that does nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,7 @@ class Candidate:
       table: of the actions, with what is known of its return, if the policy is one that trials
         have found.
       mean, error: of its return on the exact model, by the judge; `mean` is None before that.
+      returns: of the judge's rollouts [N], which are common to all; None if it has played none.
     """
 
     arm: str
@@ -42,6 +47,7 @@ class Candidate:
     table: tuple[ActionTable, Estimate] | None = None
     mean: float | None = None
     error: float = float("inf")
+    returns: np.ndarray | None = None
 
     @property
     def known_mean(self) -> float:
@@ -65,6 +71,7 @@ class Candidate:
             parents=parents,
             mean=None,
             error=float("inf"),
+            returns=None,
         )
 
 

@@ -61,7 +61,7 @@ def with_lifted_layer(config: PlannerConfig, problem: Problem, probe: Probe) -> 
 
     It slows down the rollouts of all other arms, which do not learn it.
     """
-    is_learnt = can_be_drawn(problem.model) and probe.start_return > probe.noop_return
+    is_learnt = can_be_drawn(problem.model) and probe.start_beats_noop
     if not is_learnt or "lifted" in config.policy_arguments:
         return config
     return config.with_policy_arguments(lifted=LIFTED_UNITS)

@@ -24,6 +24,8 @@ def _ignore(judged: Judged) -> None:
 
 # of the standard error of the difference: what a candidate of another planner must be better by
 _MARGIN = 2.0
+# with fewer rollouts the best of many candidates would be the luckiest
+_MANY_ROLLOUTS = 32
 
 
 class MeanReturn:
@@ -51,8 +53,19 @@ class MeanReturn:
 
 
 def mean_and_error(returns: np.ndarray) -> tuple[float, float]:
-    """Mean of returns [N] and its standard error."""
-    return float(np.mean(returns)), float(np.std(returns) / np.sqrt(len(returns)))
+    """Mean of returns [N] and its standard error, infinite for one return."""
+    count = len(returns)
+    error = float(np.std(returns, ddof=1) / np.sqrt(count)) if count > 1 else float("inf")
+    return float(np.mean(returns)), error
+
+
+def difference_error(one: Candidate, other: Candidate) -> float:
+    """Standard error of the difference of two means, rollout by rollout where both were played."""
+    if one.returns is not None and other.returns is not None:
+        differences = one.returns - other.returns
+        if np.all(np.isfinite(differences)):
+            return mean_and_error(differences)[1]
+    return float(np.hypot(one.error, other.error))
 
 
 class Judge:
@@ -85,7 +98,6 @@ class Judge:
         self._clock, self._began = clock, began
         self._players: list[tuple[MDPOPlanner, Timed[[Any], np.ndarray]]] = []
         self.incumbent: Candidate | None = None
-        self._incumbent_returns: np.ndarray | None = None
         self.judged: list[Judged] = []
 
     @property
@@ -107,9 +119,9 @@ class Judge:
         """Plays a candidate unless its return is known; whether it is the new incumbent.
 
         A mean that is not finite is worst. A candidate of the incumbent's planner, or of the arm of
-        one without a planner, must be better;
-        one of another planner, whose rollouts need not meet the same random numbers, must be so
-        by two standard errors of the difference, taken rollout by rollout where both were played.
+        one without a planner, must be better, with few rollouts by a standard error of the
+        difference; one of another planner, whose rollouts need not meet the same random numbers,
+        must be so by two. Errors are taken rollout by rollout where both were played.
 
         Args:
           candidate: with a planner, or with its mean and error.
@@ -117,15 +129,16 @@ class Judge:
         mean, error, returns = candidate.mean, candidate.error, None
         if mean is None:
             returns = self._play(candidate)
-            mean, error = mean_and_error(returns)
+            with np.errstate(invalid="ignore"):
+                mean, error = mean_and_error(returns)
         mean, error = (mean, error) if np.isfinite(mean) else (-np.inf, 0.0)
-        candidate = dataclasses.replace(candidate, mean=mean, error=error)
+        candidate = dataclasses.replace(candidate, mean=mean, error=error, returns=returns)
         best = self.incumbent
-        is_better = best is None or mean > best.known_mean + self._margin(candidate, best, returns)
+        is_better = best is None or mean > best.known_mean + _margin(candidate, best)
         logger.info("%s: %.6g", candidate.label, mean)
         self.judged.append(Judged(candidate, self._clock() - self._began, is_better))
         if is_better:
-            self.incumbent, self._incumbent_returns = candidate, returns
+            self.incumbent = candidate
         self._on_judged(self.judged[-1])
         return is_better
 
@@ -162,16 +175,6 @@ class Judge:
         of_label = (j.candidate for j in reversed(self.judged) if j.candidate.label == label)
         return next(of_label, None)
 
-    def _margin(self, candidate: Candidate, best: Candidate, returns: np.ndarray | None) -> float:
-        # what another process has left has no planner here, or is a table
-        is_of_one_arm = best.planner is None and candidate.arm == best.arm
-        if is_of_one_arm or (candidate.planner is best.planner and best.planner is not None):
-            return 0.0
-        others = self._incumbent_returns
-        if returns is None or others is None or not np.all(np.isfinite(returns - others)):
-            return _MARGIN * float(np.hypot(candidate.error, best.error))
-        return _MARGIN * mean_and_error(returns - others)[1]
-
     def _play(self, candidate: Candidate) -> np.ndarray:
         planner = candidate.planner
         if planner is None:
@@ -182,3 +185,14 @@ class Judge:
         play = Timed(MeanReturn(planner, self._rollouts, self._seed).returns, self._clock)
         self._players.append((planner, play))
         return play(candidate.params)
+
+
+def _margin(candidate: Candidate, best: Candidate) -> float:
+    """What a candidate's mean must exceed the incumbent's by."""
+    # what another process has left has no planner here, or is a table
+    if best.planner is None and candidate.arm == best.arm:
+        return 0.0
+    if candidate.planner is not best.planner or best.planner is None:
+        return _MARGIN * difference_error(candidate, best)
+    are_few = candidate.returns is not None and len(candidate.returns) < _MANY_ROLLOUTS
+    return difference_error(candidate, best) if are_few else 0.0

@@ -8,27 +8,29 @@ import dataclasses
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.auto.sizes import is_large
+from mdpo_rddl.auto.constants import Constants
+from mdpo_rddl.auto.gains import return_to_beat
+from mdpo_rddl.auto.judge import mean_and_error
+from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.planner.exact import compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.feedback_plan import box_width
 from mdpo_rddl.planner.update.action_scales import SIZES, answering_size
+from mdpo_rddl.problem.chance import has_draws
 
 logger = logging.getLogger(__name__)
 
 _STARTS, _FEW_STARTS = 32, 4
 _ROLLOUTS = 4
+# batches in which the best constant and the no-op are compared
+_AGAIN = 4
 _WIDE_UNITS = 1.5
 # of the box of each other action
 _HALF = 0.5
@@ -44,9 +46,11 @@ class Probe:
       noop_return: mean return of the no-op.
       start: the constant raw action of the largest return, per fluent [*shape].
       start_return: its mean return.
-      deterministic: whether all rollouts of each constant had the same return.
-      certain: whether there were several, and they had the same states, too.
+      deterministic: whether chance plays no part in the return: nothing is drawn, or constants
+        of several returns had the same in each rollout, and what they change is not random.
+      certain: whether the states were the same in each rollout, too.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
+      start_error: standard error of the difference between the two returns.
     """
 
     units: dict[str, float]
@@ -57,6 +61,12 @@ class Probe:
     deterministic: bool
     certain: bool
     policy_seconds: float | None
+    start_error: float = 0.0
+
+    @property
+    def start_beats_noop(self) -> bool:
+        """Whether that constant returns more than the no-op, and not by chance."""
+        return self.start_return > return_to_beat(self.noop_return, self.start_error)
 
     def state(self) -> State:
         """All of it, for another process."""
@@ -84,6 +94,7 @@ class Probe:
             deterministic=bool(values["deterministic"]),
             certain=bool(values["certain"]),
             policy_seconds=None if seconds is None else float(seconds),
+            start_error=float(values["start_error"]),
         )
         sizes = [*found.units.values(), *(scale for _, scale in found.state_scales.values())]
         centers = [center for center, _ in found.state_scales.values()]
@@ -116,69 +127,62 @@ def probe(
     Args:
       planner: with a `FeedbackPlan` without scales, whose units are 1 where there is no box.
       seed: of the actions and of the model.
-      until: when to end at the latest, by the clock, once two were played.
+      until: when to end, by the clock, once two were played; compilation is not counted.
       clock: what is asked for the time.
     """
     large = is_large(planner)
-    count, rollouts = (_FEW_STARTS, 1) if large else (_STARTS, _ROLLOUTS)
-    play = compile_visits(planner, rollouts, side_by_side=1 if large else None)
-    key = jax.random.PRNGKey(seed)
-    params = planner.feedback_plan.initializer(key, {}, None)
+    size = Batches(_FEW_STARTS, 1, 1)
+    size = size if large else fitting_batches(planner, _STARTS, _ROLLOUTS)
+    plays = Constants(planner, seed, size, until, clock)
+    params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
     numbers = list(planner.feedback_plan.units)
-
-    spreads: list[float] = []
-    state_spreads: list[float] = []
-
-    def returns(starts: list[dict[str, np.ndarray]]) -> tuple[np.ndarray, dict[str, Any]]:
-        batch = jax.tree.map(
-            lambda *leaves: jnp.stack(leaves), *[with_bias(params, s) for s in starts]
-        )
-        played, states = play(key, batch)
-        each = np.asarray(played, float)
-        spreads.append(float(np.max(np.ptp(each, axis=1))))
-        state_spreads.extend(_spread(values) for values in states.values())
-        means = np.mean(each, axis=1)
-        return np.where(np.isfinite(means), means, -np.inf), states
-
     noop = {name: np.zeros(shape) for name, shape in shapes.items()}
     full = {name: np.ones(shape) for name, shape in shapes.items()}
-    at_once = 1 if large else count
     open_ended = [
         name for name in numbers if box_width(*planner.feedback_plan.bounds[name]) is None
     ]
     others = [noop] if large else [noop, full, {n: _HALF * v for n, v in full.items()}]
-    units = {
-        name: _unit(name, others, lambda starts: _in_batches(returns, starts, at_once))
-        for name in open_ended
-    }
+    units = {name: _unit(name, others, plays.means) for name in open_ended}
     random = np.random.default_rng(seed)
     places = boxes(planner, units)
-    starts = [noop, full, *(_random_start(random, places) for _ in range(count - 2))]
+    starts = [noop, full, *(_random_start(random, places) for _ in range(size.constants - 2))]
     # the planner's units are 1 where there is no box
     scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
-    means, states = returns(scaled[:1] if large else scaled)
-    seconds = 0.0
-    for start in scaled[1:] if large else []:
-        if seconds and clock() + seconds > until:
-            break
-        began = clock()
-        more, states = returns([start])
-        means, seconds = np.append(means, more), clock() - began
+    means, states = plays.means_and_states(scaled, at_least=2)
+    seconds = plays.seconds
     best = int(np.argmax(means))
     scales = {
         name: (0.5, 0.5) if planner.rddl.variable_ranges[name] == "bool" else _scale(values)
         for name, values in states.items()
     }
-    return Probe(
+    draws = has_draws(planner.rddl)
+    # where some constant does something, and what it does is the same each time
+    answers = len(np.unique(means[np.isfinite(means)])) > 1
+    shown = size.rollouts > 1 and answers and plays.are_alike and plays.chance_is_apart
+    found = Probe(
         units=units,
         state_scales=scales,
         noop_return=float(means[0]),
         start=starts[best],
         start_return=float(means[best]),
-        deterministic=not any(spreads),
-        certain=rollouts > 1 and not any(spreads) and not any(state_spreads),
+        deterministic=bool(not draws or shown),
+        certain=bool(not draws or (shown and plays.saw_alike)),
         policy_seconds=seconds if large else None,
+    )
+    if found.deterministic or large or best == 0:
+        return found
+    # the best of many was lucky
+    return _in_fresh_rollouts(found, plays.fresh_returns(scaled[0], scaled[best], _AGAIN))
+
+
+def _in_fresh_rollouts(probe: Probe, returns: np.ndarray) -> Probe:
+    """The probe with what the no-op and the best constant return in other rollouts [2, R]."""
+    if not np.isfinite(returns).all() or returns.shape[1] < 2:
+        return probe
+    (noop, start), (_, error) = np.mean(returns, axis=1), mean_and_error(returns[1] - returns[0])
+    return dataclasses.replace(
+        probe, noop_return=float(noop), start_return=float(start), start_error=error
     )
 
 
@@ -193,26 +197,6 @@ def _unit(
     unit = answering_size(SIZES, returns(scan).reshape(len(others), len(SIZES)))
     logger.info("unit of %s: %g", name, unit)
     return unit
-
-
-def _in_batches(
-    returns: Callable[[list[dict[str, np.ndarray]]], tuple[np.ndarray, Any]],
-    starts: list[dict[str, np.ndarray]],
-    size: int,
-) -> np.ndarray:
-    """Mean returns of any number of constants, so many at once: one program for all of them."""
-    batches = [starts[first : first + size] for first in range(0, len(starts), size)]
-    padded = [batch + [starts[0]] * (size - len(batch)) for batch in batches]
-    return np.concatenate([returns(batch)[0] for batch in padded])[: len(starts)]
-
-
-def with_bias(params: Params, bias: Mapping[str, np.ndarray]) -> Params:
-    """Parameters whose policy adds a constant to each object's raw action."""
-    own = {
-        name: {**entries, "bias": jnp.asarray(bias[name], entries["bias"].dtype)}
-        for name, entries in params["own"].items()
-    }
-    return {**params, "own": own}
 
 
 def boxes(planner: MDPOPlanner, units: Mapping[str, float]) -> dict[str, np.ndarray]:
@@ -241,18 +225,12 @@ def _random_start(
     return start
 
 
-def _spread(values: Any) -> float:
-    """The largest difference between rollouts of one policy, of values [P, rollouts, ...]."""
-    return float(np.max(np.ptp(np.asarray(values, float), axis=1), initial=0.0))
-
-
-def _scale(values: Any) -> tuple[float, float]:
+def _scale(batches: Sequence[np.ndarray]) -> tuple[float, float]:
     """Median and spread of all values of a fluent, neither moved by a few that run away."""
-    finite = np.asarray(values, float)
-    finite = finite[np.isfinite(finite)]
+    finite = np.concatenate([values[np.isfinite(values)] for values in batches])
     if not finite.size:
         return 0.0, 1.0
     low, median, high = (float(q) for q in np.percentile(finite, [10, 50, 90]))
     # of a normal law they are 2.56 deviations apart
-    spread = (high - low) / 2.56 or min(float(np.std(finite)), 1e3)
+    spread = (high - low) / 2.56 or min(float(np.std(finite, dtype=float)), 1e3)
     return median, spread if spread > 1e-6 * max(1.0, abs(median)) else 1.0

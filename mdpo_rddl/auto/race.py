@@ -1,17 +1,15 @@
 """From a problem to the best policy that the arms find in the time given."""
 
-import contextlib
 import logging
-from collections.abc import Iterator
 from dataclasses import replace
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
-from mdpo_rddl.auto.arms.simple import NOOP
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
-from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
+from mdpo_rddl.auto.failures import incumbent_kept, one_line_errors
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
     scaled,
@@ -28,21 +26,20 @@ from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
-from mdpo_rddl.auto.sizes import plans_fit
+from mdpo_rddl.auto.sizes import judge_rollouts, plans_fit
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 
-_ROLLOUTS, _FEW_ROLLOUTS = 128, 2
+_ROLLOUTS = 128
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
@@ -82,7 +79,7 @@ def plan_automatically(
     seconds, shares = config.budget().seconds, _shares(config)
     wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
     alternatives = Alternatives(problem, seed, seconds - used, wanted)
-    with alternatives, _one_line_errors(problem):
+    with alternatives, one_line_errors(problem):
         exact = _dynamic_programming_arm(problem, config, clock)
         if exact is not None:
             options.on_stage("enumerating")
@@ -144,7 +141,8 @@ def _raced(
             # the first is the incumbent whatever its error, so that the result is not worse
             for candidate in options.earlier.candidates(arena):
                 arena.judge.record(candidate)
-        schedule.run()
+        with incumbent_kept(arena.judge):
+            schedule.run()
         late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
         if alternatives.started:
             options.on_wait()
@@ -297,12 +295,15 @@ def _arena(
     if seen.certain:
         config = with_single_rollouts(config)
     planner = build_planner(problem, config, options.traced_cache).planner
+    # without chance few rollouts are as good
+    left = 0.0 if seen.deterministic else deadline - clock()
+    rollouts = judge_rollouts(_ROLLOUTS, seen.policy_seconds, left)
     return Arena(
         problem=problem,
         config=config,
         planner=planner,
         probe=seen,
-        judge=Judge(_FEW_ROLLOUTS if large else _ROLLOUTS, seed, clock, began, options.on_judged),
+        judge=Judge(rollouts, seed, clock, began, options.on_judged),
         seed=seed,
         deadline=deadline,
         clock=clock,
@@ -333,15 +334,3 @@ def _outcome(
         seconds=seconds,
         interrupted=interrupted,
     )
-
-
-@contextlib.contextmanager
-def _one_line_errors(problem: Problem) -> Iterator[None]:
-    """What a problem makes JAX or JaxPlan raise, as an error of the input."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        cause = missing_package(error) or " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{problem.instance_path}: cannot be planned: {cause}") from error

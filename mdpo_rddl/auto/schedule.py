@@ -35,6 +35,7 @@ from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.auto.gains import finite_gain
 from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
@@ -163,10 +164,7 @@ class Schedule(Slices):
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""
-        return not self._arena.has_plan or self._beats_noop(self._arena.incumbent)
-
-    def _beats_noop(self, candidate: Candidate) -> bool:
-        return candidate.known_mean > self._arena.plans.return_to_beat
+        return not self._arena.has_plan or self._arena.beats_noop(self._arena.incumbent)
 
     def _end(self, part: str, share: float) -> float:
         """The end of a part that begins now, or of one that had begun in an earlier process."""
@@ -181,20 +179,20 @@ class Schedule(Slices):
         arena = self._arena
         exploration = ExplorationArm(arena)
         # less where a net has found something already
-        share = _EXPLORATION_SHARE * (_LESS if self._beats_noop(self._best) else 1.0)
+        share = _EXPLORATION_SHARE * (_LESS if arena.beats_noop(self._best) else 1.0)
         for until in self._once("exploration", share):
             self._search_plans(exploration, until)
-        if not self._beats_noop(arena.incumbent) or not arena.plans.deterministic:
+        if not arena.beats_noop(arena.incumbent) or not arena.plans.deterministic:
             for until in self._once("shared weights", self._shares.shared_until):
                 self.give(shared, until)
                 self._has_plan &= arena.incumbent.arm == exploration.name
-        if self._marks.decided("explores on", lambda: not self._beats_noop(arena.incumbent)):
+        if self._marks.decided("explores on", lambda: not arena.beats_noop(arena.incumbent)):
             self._contend(exploration, lambda: arena.incumbent.mean)
-        found = self._marks.decided("found", lambda: self._beats_noop(self._best))
+        found = self._marks.decided("found", lambda: arena.beats_noop(self._best))
         rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_programs(rounds_until, METHODS)
         self._compete(rounds_until, polishing=found)
-        if self._beats_noop(self._best):
+        if arena.beats_noop(self._best):
             self._finish()
         else:
             self._on_stage("polishing")
@@ -269,7 +267,7 @@ class Schedule(Slices):
             self._first_slice(contender, patience)
         if not contender.slices or arm.is_pending:
             return
-        gain = abs(contender.level - arena.probe.noop_return)
+        gain = finite_gain(contender.level, arena.probe.noop_return)
 
         def least() -> float:
             return max(least_gain * gain, self._to_catch_up(arm, until))

@@ -5,12 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.planner.exact import step_bytes
+from mdpo_rddl.planner.exact import step_bytes, visit_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 # what one step of a search's rollouts may hold: more takes too long rather than too much memory
 _AT_ONCE_BYTES = 10**7
 _PLANS_BYTES = 10**8
+VISITS_BYTES = 2 * 10**8
+"""What the states that rollouts have seen, at every step, may take."""
+# of a candidate; and of the time left, what one candidate's may take
+_FEWEST_ROLLOUTS, _JUDGE_SHARE = 2, 0.01
 
 PLANS = 128
 """Rollouts of open-loop plans in one iteration of the search for them."""
@@ -28,6 +32,20 @@ class Size(NamedTuple):
     population: int
     rollouts: int
     side_by_side: int | None
+
+
+class Batches(NamedTuple):
+    """How constants are played.
+
+    Attributes:
+      constants: in all.
+      rollouts: of each constant.
+      at_once: constants of a batch.
+    """
+
+    constants: int
+    rollouts: int
+    at_once: int
 
 
 _SIZES = (Size(32, 4, None), Size(32, 1, None), Size(8, 1, 1))
@@ -58,3 +76,40 @@ def plans_fit(planner: MDPOPlanner) -> bool:
     shapes = planner.feedback_plan.feedback.action_shapes.values()
     actions = sum(math.prod(shape) for shape in shapes)
     return PLANS * planner.horizon * actions * np.dtype(np.float32).itemsize <= _PLANS_BYTES
+
+
+def visits_fit(planner: MDPOPlanner) -> bool:
+    """Whether the states that a population of open-loop plans sees fit into memory with ease.
+
+    Args:
+      planner: compiled.
+    """
+    return PLANS * visit_bytes(planner) <= VISITS_BYTES
+
+
+def fitting_batches(planner: MDPOPlanner, constants: int, rollouts: int) -> Batches:
+    """Batches whose states fit into memory with ease, with fewer rollouts if one does not.
+
+    Args:
+      planner: compiled.
+      constants: in all.
+      rollouts: of each constant, at most.
+    """
+    most = max(1, VISITS_BYTES // visit_bytes(planner))
+    rollouts = min(rollouts, most)
+    return Batches(constants, rollouts, min(constants, max(1, most // rollouts)))
+
+
+def judge_rollouts(most: int, policy_seconds: float | None, seconds: float) -> int:
+    """Rollouts of each candidate: all but where they take too long.
+
+    Args:
+      most: number of them, a power of two.
+      policy_seconds: that one rollout takes where the problem is large; None elsewhere.
+      seconds: that are left.
+    """
+    count = most
+    if policy_seconds is not None:
+        while count > _FEWEST_ROLLOUTS and count * policy_seconds > _JUDGE_SHARE * seconds:
+            count //= 2
+    return count

@@ -7,6 +7,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.failures import incumbent_kept
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising
 from mdpo_rddl.errors import Cancelled, one_line_cause
@@ -84,8 +85,9 @@ class Slices:
     def _judge_candidates(self, arm: Arm) -> bool:
         is_better = False
         for candidate in arm.take_candidates():
-            is_better |= self._judge.record(candidate)
-            arm.judged(self._judge.judged[-1].candidate)
+            with incumbent_kept(self._judge):
+                is_better |= self._judge.record(candidate)
+                arm.judged(self._judge.judged[-1].candidate)
         return is_better
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:

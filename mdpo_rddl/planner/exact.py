@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array, dtypes, lax
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
@@ -70,6 +70,14 @@ def step_bytes(planner: MDPOPlanner) -> int:
         for name, shape in feedback.action_shapes.items()
     )
     return state + features
+
+
+def visit_bytes(planner: MDPOPlanner) -> int:
+    """What the states take that one rollout has seen, as `compile_visits` gives them."""
+    fluents = initial_values(planner).test.fluents
+    seen = [fluents[name][:1] for name in observed_fluents(planner.rddl)]
+    step = sum(values.size * dtypes.canonicalize_dtype(values.dtype).itemsize for values in seen)
+    return max(1, planner.horizon * step)
 
 
 def _over_policies(play: Callable[..., Any], side_by_side: int | None) -> Callable[..., Any]:

@@ -32,14 +32,14 @@ def test_bools_have_a_hidden_layer_on_each_objects_features(tmp_path):
     config = preset(1.0)
     rules = {"RULES": "forall_{?a : arm} [pull(?a) => true];", "TERMINATION": "false"}
     lever = toy("lever", LIKELIHOOD="1.0", DISCOUNT="1.0", MOST="1", **rules)
-    seen = SimpleNamespace(noop_return=-5.0, start_return=-4.0)
+    seen = SimpleNamespace(start_beats_noop=True)
     fitted = with_lifted_layer(config, lever, seen)
     assert fitted.policy_arguments["lifted"] == LIFTED_UNITS
     given = config.with_policy_arguments(lifted=0)
     assert with_lifted_layer(given, lever, seen) is given
     for other in (write_lake(tmp_path), toy("signal")):  # real actions; a state that is not seen
         assert with_lifted_layer(config, other, seen) is config
-    rare = SimpleNamespace(noop_return=-5.0, start_return=-5.0)  # ppo does not come first
+    rare = SimpleNamespace(start_beats_noop=False)  # ppo does not come first
     assert with_lifted_layer(config, lever, rare) is config
 
 

@@ -10,9 +10,10 @@ from helpers.clocks import Ticking
 from helpers.lakes import preset, write_lake
 
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
-from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.probing import with_bias
+from mdpo_rddl.auto.judge import Judge, mean_and_error
+from mdpo_rddl.auto.sizes import judge_rollouts
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import compile_exact_returns
 
@@ -98,3 +99,36 @@ def test_without_a_planner_and_a_mean_there_is_no_saying():
         judge().record(dataclasses.replace(known("unknown", 0.0), mean=None))
     with pytest.raises(ValueError, match="not judged yet"):
         _ = dataclasses.replace(known("unknown", 0.0), mean=None).known_mean
+
+
+def played(returns_of: dict[str, list[float]]) -> Judge:
+    """A judge that has played these, all of one planner, in turn."""
+    one, planner = judge(), object()
+    one._players.append((planner, np.array))
+    for label, returns in returns_of.items():
+        candidate = dataclasses.replace(known(label, 0.0, planner=planner), mean=None)
+        one.record(dataclasses.replace(candidate, params=returns))
+    return one
+
+
+def test_in_few_rollouts_a_candidate_must_be_better_by_the_error_of_the_difference():
+    # 1 better in the mean, with an error of 2
+    assert played({"first": [0.0, 0.0], "lucky": [3.0, -1.0]}).incumbent.label == "first"
+    # and of 0.5
+    assert played({"first": [0.0, 0.0], "better": [1.5, 0.5]}).incumbent.label == "better"
+    many = played({"first": [0.0] * 64, "better": [3.0, -1.0] * 32})
+    assert many.incumbent.label == "better"
+    assert many.latest("first").error == 0.0
+
+
+def test_errors_are_those_of_a_sample():
+    assert mean_and_error(np.array([0.0, 2.0])) == (1.0, 1.0)
+    assert mean_and_error(np.array([3.0])) == (3.0, math.inf)
+
+
+def test_where_rollouts_take_long_there_are_as_many_as_there_is_time_for():
+    assert judge_rollouts(128, None, 60.0) == 128
+    # each may take a hundredth of the time
+    assert judge_rollouts(128, 0.05, 60.0) == 8
+    assert judge_rollouts(128, 1e-6, 60.0) == 128
+    assert judge_rollouts(128, 5.0, 60.0) == 2

@@ -1,12 +1,21 @@
 """Races that are interrupted, or whose arms are lost, keep the best so far."""
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
+from helpers.clocks import Stopped
+from helpers.lakes import preset
 from helpers.races import CLOCK, means, raced
 
 from mdpo_rddl.auto import RaceOptions, race, schedule
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import PopulationReturns
+from mdpo_rddl.auto.slices import Slices
 from mdpo_rddl.errors import Cancelled, InputError
 
 pytestmark = pytest.mark.usefixtures("one_core")
@@ -60,6 +69,50 @@ def test_where_every_arm_is_lost_the_best_so_far_is_kept(
     assert outcome.chosen.arm == "constants and rules"
     assert not outcome.interrupted
     assert outcome.chosen.mean >= means(outcome)[CONSTANT] > means(outcome)[NOOP]
+
+
+def test_a_failure_of_the_race_itself_keeps_the_best_so_far(
+    lake, in_one_arena, monkeypatch, caplog
+):
+    def broken(plans, params):
+        raise MemoryError("out of memory")
+
+    monkeypatch.setattr(PlanPopulation, "random_return", broken)
+    outcome = raced(lake, 300.0)
+    assert "the best policy so far is kept: out of memory" in caplog.text
+    assert outcome.chosen.mean == max(means(outcome).values())
+    assert not outcome.interrupted
+    monkeypatch.setattr(schedule.Schedule, "run", lambda race: broken(race, None))
+    with pytest.raises(InputError, match="out of memory"):
+        raced(lake, 300.0)
+
+
+def test_what_cannot_be_judged_costs_nobody_else_a_slice(monkeypatch, caplog):
+    clock = Stopped()
+    judge = Judge(1, 0, clock, 0.0)
+    arena = SimpleNamespace(judge=judge, clock=clock, deadline=10.0)
+    first, broken, better = (
+        Candidate("arm", label, preset(1.0), None, None, mean=mean)
+        for label, mean in (("first", 0.0), ("broken", None), ("better", 1.0))
+    )
+    slices = Slices(arena, lambda name: None, None)
+    with pytest.raises(ValueError, match="no planner"):
+        slices.give(Offering("early", clock, [broken]), 1.0)
+    assert slices.give(Offering("arm", clock, [first, broken, better]), 1.0)
+    assert judge.incumbent.label == "better"
+    assert "broken: there is no planner" in caplog.text
+
+
+class Offering(Arm):
+    """Offers what it is given."""
+
+    def __init__(self, name, clock, candidates):
+        super().__init__(name, clock)
+        self._candidates = candidates
+
+    def _work(self, until):
+        for candidate in self._candidates:
+            self._offer(candidate)
 
 
 def test_where_no_return_of_a_search_is_finite_the_best_so_far_is_kept(

@@ -65,6 +65,9 @@ def test_a_unit_is_found_that_shows_beside_another_action_only():
     seen = probing.probe(planner, seed=0)
     assert 10.0 < seen.units["ship"] < 60.0
     assert seen.start_return > -30.0 * 3 / 2
+    # nothing is drawn
+    assert seen.deterministic
+    assert seen.certain
 
 
 def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):

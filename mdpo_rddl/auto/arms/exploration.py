@@ -61,7 +61,7 @@ class ExplorationArm(ArenaArm):
         plans = self._arena.plans
         elites, self._elites, self._works = self._elites, None, True
         before = plans.iterations
-        goal = plans.goal(until, -math.inf, restarting=False)
+        goal = plans.goal(until, self._arena.noop_return, -math.inf, restarting=False)
         self._params = plans.evolved(self._params, goal, self._archive, elites)
         self._works = False
         self._log.iterations += plans.iterations - before

@@ -67,7 +67,8 @@ class PlanArm(ArenaArm):
             elites = arena.plans.elites_of(state, params)
         self._start, self._resumed = start, None
         incumbent_return = -math.inf if parent is not None else arena.judge.best_mean
-        goal = arena.plans.goal(until, incumbent_return, evolving.restarting)
+        noop = arena.noop_return
+        goal = arena.plans.goal(until, noop, incumbent_return, evolving.restarting)
         before = arena.plans.iterations
         params = arena.plans.evolved(params, goal, elites=elites)
         self._start = None

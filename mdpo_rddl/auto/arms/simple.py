@@ -6,12 +6,13 @@ import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
+from mdpo_rddl.auto.candidate import NOOP
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
 from mdpo_rddl.auto.state import State
 
 SIMPLE = "constants and rules"
-NOOP, CONSTANT, RANDOM_RULE = "no-op", "constant", "random rule"
+CONSTANT, RANDOM_RULE = "constant", "random rule"
 _SIGMA = 0.5
 
 

@@ -5,6 +5,7 @@ in few steps; new plans follow one of them and then try something. That is Go-Ex
 et al. (2021), https://arxiv.org/abs/2004.12919, without its robustification.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -39,6 +40,9 @@ class Archive:
         self._cells: dict[bytes, int] = {}
         self._prefixes: list[tuple[np.ndarray, int]] = []
         self._taken: list[int] = []
+        self._horizon = 0
+        # of each plan that is kept, by its id: cells that it leads to
+        self._uses: Counter[int] = Counter()
         self._bytes = 0
 
     def __len__(self) -> int:
@@ -52,6 +56,7 @@ class Archive:
           states: per observed fluent what each plan saw after each step [P, H, *shape].
         """
         count, horizon = plans.shape[:2]
+        self._horizon = horizon
         # in the order of the steps, so that a cell's first place is the earliest step
         cells = [
             np.swapaxes(self._cell(name, values), 0, 1).reshape(horizon * count, -1)
@@ -60,23 +65,40 @@ class Archive:
         joined = np.ascontiguousarray(np.concatenate(cells, axis=1))
         whole = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
         unique, first = np.unique(whole, return_index=True)
-        kept: dict[int, np.ndarray] = {}
+        found: dict[int, list[tuple[int, bytes]]] = {}
         for cell, place in zip(unique.tolist(), first.tolist(), strict=True):
             step, row = divmod(place, count)
             known = self._cells.get(cell)
-            if known is not None and self._prefixes[known][1] <= step + 1:
-                continue
-            if known is None and (len(self) >= _MOST_CELLS or self._bytes > _MOST_BYTES):
-                continue
-            if row not in kept:
-                kept[row] = plans[row].copy()
-                self._bytes += kept[row].nbytes
-            if known is None:
+            if known is None or self._prefixes[known][1] > step + 1:
+                found.setdefault(row, []).append((step + 1, cell))
+        for row, ways in found.items():
+            prefix = plans[row, : max(steps for steps, _ in ways)]
+            if self._bytes + prefix.nbytes <= _MOST_BYTES:
+                self._keep(prefix.copy(), ways)
+
+    def _keep(self, prefix: np.ndarray, ways: Sequence[tuple[int, bytes]]) -> None:
+        """Keeps the first steps of a plan, and for each cell in how many of them it leads there."""
+        self._bytes += prefix.nbytes
+        self._uses[id(prefix)] += 1  # as long as it is looked at
+        for steps, cell in ways:
+            known = self._cells.get(cell)
+            if known is not None:
+                self._release(self._prefixes[known][0])
+                self._prefixes[known] = prefix, steps
+            elif len(self) < _MOST_CELLS:
                 self._cells[cell] = len(self)
-                self._prefixes.append((kept[row], step + 1))
+                self._prefixes.append((prefix, steps))
                 self._taken.append(0)
             else:
-                self._prefixes[known] = kept[row], step + 1
+                continue
+            self._uses[id(prefix)] += 1
+        self._release(prefix)
+
+    def _release(self, prefix: np.ndarray) -> None:
+        self._uses[id(prefix)] -= 1
+        if not self._uses[id(prefix)]:
+            del self._uses[id(prefix)]
+            self._bytes -= prefix.nbytes
 
     def plans(self, count: int) -> np.ndarray:
         """Plans that go to a cell, preferably one from which few began, and on [count, H, D]."""
@@ -91,16 +113,19 @@ class Archive:
         """
         numbers: dict[int, int] = {}
         plans: list[np.ndarray] = []
+        shape = (self._horizon, len(self._layout.is_bool))
         kept: list[tuple[bytes, int, int, int]] = []
         used = 0
         for cell, place in self._cells.items():
             plan, step = self._prefixes[place]
             if id(plan) not in numbers:
-                used += plan.nbytes
+                whole = np.zeros(shape, plan.dtype)
+                used += whole.nbytes
                 if used > _MOST_STATE_BYTES:
                     break
+                whole[: len(plan)] = plan
                 numbers[id(plan)] = len(plans)
-                plans.append(plan)
+                plans.append(whole)
             kept.append((cell, numbers[id(plan)], step, self._taken[place]))
         values = {"generator": generator_place(self._random)}
         if not kept:
@@ -149,7 +174,9 @@ class Archive:
         rows = [plan.copy() for plan in plans]
         pairs = zip(of_plan.tolist(), steps.tolist(), strict=True)
         self._prefixes = [(rows[number], step) for number, step in pairs]
-        self._taken, self._bytes = taken.tolist(), plans.nbytes
+        self._uses = Counter(id(prefix) for prefix, _ in self._prefixes)
+        self._horizon, self._taken = horizon, taken.tolist()
+        self._bytes = sum(rows[number].nbytes for number in np.unique(of_plan))
 
     def _cell(self, name: str, values: np.ndarray) -> np.ndarray:
         center, scale = self._scales[name]
@@ -160,8 +187,8 @@ class Archive:
         random, is_bool = self._random, self._layout.is_bool
         prefix, step = self._prefixes[cell]
         self._taken[cell] += 1
-        plan = prefix.copy()
-        plan[step:] = 0.0
+        plan = np.zeros((self._horizon, prefix.shape[1]), prefix.dtype)
+        plan[:step] = prefix[:step]
         left, places = len(plan) - step, plan.shape[1]
         count = min(places, random.geometric(_PLACES))
         for place in random.choice(places, size=count, replace=False):

@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.gains import NoopReturn, return_to_beat_by_luck
 from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.evolution import (
@@ -21,16 +22,14 @@ from mdpo_rddl.auto.search.evolution import (
     evolve,
 )
 from mdpo_rddl.auto.search.mutations import Layout, layout_of
-from mdpo_rddl.auto.sizes import PLANS
+from mdpo_rddl.auto.sizes import PLANS, visits_fit
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock, Timed
-from mdpo_rddl.planner.exact import compile_visits
+from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 
 _ROLLOUTS = 4
-# what a gain must be of the return of the no-op, to be one
-_GAIN = 0.005
 
 
 def _ignore() -> None:
@@ -42,7 +41,6 @@ class PlanPopulation:
 
     Attributes:
       deterministic: whether chance plays no part.
-      return_to_beat: what the no-op returns, and a little more.
       iterations: done so far.
       elites: the best plans [E, H, D] of the evolution that goes on; None between evolutions.
       on_generation: called after each of its iterations.
@@ -60,14 +58,15 @@ class PlanPopulation:
         self._planner, self._probe, self._clock = planner, probe, clock
         self.deterministic = probe.deterministic
         # as many rollouts in all, whether one shows what a plan returns or not
-        rollouts = 1 if probe.deterministic else _ROLLOUTS
-        self._population = PLANS // rollouts
-        visits = compile_visits(planner, rollouts)
+        self._rollouts = 1 if probe.deterministic else _ROLLOUTS
+        self._population = PLANS // self._rollouts
+        self._has_states = visits_fit(planner)
+        play = compile_visits if self._has_states else _without_states
+        visits = play(planner, self._rollouts)
         self._visits = Timed(lambda key, params: jax.block_until_ready(visits(key, params)), clock)
         self._seed = seed
         self._key = key_for(Draws.PLANS, seed)
         self._random = np.random.default_rng([seed, 2])
-        self.return_to_beat = probe.noop_return + _GAIN * abs(probe.noop_return)
         self.iterations = 0
         self.elites: np.ndarray | None = None
         self.on_generation: Callable[[], None] = _ignore
@@ -83,8 +82,8 @@ class PlanPopulation:
         return self._visits.calls > 0
 
     def archive(self, params: Params) -> Archive | None:
-        """An empty archive for plans; None without a state, for then there is nowhere to go."""
-        scales = self._probe.state_scales
+        """An empty archive for plans; None without a state, or with too many to be looked at."""
+        scales = self._probe.state_scales if self._has_states else {}
         return Archive(self._layout(params), scales, self._seed) if scales else None
 
     def random_return(self, params: Params) -> float:
@@ -98,17 +97,21 @@ class PlanPopulation:
         returns, _ = self._visits(self._key, {**self._repeated(params), "plan": plan})
         return float(np.mean(np.asarray(returns, float)))
 
-    def goal(self, until: float, incumbent_return: float, restarting: bool) -> Goal:
+    def goal(
+        self, until: float, noop: NoopReturn, incumbent_return: float, restarting: bool
+    ) -> Goal:
         """A search for plans that beat the no-op.
 
         Args:
           until: when to end, by the clock.
+          noop: its return.
           incumbent_return: ends early if it would not be reached in time.
           restarting: whether to begin again from the no-op where nothing more is gained. That
             can be seen only if chance plays no part.
         """
         converging = restarting and self.deterministic
-        return Goal(until, self.return_to_beat, incumbent_return, until_converged=converging)
+        to_beat = return_to_beat_by_luck(noop, self._rollouts)
+        return Goal(until, to_beat, incumbent_return, until_converged=converging)
 
     def evolved(
         self,
@@ -192,6 +195,14 @@ class PlanPopulation:
         others = {name: part for name, part in params.items() if name != "plan"}
         count = self._population
         return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *np.shape(leaf))), others)
+
+
+def _without_states(
+    planner: MDPOPlanner, rollouts: int
+) -> Callable[[Array, Params], tuple[Array, dict[str, Array]]]:
+    """As `compile_visits`, without what is seen."""
+    returns = compile_exact_returns(planner, rollouts)
+    return lambda key, params: (returns(key, params), {})
 
 
 def _of_first_rollout(states: Mapping[str, Array]) -> dict[str, np.ndarray]:

@@ -20,9 +20,11 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
+from mdpo_rddl.auto.candidate import NOOP
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.weights import simple_weights, weights_of
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.planner.checkpoints import TrainingState
@@ -130,10 +132,12 @@ def own_bias(arena: Arena, mean: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["plan", "exploration"])
-def test_plans_go_on_with_the_best_of_them(compiled, arena, name):
+def test_plans_go_on_with_the_best_of_them(compiled, arena, name, monkeypatch):
+    # or the exploration ends at once
+    monkeypatch.setattr(plan_population, "return_to_beat_by_luck", lambda noop, rollouts: np.inf)
+
     def planning(somewhere: Arena) -> PlanArm | ExplorationArm:
         if name == "exploration":
-            somewhere.plans.return_to_beat = np.inf  # or it ends at once
             return ExplorationArm(somewhere)
         return PlanArm("plan", somewhere, Evolving())
 

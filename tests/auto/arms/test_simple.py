@@ -8,7 +8,8 @@ import pytest
 from helpers.clocks import Stopped
 
 from mdpo_rddl.auto.arms import simple
-from mdpo_rddl.auto.arms.simple import NOOP, RANDOM_RULE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
+from mdpo_rddl.auto.candidate import NOOP
 
 POPULATION = 32
 

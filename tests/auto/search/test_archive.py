@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mdpo_rddl.auto.search import archive as archives
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.mutations import layout_of
 
@@ -21,3 +22,22 @@ def test_an_archive_keeps_the_shortest_way_to_each_cell():
     again = Archive(layout_of({"push": np.zeros((4, 1))}, []), {"x": (0.0, 1.0)}, seed=0)
     again.add(plans, {"x": np.cumsum(plans, axis=1)[:, :, 0]})
     np.testing.assert_array_equal(again.plans(20), made)
+
+
+def test_an_archive_keeps_to_its_bytes_however_often_its_plans_improve(monkeypatch):
+    horizon, places = 10, 50
+    monkeypatch.setattr(archives, "_MOST_BYTES", 8 * horizon * places * 4)
+    layout = layout_of({"push": np.zeros((horizon, places))}, [])
+    archive, random = Archive(layout, {"x": (0.0, 1.0)}, seed=0), np.random.default_rng(0)
+    for speed in (0.5, 1.0, 2.0, 3.0, 5.0):
+        plans = np.zeros((6, horizon, places), np.float32)
+        moves = random.choice([-1.0, 0.0, 1.0], size=(6, horizon)) * speed
+        archive.add(plans, {"x": np.cumsum(moves, axis=1)})
+        kept = {id(plan): plan.nbytes for plan, _ in archive._prefixes}
+        assert 0 < sum(kept.values()) == archive._bytes <= archives._MOST_BYTES
+    # of a way in two steps nothing more is kept
+    short = Archive(layout, {"x": (0.0, 1.0)}, seed=0)
+    short.add(plans[:1], {"x": np.array([[0.0, 1.0] * (horizon // 2)])})
+    assert len(short) == 2
+    assert short._bytes == 2 * places * 4
+    assert short.plans(3).shape == (3, horizon, places)

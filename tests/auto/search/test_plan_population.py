@@ -1,20 +1,27 @@
 """Plans side by side on the exact model: they restart, explore and find."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
 from helpers.problems import write_corridor
 
 from mdpo_rddl import evaluate, make_environment
+from mdpo_rddl.auto import sizes
 from mdpo_rddl.auto.fitting import scaled, without_scales
+from mdpo_rddl.auto.gains import NoopReturn
 from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.evolution import Evolved
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.planner.exact import visit_bytes
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.load import load_problem
+
+NOOP_RETURN = NoopReturn(0.0, 0.0)
 
 
 def plans_of(problem):
@@ -46,7 +53,7 @@ def test_evolution_begins_again_where_it_has_converged(
     monkeypatch.setattr(plan_population, "evolve", converge)
     params = {**params, "plan": {name: part + 1.0 for name, part in params["plan"].items()}}
     plans = PlanPopulation(planner, seen, 0, Ticking())
-    goal = plans.goal(1.0, incumbent_return, restarting=True)
+    goal = plans.goal(1.0, NOOP_RETURN, incumbent_return, restarting=True)
     assert goal.until_converged
     result = plans.evolved(params, goal)
     assert starts[0] > 0.0
@@ -65,7 +72,7 @@ def test_a_hidden_prize_is_found(corridor):
     plans = PlanPopulation(planner, seen, 0, clock)
     archive = plans.archive(params)
     assert archive is not None
-    goal = plans.goal(600.0, -np.inf, restarting=False)
+    goal = plans.goal(600.0, NOOP_RETURN, -np.inf, restarting=False)
     policy = playable(planner, plans.evolved(params, goal, archive), {}, 0)
     # each visit of the prize is worth 100
     assert evaluate(make_environment(problem), policy, episodes=1, seed=0).mean > 90.0
@@ -95,3 +102,24 @@ def test_without_a_state_there_is_nothing_to_explore(tmp_path):
     )
     seen, planner, params = plans_of(load_problem(str(domain), str(instance)))
     assert PlanPopulation(planner, seen, 0, Ticking()).archive(params) is None
+
+
+def test_states_that_are_too_many_are_not_kept_and_plans_are_played_all_the_same(
+    corridor, monkeypatch
+):
+    _, seen, planner, params = corridor
+    monkeypatch.setattr(sizes, "VISITS_BYTES", sizes.PLANS * visit_bytes(planner) - 1)
+    plans = PlanPopulation(planner, seen, 0, Ticking())
+    assert plans.archive(params) is None
+    goal = plans.goal(12.0, NOOP_RETURN, -np.inf, restarting=False)
+    plans.evolved(params, goal)
+    assert plans.iterations > 0
+
+
+def test_in_a_few_rollouts_a_plan_beats_a_random_no_op_by_more_than_luck(corridor):
+    _, seen, planner, _ = corridor
+    stochastic = PlanPopulation(planner, replace(seen, deterministic=False), 0, Ticking())
+    noop = NoopReturn(-100.0, 20.0)
+    assert stochastic.goal(1.0, noop, -np.inf, restarting=False).return_to_beat == -60.0
+    lost = NoopReturn(-np.inf, 0.0)
+    assert stochastic.goal(1.0, lost, -np.inf, restarting=False).return_to_beat == -np.inf

@@ -22,7 +22,7 @@ class Play(NamedTuple):
     missed: float
 
 
-def play(explored: Explored, greedy: Greedy, episodes: int, seed: int) -> Play:
+def play(explored: Explored, greedy: Greedy, episodes: int, seed: int, fresh: bool = False) -> Play:
     """Plays a policy; where it knows nothing, the default action or else one that is legal.
 
     Args:
@@ -30,11 +30,12 @@ def play(explored: Explored, greedy: Greedy, episodes: int, seed: int) -> Play:
       greedy: the policy.
       episodes: number of them, N.
       seed: of all draws, which the search does not use.
+      fresh: whether to draw others, for a policy that was chosen by those.
 
     Raises:
       NotEnumerableError: if a state has no legal action, or a probability is none.
     """
-    model, random = explored.model, np.random.default_rng([seed, 1])
+    model, random = explored.model, np.random.default_rng([seed, 2 if fresh else 1])
     returns, running = np.zeros(episodes), np.arange(episodes)
     states = np.repeat(model.initial[np.newaxis], episodes, axis=0)
     missed, decisions = 0, 0

@@ -1,0 +1,166 @@
+"""Constant actions on the exact model: what they return, where they lead, and whether chance shows.
+
+They are played in batches of one size, for one program, that are small enough for the memory.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from mdpo_rddl.auto.sizes import VISITS_BYTES, Batches
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.planner.exact import compile_visits, visit_bytes
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
+
+Constant = Mapping[str, np.ndarray]
+"""A raw action per action fluent [*shape], the same at every step."""
+
+
+class Constants:
+    """Plays constants until it is late.
+
+    Attributes:
+      seconds: that the latest batch took.
+      are_alike: whether all rollouts of each constant had the same return.
+      saw_alike: whether they saw the same states, too.
+      chance_is_apart: whether no part of a state that the constants change differed between
+        the rollouts of one.
+    """
+
+    def __init__(
+        self, planner: MDPOPlanner, seed: int, size: Batches, until: float, clock: Clock
+    ) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          planner: with a `FeedbackPlan`.
+          seed: of the model.
+          size: of the batches.
+          until: when to end, by the clock; the first batch, which compiles, is not counted.
+          clock: what is asked for the time.
+        """
+        self._at_once = size.at_once
+        one_by_one = 1 if size.at_once == 1 else None
+        self._play = compile_visits(planner, size.rollouts, side_by_side=one_by_one)
+        self._key = jax.random.PRNGKey(seed)
+        self._params = planner.feedback_plan.initializer(self._key, {}, None)
+        self._until, self._clock = until, clock
+        self._played, self.seconds = 0, 0.0
+        self.are_alike, self.saw_alike = True, True
+        self._random: dict[str, np.ndarray] = {}
+        self._changed: dict[str, np.ndarray] = {}
+        self._first: dict[str, np.ndarray] = {}
+        kept = size.constants * size.rollouts * visit_bytes(planner)
+        self._stride = max(1, math.ceil(kept / VISITS_BYTES))
+
+    @property
+    def is_late(self) -> bool:
+        """Whether another batch would end after its time."""
+        if not self._played:
+            return False
+        next_seconds = self.seconds if self._played > 1 else 0.0
+        return self._clock() + next_seconds > self._until
+
+    @property
+    def chance_is_apart(self) -> bool:
+        """See the class."""
+        both = (self._random[name] & self._changed[name] for name in self._random)
+        return not any(map(np.any, both))
+
+    def means(self, constants: Sequence[Constant]) -> np.ndarray:
+        """Mean returns [C]; minus infinity if not finite, or if it was too late to play one."""
+        batches = [means for means, _ in self._batches_of(constants, at_least=0)]
+        played = np.concatenate([np.zeros(0), *batches])
+        return np.append(played, np.full(len(constants) - len(played), -np.inf))
+
+    def means_and_states(
+        self, constants: Sequence[Constant], at_least: int
+    ) -> tuple[np.ndarray, dict[str, list[np.ndarray]]]:
+        """Plays constants, some of them even if it is late.
+
+        Args:
+          constants: to be played, no more than there are in all.
+          at_least: how many, of the first ones.
+
+        Returns:
+          The mean returns [C] of those that were played, minus infinity if not finite; and per
+          observed fluent the values that they saw, in arrays [P, N, steps, *shape] that have some
+          of the steps only if all are too many.
+        """
+        means: list[np.ndarray] = []
+        seen: dict[str, list[np.ndarray]] = {}
+        for batch_means, states in self._batches_of(constants, at_least):
+            means.append(batch_means)
+            for name, values in states.items():
+                some = values[: len(batch_means), :, :: self._stride]
+                seen.setdefault(name, []).append(some.copy())
+        return np.concatenate(means), seen
+
+    def _batches_of(
+        self, constants: Sequence[Constant], at_least: int
+    ) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+        """Mean returns and states of batches, until it is late."""
+        for first in range(0, len(constants), self._at_once):
+            if first >= at_least and self.is_late:
+                break
+            returns, states = self._batch(constants[first : first + self._at_once], self._key)
+            self._note(returns, states)
+            means = np.mean(returns, axis=1)
+            yield np.where(np.isfinite(means), means, -np.inf), states
+
+    def fresh_returns(self, one: Constant, other: Constant, batches: int) -> np.ndarray:
+        """Returns of two constants [2, R] in common rollouts that neither was chosen by.
+
+        Args:
+          one: constant.
+          other: constant.
+          batches: of N rollouts, as long as it is not late; R may be 0.
+        """
+        found = [np.zeros((2, 0))]
+        for number in range(1, batches + 1):
+            if self.is_late:
+                break
+            key = jax.random.fold_in(self._key, number)
+            pairs = ([one, other],) if self._at_once > 1 else ([one], [other])
+            found.append(np.concatenate([self._batch(pair, key)[0] for pair in pairs]))
+        return np.concatenate(found, axis=1)
+
+    def _batch(
+        self, constants: Sequence[Constant], key: jax.Array
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Returns [P, N] and states [P, N, H, *shape] of constants that fit into a batch."""
+        began = self._clock()
+        padded = [*constants, *[constants[0]] * (self._at_once - len(constants))]
+        policies = [with_bias(self._params, constant) for constant in padded]
+        played, visited = self._play(key, jax.tree.map(lambda *each: jnp.stack(each), *policies))
+        returns = np.asarray(played, float)
+        states = {name: np.asarray(values) for name, values in visited.items()}
+        self.seconds = self._clock() - began
+        if not self._played:
+            self._until += self.seconds
+        self._played += 1
+        return returns[: len(constants)], states
+
+    def _note(self, returns: np.ndarray, states: Mapping[str, np.ndarray]) -> None:
+        """What differs between the rollouts of one constant, and between constants."""
+        self.are_alike &= bool(np.all(returns == returns[:, :1]))
+        for name, values in states.items():
+            first = self._first.setdefault(name, values[0].copy())
+            random = np.any(values != values[:, :1], axis=(0, 1, 2))
+            changed = np.any(values != first, axis=(0, 1, 2))
+            self.saw_alike &= not np.any(random)
+            self._random[name] = self._random.get(name, False) | random
+            self._changed[name] = self._changed.get(name, False) | changed
+
+
+def with_bias(params: Params, bias: Constant) -> Params:
+    """Parameters whose policy adds a constant to each object's raw action."""
+    own = {
+        name: {**entries, "bias": jnp.asarray(bias[name], entries["bias"].dtype)}
+        for name, entries in params["own"].items()
+    }
+    return {**params, "own": own}
