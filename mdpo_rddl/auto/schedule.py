@@ -29,6 +29,7 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
@@ -47,13 +48,13 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
-_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.85
+# for greedy, while slices gain; for a straight-line plan, while they gain so much of the first's
+_EXPLORATION_SHARE, _OTHERS_SHARE, _GREEDY_SHARE = 0.45, 0.4, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
-# of the time left, for the programs of those two
+# of the time left, for the programs of those that come first
 _FIRST_PATIENCE = 0.9
 # names of their parts
-_LEARNING, _PLAN_FIRST = "learning", "plan first"
+_LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
 
@@ -114,9 +115,13 @@ class Schedule(Slices):
         learner = None
         # where rewards are rare, a law that explores finds none, and learns to do nothing
         if self._marks.decided("learns first", self._finds_reward):
-            until = self._end(_LEARNING, _LEARNING_SHARE)
+            share = self._entrants.learning_share
+            until = self._end(_LEARNING, share)
             learner = self._entrants.learner(until, LEARNING_FIRST)
-            self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
+            self._begin_with(_LEARNING, learner, share)
+            until = self._end(_GREEDY_LEARNING, _GREEDY_SHARE)
+            value = self._entrants.greedy(until, LEARNING_FIRST)
+            self._begin_with(_GREEDY_LEARNING, value, _GREEDY_SHARE)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         leads = learner is not None and self._best.arm == learner.name
@@ -246,6 +251,8 @@ class Schedule(Slices):
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
             self._opened(self._entrants.learner(until, LATER), until)
+        if GREEDY not in taken:
+            self._opened(self._entrants.greedy(until, LATER), until)
         if PGPE not in taken:
             self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):
