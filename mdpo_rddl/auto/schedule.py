@@ -51,8 +51,8 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # for greedy, while slices gain; for a straight-line plan, while they gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE, _GREEDY_SHARE = 0.45, 0.4, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
-# of the time left, for the programs of those that come first
-_FIRST_PATIENCE = 0.9
+# of the time left, that greedy has in any case: what it learns at first tells little
+_GREEDY_AT_LEAST = 0.25
 # names of their parts
 _LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
@@ -121,7 +121,7 @@ class Schedule(Slices):
             self._begin_with(_LEARNING, learner, share)
             until = self._end(_GREEDY_LEARNING, _GREEDY_SHARE)
             value = self._entrants.greedy(until, LEARNING_FIRST)
-            self._begin_with(_GREEDY_LEARNING, value, _GREEDY_SHARE)
+            self._begin_with(_GREEDY_LEARNING, value, _GREEDY_SHARE, at_least=_GREEDY_AT_LEAST)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         leads = learner is not None and self._best.arm == learner.name
@@ -257,31 +257,6 @@ class Schedule(Slices):
             self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
-
-    def _begin_with(
-        self, part: str, arm: CompilingArm | None, share: float, least_gain: float = 0.0
-    ) -> None:
-        """Slices before others', while they gain.
-
-        Each must gain such a share of what the first one has gained, and enough for the arm to
-        reach the incumbent of another one within its part.
-        """
-        if arm is None:
-            return
-        arena, until = self._arena, self._end(part, share)
-        patience = arena.until(_FIRST_PATIENCE)
-        contender = self._open(arm, until, arena.clock())
-        if arm.is_pending or not contender.slices:
-            self._first_slice(contender, patience)
-        if not contender.slices or arm.is_pending:
-            return
-        gain = abs(contender.level - arena.probe.noop_return)
-
-        def least() -> float:
-            return max(least_gain * gain, self._to_catch_up(arm, until))
-
-        for _ in self._marks.once(part, arena, until):
-            self._give_while(contender, until, lambda: arm.progress, least)
 
     def _compete(self, until: float, polishing: bool = True) -> None:
         """Rounds of slices, each for the arm that promises most.

@@ -15,8 +15,9 @@ from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, 
 from mdpo_rddl.planner.rollouts.termination import steps_alive
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 
-# with which noise goes on to the next step: what leads somewhere takes several steps
-_LASTS = 0.75
+# of what is tried, with which it goes on at the next step: what leads somewhere takes several; and
+# with which a bool leaves the no-op rather than staying there
+_LASTS, _LEAVES = 0.75, 0.75
 _TINY = 1e-6
 
 
@@ -25,7 +26,7 @@ class Trying(NamedTuple):
 
     Attributes:
       is_guided: whether the other policy plays, for each rollout [B].
-      share: of the steps at which noise decides, for each rollout [B].
+      share: of the steps at which one bool is decided at random, for each rollout [B].
     """
 
     is_guided: Array
@@ -39,7 +40,7 @@ class Explored(NamedTuple):
       states: per state fluent its values before each step [B, H, *shape].
       rewards: of each step, zero after the end of the episode [B, H].
       alive: 1 up to the step that ends the episode, 0 after it [B, H].
-      is_tried: whether noise has decided at a step [B, H].
+      is_tried: whether one bool was decided at random at a step [B, H].
     """
 
     states: dict[str, Array]
@@ -72,8 +73,7 @@ def compile_exploring(
         odds = guide.log_odds(guiding, state, step)
         other = jnp.concatenate([jnp.ravel(odds[name]) for name in planner.rddl.action_fluents])
         gains = jnp.where(given["guided"], other, plan.gains(weights, key, state, step))
-        size = jnp.sqrt(jnp.mean(gains**2)) + _TINY
-        tried = gains + size * given["noise"]
+        tried = _with_one_forced(gains, given["place"], given["leaves"])
         return plan.choose(jnp.where(given["tried"], tried, gains), state)
 
     compiled = planner.test_compiled
@@ -85,11 +85,17 @@ def compile_exploring(
     shape = rollouts, horizon
 
     def play(key: Array, weights: Any, guiding: Any, trying: Trying) -> Explored:
-        playing, deciding, renewing, drawing = random.split(key, 4)
+        playing, deciding, renewing, drawing, signing = random.split(key, 5)
         is_tried = random.uniform(deciding, shape) < trying.share[:, jnp.newaxis]
-        noise = _lasting(renewing, random.normal(drawing, (*shape, plan.size)))
-        guided = jnp.broadcast_to(trying.is_guided[:, jnp.newaxis], shape)
-        given = {"guided": guided, "tried": is_tried, "noise": noise}
+        last = _last_renewals(random.uniform(renewing, shape) >= _LASTS)
+        drawn = random.randint(drawing, shape, 0, plan.size + 1), random.uniform(signing, shape)
+        place, sign = (jnp.take_along_axis(each, last, axis=1) for each in drawn)
+        given = {
+            "guided": jnp.broadcast_to(trying.is_guided[:, jnp.newaxis], shape),
+            "leaves": sign < _LEAVES,
+            "place": place,
+            "tried": is_tried,
+        }
         perturbed = PerturbedModel(model, given)
         log, _ = rollout(playing, (weights, guiding), hyperparams, start, nonfluents, perturbed)
         alive = steps_alive(log["termination"] | ~log["invariant"])
@@ -103,12 +109,22 @@ def compile_exploring(
     return play
 
 
-def _lasting(key: Array, noise: Array) -> Array:
-    """Noise [B, H, D] that stays the same for some steps."""
-    shape = noise.shape[:2]
-    is_new = random.uniform(key, shape) >= _LASTS
-    places = lax.cummax(jnp.where(is_new, jnp.arange(shape[1]), 0), axis=1)
-    return jnp.take_along_axis(noise, places[..., jnp.newaxis], axis=1)
+def _with_one_forced(gains: Array, place: Array, leaves: Array) -> Array:
+    """Gains [D] of which one says that its bool leaves the no-op or stays there, whatever it gains.
+
+    Args:
+      gains: of all changes [D].
+      place: the number of that one, from 1; 0 for the no-op, at which all stay.
+      leaves: whether it leaves.
+    """
+    most = 2.0 * jnp.max(jnp.abs(gains)) + _TINY
+    forced = gains.at[place - 1].set(jnp.where(leaves, most, -most))
+    return jnp.where(place == 0, -most, forced)
+
+
+def _last_renewals(is_new: Array) -> Array:
+    """At each step the last one up to it at which something is new [B, H]; 0 before the first."""
+    return lax.cummax(jnp.where(is_new, jnp.arange(is_new.shape[1]), 0), axis=1)
 
 
 def _repeat_first(leaf: Any, count: int) -> Array:

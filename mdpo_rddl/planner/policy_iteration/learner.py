@@ -37,7 +37,7 @@ class Learning:
 
     Attributes:
       rollouts: of an iteration; the first half of them is the greedy policy's.
-      tried: share of the steps of the second half at which noise decides.
+      tried: share of the steps of the second half at which a bool is decided at random.
       trace: lambda of the returns.
       kept: iterations whose rollouts are learnt from.
       updates: of the value, in an iteration.
@@ -47,7 +47,7 @@ class Learning:
 
     rollouts: int = 256
     tried: float = 0.1
-    trace: float = 0.7
+    trace: float = 0.9
     kept: int = 4
     updates: int = 100
     first_updates: int = 4
@@ -103,8 +103,8 @@ class PolicyIteration:
 
     Attributes:
       iterate: of a learner, a random key, parameters of the guide, Adam's step size, and whether
-        it is the first iteration, in which half of the rollouts are the guide's and the other half
-        of noise alone: the next learner, and what has been shown; compiled.
+        it is the first iteration, in which half of the rollouts are the guide's and the others
+        random: the next learner, and what has been shown; compiled.
     """
 
     def __init__(
