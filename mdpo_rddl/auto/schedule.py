@@ -172,10 +172,6 @@ class Schedule(Slices):
     def _beats_noop(self, candidate: Candidate) -> bool:
         return candidate.known_mean > self._arena.plans.return_to_beat
 
-    def _end(self, part: str, share: float) -> float:
-        """The end of a part that begins now, or of one that had begun in an earlier process."""
-        return self._marks.end(part, self._arena, self._arena.until(share))
-
     def _once(self, part: str, share: float) -> Iterator[float]:
         """One turn with the end of a part, or none if it is over."""
         return self._marks.once(part, self._arena, self._arena.until(share))

@@ -152,6 +152,10 @@ class Slices:
         slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
         return max(0.0, (self._judge.best_mean - arm.progress) / slices)
 
+    def _end(self, part: str, share: float) -> float:
+        """The end of a part that begins now, or of one that had begun in an earlier process."""
+        return self._marks.end(part, self._arena, self._arena.until(share))
+
     def _begin_with(
         self,
         part: str,

@@ -53,7 +53,6 @@ class PolicyIterationArm(CompilingArm):
         super().__init__(GREEDY, arena)
         keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 3)
         self._first_key, self._iteration_key, self._trial_key = keys
-        self._config = greedy(arena.config)
         self._first_until = until
         self._part = (0.0, 0.0)
         self._parents: tuple[str, ...] = ()
@@ -91,7 +90,7 @@ class PolicyIterationArm(CompilingArm):
     def _compile(self) -> None:
         """Makes the planner, and learns nothing from the first rollouts."""
         arena = self._arena
-        self._planner = build_planner(arena.problem, self._config).planner
+        self._planner = build_planner(arena.problem, greedy(arena.config)).planner
         changes = sum(np.size(arena.planner.test_compiled.init_values[n]) for n in self._actions)
         rollouts = _ROLLOUTS if changes <= _MANY_CHANGES else _FEW_ROLLOUTS
         self._iteration = PolicyIteration(self._planner, arena.plan, Learning(rollouts=rollouts))
@@ -209,7 +208,7 @@ class PolicyIterationArm(CompilingArm):
         label = f"{GREEDY}, iteration {self._log.iterations:,}"
         for params in (latest, best) if best else (latest,):
             found = jax.tree.map(np.asarray, params)
-            given = GREEDY, label, self._config, self._planner, found
+            given = GREEDY, label, greedy(self._arena.config), self._planner, found
             self._offer(Candidate(*given, parents=self._parents))
 
 

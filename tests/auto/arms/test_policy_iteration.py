@@ -116,9 +116,12 @@ def test_it_begins_with_the_best_policy_so_far(arena, make):
     arena.judge.record(known)
     arm, seen = make(), []
     iterate = arm._iteration.iterate
-    arm._iterated = lambda learner, key, step, is_first=False: seen.append(
-        float((found := PolicyIterationArm._iterated(arm, learner, key, step, is_first))[1][0])
-    ) or found
+    arm._iterated = lambda learner, key, step, is_first=False: (
+        seen.append(
+            float((found := PolicyIterationArm._iterated(arm, learner, key, step, is_first))[1][0])
+        )
+        or found
+    )
     assert iterate is arm._iteration.iterate
     arm.work(arena.clock.now + 20.0)
     # the first rollouts are that one's
