@@ -23,7 +23,6 @@ from mdpo_rddl.planner.policy_iteration.learner import Shown
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.policy import Policy
-from mdpo_rddl.problem.evaluation import evaluate
 
 # a program of its own is compiled for them all
 pytestmark = pytest.mark.long
@@ -97,7 +96,6 @@ def test_the_best_action_is_learnt_saved_and_played(arena, make, tmp_path):
     assert_same_bits(loaded.params, best.params)
     state = {"pulled": np.zeros(3, bool)}
     assert loaded(0, state)["pull"].tolist() == [False, False, True]
-    assert float(np.mean(evaluate(loaded, episodes=10, seed=1).returns)) > 5.0
 
 
 def test_it_is_the_same_at_each_repetition(arena, make):
