@@ -16,6 +16,7 @@ class Draws(IntEnum):
     POPULATION = 7
     GRADIENT = 8
     PPO = 9
+    GREEDY = 10
 
 
 def key_for(part: Draws, seed: int) -> Array:

@@ -3,6 +3,8 @@
 import logging
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from mdpo_rddl.auto.affording import Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
@@ -10,12 +12,17 @@ from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO, PolicyGradientArm
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
 from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 
 logger = logging.getLogger(__name__)
 
 STRAIGHT_LINE = "slp"
+# of the time left, for ppo while slices gain: alone, and where another one learns after it
+_ALONE, _SHARED = 0.85, 0.4
+# of the no-op, that the greedy policy tries at each decision
+_MOST_CHANGES = 256
 
 
 class Entrants:
@@ -44,6 +51,32 @@ class Entrants:
         if arena.plan.memory.initial:
             return None  # rollouts of the law carry none
         return PolicyGradientArm(arena, until) if self._affording.learning(share) else None
+
+    def greedy(self, until: float, share: float) -> CompilingArm | None:
+        """The one that learns a value, where `tries_changes`.
+
+        Args:
+          until: how long its first part is to last, by the clock.
+          share: of the time left, that its compilation may take.
+        """
+        if not self.tries_changes or not self._affording.learning(share):
+            return None
+        return PolicyIterationArm(self._arena, until)
+
+    @property
+    def learning_share(self) -> float:
+        """Of the time left, for `learner` before all others."""
+        return _SHARED if self.tries_changes else _ALONE
+
+    @property
+    def tries_changes(self) -> bool:
+        """Whether each bool's change alone can be tried at a decision."""
+        planner = self._arena.planner
+        if GREEDY in self._without or not can_be_drawn(planner.rddl):
+            return False
+        known = planner.test_compiled.init_values
+        changes = sum(np.size(known[name]) for name in planner.rddl.action_fluents)
+        return changes <= _MOST_CHANGES
 
     def exploration(self, share: float = 1.0) -> CompilingArm | None:
         """The one that explores the parameters of a net.

@@ -67,6 +67,13 @@ def with_lifted_layer(config: PlannerConfig, problem: Problem, probe: Probe) -> 
     return config.with_policy_arguments(lifted=LIFTED_UNITS)
 
 
+def greedy(config: PlannerConfig) -> PlannerConfig:
+    """The configuration of the greedy policy of a value, which reads numbers in the same units."""
+    scales = config.policy_arguments.get("state_scales", {})
+    plan = {"method": "GreedyPlan", "method_kwargs": {"state_scales": scales}}
+    return config.with_values("Planner", **plan).with_section("Noise", {"method": "NoNoise"})
+
+
 def _short(value: float) -> float:
     """Four digits are enough for a scale that people may read."""
     return float(f"{value:.4g}")

@@ -30,12 +30,12 @@ from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
-from mdpo_rddl.auto.gains import finite_gain
 from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
@@ -49,13 +49,13 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's gain
-_EXPLORATION_SHARE, _OTHERS_SHARE, _LEARNING_SHARE = 0.45, 0.4, 0.85
+# for greedy, while slices gain; for a straight-line plan, while they gain so much of the first's
+_EXPLORATION_SHARE, _OTHERS_SHARE, _GREEDY_SHARE = 0.45, 0.4, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
-# of the time left, for the programs of those two
-_FIRST_PATIENCE = 0.9
+# of the time left, that greedy has in any case: what it learns at first tells little
+_GREEDY_AT_LEAST = 0.25
 # names of their parts
-_LEARNING, _PLAN_FIRST = "learning", "plan first"
+_LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
 
@@ -116,9 +116,13 @@ class Schedule(Slices):
         learner = None
         # where rewards are rare, a law that explores finds none, and learns to do nothing
         if self._marks.decided("learns first", self._finds_reward):
-            until = self._end(_LEARNING, _LEARNING_SHARE)
+            share = self._entrants.learning_share
+            until = self._end(_LEARNING, share)
             learner = self._entrants.learner(until, LEARNING_FIRST)
-            self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
+            self._begin_with(_LEARNING, learner, share)
+            until = self._end(_GREEDY_LEARNING, _GREEDY_SHARE)
+            value = self._entrants.greedy(until, LEARNING_FIRST)
+            self._begin_with(_GREEDY_LEARNING, value, _GREEDY_SHARE, at_least=_GREEDY_AT_LEAST)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         leads = learner is not None and self._best.arm == learner.name
@@ -165,10 +169,6 @@ class Schedule(Slices):
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""
         return not self._arena.has_plan or self._arena.beats_noop(self._arena.incumbent)
-
-    def _end(self, part: str, share: float) -> float:
-        """The end of a part that begins now, or of one that had begun in an earlier process."""
-        return self._marks.end(part, self._arena, self._arena.until(share))
 
     def _once(self, part: str, share: float) -> Iterator[float]:
         """One turn with the end of a part, or none if it is over."""
@@ -245,35 +245,12 @@ class Schedule(Slices):
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
             self._opened(self._entrants.learner(until, LATER), until)
+        if GREEDY not in taken:
+            self._opened(self._entrants.greedy(until, LATER), until)
         if PGPE not in taken:
             self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
-
-    def _begin_with(
-        self, part: str, arm: CompilingArm | None, share: float, least_gain: float = 0.0
-    ) -> None:
-        """Slices before others', while they gain.
-
-        Each must gain such a share of what the first one has gained, and enough for the arm to
-        reach the incumbent of another one within its part.
-        """
-        if arm is None:
-            return
-        arena, until = self._arena, self._end(part, share)
-        patience = arena.until(_FIRST_PATIENCE)
-        contender = self._open(arm, until, arena.clock())
-        if arm.is_pending or not contender.slices:
-            self._first_slice(contender, patience)
-        if not contender.slices or arm.is_pending:
-            return
-        gain = finite_gain(contender.level, arena.probe.noop_return)
-
-        def least() -> float:
-            return max(least_gain * gain, self._to_catch_up(arm, until))
-
-        for _ in self._marks.once(part, arena, until):
-            self._give_while(contender, until, lambda: arm.progress, least)
 
     def _compete(self, until: float, polishing: bool = True) -> None:
         """Rounds of slices, each for the arm that promises most.

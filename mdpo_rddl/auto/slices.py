@@ -8,6 +8,7 @@ from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.failures import incumbent_kept
+from mdpo_rddl.auto.gains import finite_gain
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising
 from mdpo_rddl.errors import Cancelled, one_line_cause
@@ -18,6 +19,8 @@ SHORTEST_SECONDS = 0.5
 """Of a slice."""
 # of all the time: a slice; and each of an arm's first ones, of a slice
 _SLICE_SHARE, _FIRST_SLICE = 1 / 16, 0.5
+# of the time left, for the programs of those that come first
+_FIRST_PATIENCE = 0.9
 
 
 class Slices:
@@ -152,3 +155,46 @@ class Slices:
             return 0.0
         slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
         return max(0.0, (self._judge.best_mean - arm.progress) / slices)
+
+    def _end(self, part: str, share: float) -> float:
+        """The end of a part that begins now, or of one that had begun in an earlier process."""
+        return self._marks.end(part, self._arena, self._arena.until(share))
+
+    def _begin_with(
+        self,
+        part: str,
+        arm: CompilingArm | None,
+        share: float,
+        least_gain: float = 0.0,
+        at_least: float = 0.0,
+    ) -> None:
+        """Slices before others', while they gain.
+
+        Each must gain such a share of what the first one has gained, and enough for the arm to
+        reach the incumbent of another one within its part.
+
+        Args:
+          part: its name.
+          arm: that must compile; None for no slices.
+          share: of the time left, for the part.
+          least_gain: of what the first slice has gained.
+          at_least: of the time left, for a slice that it has whatever the first one gains.
+        """
+        if arm is None:
+            return
+        arena, until = self._arena, self._end(part, share)
+        patience = arena.until(_FIRST_PATIENCE)
+        contender = self._open(arm, until, arena.clock())
+        if arm.is_pending or not contender.slices:
+            self._first_slice(contender, patience)
+        if not contender.slices or arm.is_pending:
+            return
+        gain = finite_gain(contender.level, arena.probe.noop_return)
+
+        def least() -> float:
+            return max(least_gain * gain, self._to_catch_up(arm, until))
+
+        for _ in self._marks.once(part, arena, until):
+            if at_least:
+                self.give(arm, min(until, arena.until(at_least)))
+            self._give_while(contender, until, lambda: arm.progress, least)

@@ -13,6 +13,7 @@ from mdpo_rddl.noise import ActionNoise, default_noise
 from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
 from mdpo_rddl.planner.calling import CallingPlanner
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.legal import legal_policy
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
@@ -146,13 +147,16 @@ class MDPOPlanner(CallingPlanner):
         super()._jax_compile_graph()
 
     def _jax_compile_policy(self) -> None:
+        if isinstance(self.plan, GreedyPlan):
+            self.plan.exact = self.test_compiled
         raw = copy_uncompiled(self.plan)
         super()._jax_compile_policy()
-        limits = group_limits(self.rddl)[0] if self.keep_group_limits else []
+        legal = self.keep_group_limits and not open_plan(self.plan).is_legal
+        limits = group_limits(self.rddl)[0] if legal else []
         if limits:
             self.plan.train_policy, self.plan.test_policy = limited_policies(self.plan, limits)
             self.train_policy = jax.jit(self.plan.train_policy)
-        plain, exact, legal = self.plan.test_policy, self.test_compiled, self.keep_group_limits
+        plain, exact = self.plan.test_policy, self.test_compiled
         self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
         self.test_policy = jax.jit(self.legal_policy)
         self.action_specs = specs_in_unit(self, action_specs(self.plan, self.compiled))

@@ -2,9 +2,11 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.planner.config.presets.auto import auto_preset
 
 
 class Generous:
@@ -27,14 +29,18 @@ class Generous:
         return 3.0
 
 
-def entrants(*refused, without=(), deterministic=True, kind="real", seen=(), memory=()):
+def entrants(
+    *refused, without=(), deterministic=True, kind="real", seen=(), memory=(), bools=(2, 3)
+):
+    noop = {"a": np.zeros(bools), "b": np.zeros(())}
     kinds = {"a": kind, "b": kind if kind == "bool" else "real"}
     rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen)
     arena = SimpleNamespace(
         clock=lambda: 0.0,
         seed=0,
         incumbent=None,
-        planner=SimpleNamespace(rddl=rddl),
+        planner=SimpleNamespace(rddl=rddl, test_compiled=SimpleNamespace(init_values=noop)),
+        config=auto_preset(""),
         plan=SimpleNamespace(memory=SimpleNamespace(initial=memory)),
         probe=SimpleNamespace(deterministic=deterministic),
     )
@@ -84,3 +90,27 @@ def test_bools_are_learnt_where_the_state_is_seen(refused, case, comes):
     arm = entrants(*refused, **case).learner(60.0, 0.5)
     assert (arm is not None) == comes
     assert arm is None or arm.name == "ppo"
+
+
+@pytest.mark.parametrize(
+    ("case", "comes"),
+    [
+        ({"kind": "bool"}, True),
+        ({"kind": "bool", "bools": (5, 51)}, True),
+        ({"kind": "bool", "bools": (16, 16)}, False),
+        ({"kind": "int"}, False),
+        ({"kind": "bool", "seen": ["noise"]}, False),
+        ({"kind": "bool", "without": ["greedy"]}, False),
+    ],
+)
+def test_few_bools_are_changed_one_by_one_where_the_state_is_seen(case, comes):
+    found = entrants(**case)
+    arm = found.greedy(60.0, 0.5)
+    assert (arm is not None) == comes
+    assert arm is None or arm.name == "greedy"
+    # who comes before it leaves it time
+    assert found.learning_share == (0.4 if comes else 0.85)
+
+
+def test_what_has_no_time_to_be_compiled_does_not_learn():
+    assert entrants("ppo", kind="bool").greedy(60.0, 0.5) is None

@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 from mdpo_rddl.planner.config.values import parameters
 from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.optimizers import normalized_adam
+from mdpo_rddl.planner.plans.state_values import ValueShape
 from mdpo_rddl.planner.upstream import JaxPlan
 
 
@@ -26,7 +28,14 @@ def _feedback_plan(units: Any = None, **shape: Any) -> FeedbackPlan:
     return FeedbackPlan(FeedbackShape(**shape), units)
 
 
-PLANS = {"FeedbackPlan": PlanKind(_feedback_plan, parameters(FeedbackShape) | {"units"})}
+def _greedy_plan(samples: int = 1, **shape: Any) -> GreedyPlan:
+    return GreedyPlan(ValueShape(**shape), samples)
+
+
+PLANS = {
+    "FeedbackPlan": PlanKind(_feedback_plan, parameters(FeedbackShape) | {"units"}),
+    "GreedyPlan": PlanKind(_greedy_plan, parameters(ValueShape) | {"samples"}),
+}
 OPTIMIZERS: dict[str, Callable[..., Any]] = {"normalized_adam": normalized_adam}
 
 # what JaxPlan's loader reads in their stead

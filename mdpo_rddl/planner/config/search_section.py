@@ -6,7 +6,7 @@ from typing import Any
 
 SEARCH = "Search"
 """The section's name."""
-OPTIONAL_ARMS = ("ppo", "gradient", "pgpe", "slp", "drp", "trials")
+OPTIONAL_ARMS = ("ppo", "greedy", "gradient", "pgpe", "slp", "drp", "trials")
 """Arms that can be left out of the race."""
 
 
@@ -24,7 +24,7 @@ class Search:
       own_until: where the search for an open-loop plan ends, or, if none promises to become as
         good as the shared weights, that for each object's own weights.
       rounds_until: where the rounds end; the rest is for the arm of the best policy.
-      without: names of arms that are left out: "ppo", "gradient", "pgpe", "slp", "drp",
+      without: names of arms that are left out: "ppo", "greedy", "gradient", "pgpe", "slp", "drp",
         "trials".
       alternatives: whether JaxPlan's default planners are tried in a second process.
 

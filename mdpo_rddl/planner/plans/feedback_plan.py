@@ -31,6 +31,7 @@ class FeedbackPlan(JaxPlan):
     # JaxPlan's own choices, which this plan does not have
     squashes = False
     is_softmax = False
+    is_legal = False
 
     def __init__(
         self, shape: FeedbackShape | None = None, units: Mapping[str, float] | None = None
@@ -85,7 +86,7 @@ class FeedbackPlan(JaxPlan):
         # a relaxed model's bools are numbers
         noop = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
         noop |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
-        limits = _concurrency(compiled.rddl, feedback.action_shapes)
+        limits = concurrency_limits(compiled.rddl, feedback.action_shapes)
         if not any(np.any(noop[name]) for limit in limits for name in limit.groups):
             self.concurrency = limits
 
@@ -228,7 +229,7 @@ def _flipped(
     return {**actions, **true}
 
 
-def _concurrency(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:
+def concurrency_limits(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:
     """`max-nondef-actions` as a limit on one group of bools, if it limits anything."""
     names = limited_bools(rddl)
     if not names:

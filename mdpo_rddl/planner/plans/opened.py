@@ -18,6 +18,7 @@ class OpenedPlan(Protocol):
 
     Attributes:
       squashes: whether numbers are squashed into their box, and not clipped.
+      is_legal: whether its test policy's actions are legal, limits on groups of bools included.
       is_softmax: whether a limit on the number of true bools is kept by a softmax or top-k,
         whose noise is Gumbel's.
       units: per real or integer action fluent what the noise's unit is [*shape]; 1 where it is
@@ -31,6 +32,7 @@ class OpenedPlan(Protocol):
     """
 
     squashes: bool
+    is_legal: bool
     is_softmax: bool
     units: Mapping[str, np.ndarray]
     concurrency: Sequence[GroupLimit]
@@ -45,6 +47,7 @@ class OpenedPlan(Protocol):
 class _OpenedJaxPlan:
     """One of JaxPlan's own plans, or of an unknown kind."""
 
+    is_legal = False
     units: Mapping[str, np.ndarray] = {}
     concurrency: Sequence[GroupLimit] = ()
     action_gradients: Callable[[Any], dict[str, Array]] | None = None

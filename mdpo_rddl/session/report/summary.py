@@ -21,6 +21,7 @@ _POLICY_NAMES = {
     "JaxDeepReactivePolicy": "drp",
     "JaxStraightLinePlan": "slp",
     "FeedbackPlan": "feedback",
+    "GreedyPlan": "greedy",
 }
 
 

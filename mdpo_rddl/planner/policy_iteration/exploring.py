@@ -1,0 +1,131 @@
+"""Rollouts of the greedy policy on the exact model, some of which try other actions."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax, random
+
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
+from mdpo_rddl.planner.rollouts.termination import steps_alive
+from mdpo_rddl.planner.start import initial_values, unit_hyperparams
+
+# of what is tried, with which it goes on at the next step: what leads somewhere takes several; and
+# with which a bool leaves the no-op rather than staying there
+_LASTS, _LEAVES = 0.75, 0.75
+_TINY = 1e-6
+
+
+class Trying(NamedTuple):
+    """What is tried beside the greedy policy's actions.
+
+    Attributes:
+      is_guided: whether the other policy plays, for each rollout [B].
+      share: of the steps at which one bool is decided at random, for each rollout [B].
+    """
+
+    is_guided: Array
+    share: Array
+
+
+class Explored(NamedTuple):
+    """B rollouts of H steps.
+
+    Attributes:
+      states: per state fluent its values before each step [B, H, *shape].
+      rewards: of each step, zero after the end of the episode [B, H].
+      alive: 1 up to the step that ends the episode, 0 after it [B, H].
+      is_tried: whether one bool was decided at random at a step [B, H].
+    """
+
+    states: dict[str, Array]
+    rewards: Array
+    alive: Array
+    is_tried: Array
+
+
+def compile_exploring(
+    planner: MDPOPlanner, guide: FeedbackPlan, rollouts: int
+) -> Callable[[Array, Any, Any, Trying], Explored]:
+    """Compiles rollouts under the exact environment's rules.
+
+    Args:
+      planner: compiled, with a `GreedyPlan`.
+      guide: a compiled feedback policy of the same problem, which plays where it is asked for.
+      rollouts: how many, B.
+
+    Returns:
+      A function of a random key, weights of the value, parameters of the feedback policy, and what
+      is tried.
+    """
+    plan, horizon = planner.plan, planner.horizon
+    assert isinstance(plan, GreedyPlan)
+
+    def policy(key, params, hyperparams, step, state, *rest):
+        del hyperparams
+        weights, guiding = params
+        given = rest[-1]
+        odds = guide.log_odds(guiding, state, step)
+        other = jnp.concatenate([jnp.ravel(odds[name]) for name in planner.rddl.action_fluents])
+        gains = jnp.where(given["guided"], other, plan.gains(weights, key, state, step))
+        tried = _with_one_forced(gains, given["place"], given["leaves"])
+        return plan.choose(jnp.where(given["tried"], tried, gains), state)
+
+    compiled = planner.test_compiled
+    options = RolloutOptions(check_constraints=True, cache_path_info=True, differentiated=False)
+    rollout = compile_rollouts(compiled, policy, horizon, rollouts, options)
+    fluents, nonfluents = initial_values(planner).test
+    start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
+    model, hyperparams = compiled.model_aux["params"], unit_hyperparams(planner)
+    shape = rollouts, horizon
+
+    def play(key: Array, weights: Any, guiding: Any, trying: Trying) -> Explored:
+        playing, deciding, renewing, drawing, signing = random.split(key, 5)
+        is_tried = random.uniform(deciding, shape) < trying.share[:, jnp.newaxis]
+        last = _last_renewals(random.uniform(renewing, shape) >= _LASTS)
+        drawn = random.randint(drawing, shape, 0, plan.size + 1), random.uniform(signing, shape)
+        place, sign = (jnp.take_along_axis(each, last, axis=1) for each in drawn)
+        given = {
+            "guided": jnp.broadcast_to(trying.is_guided[:, jnp.newaxis], shape),
+            "leaves": sign < _LEAVES,
+            "place": place,
+            "tried": is_tried,
+        }
+        perturbed = PerturbedModel(model, given)
+        log, _ = rollout(playing, (weights, guiding), hyperparams, start, nonfluents, perturbed)
+        alive = steps_alive(log["termination"] | ~log["invariant"])
+        # the log has the states after each step
+        states = {
+            name: jnp.concatenate([start[name][:, jnp.newaxis], log["fluents"][name][:, :-1]], 1)
+            for name in planner.rddl.state_fluents
+        }
+        return Explored(states, jnp.where(alive > 0.0, log["reward"], 0.0), alive, is_tried)
+
+    return play
+
+
+def _with_one_forced(gains: Array, place: Array, leaves: Array) -> Array:
+    """Gains [D] of which one says that its bool leaves the no-op or stays there, whatever it gains.
+
+    Args:
+      gains: of all changes [D].
+      place: the number of that one, from 1; 0 for the no-op, at which all stay.
+      leaves: whether it leaves.
+    """
+    most = 2.0 * jnp.max(jnp.abs(gains)) + _TINY
+    forced = gains.at[place - 1].set(jnp.where(leaves, most, -most))
+    return jnp.where(place == 0, -most, forced)
+
+
+def _last_renewals(is_new: Array) -> Array:
+    """At each step the last one up to it at which something is new [B, H]; 0 before the first."""
+    return lax.cummax(jnp.where(is_new, jnp.arange(is_new.shape[1]), 0), axis=1)
+
+
+def _repeat_first(leaf: Any, count: int) -> Array:
+    return jnp.repeat(leaf[:1], count, axis=0)

@@ -1,0 +1,223 @@
+"""Approximate policy iteration with a value that is learnt from exact rollouts, compiled.
+
+Each iteration plays the greedy policy of the value (`GreedyPlan`), takes the lambda-returns of its
+rollouts as what the value should be, and fits the value to those of the latest iterations: the
+optimistic policy iteration of Bertsekas and Tsitsiklis (1996), "Neuro-Dynamic Programming".
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from jax import Array, lax, random
+
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+from mdpo_rddl.planner.plans.state_values import Weights
+from mdpo_rddl.planner.policy_gradient.advantages import Decay
+from mdpo_rddl.planner.policy_iteration.exploring import Explored, Trying, compile_exploring
+from mdpo_rddl.planner.policy_iteration.targets import lambda_returns
+from mdpo_rddl.planner.start import initial_values
+
+# of the scale of the targets: what an iteration changes
+_NEWS = 0.2
+_TINY = 1e-6
+# as for the policy gradient: the loops are few and large
+_COMPILER_OPTIONS = {"xla_backend_optimization_level": 1}
+
+
+@dataclass(frozen=True)
+class Learning:
+    """How it is learnt.
+
+    Attributes:
+      rollouts: of an iteration; the first half of them is the greedy policy's.
+      tried: share of the steps of the second half at which a bool is decided at random.
+      trace: lambda of the returns.
+      kept: iterations whose rollouts are learnt from.
+      updates: of the value, in an iteration.
+      first_updates: times as many in the first one.
+      minibatch: states of an update.
+    """
+
+    rollouts: int = 256
+    tried: float = 0.1
+    trace: float = 0.9
+    kept: int = 4
+    updates: int = 100
+    first_updates: int = 4
+    minibatch: int = 512
+
+
+class Kept(NamedTuple):
+    """What the value is fitted to, of the latest K iterations.
+
+    Attributes:
+      states: per state fluent [K, B, H, *shape].
+      targets: less their mean at the step [K, B, H].
+      counts: 1 where they count, else 0 [K, B, H].
+    """
+
+    states: dict[str, Array]
+    targets: Array
+    counts: Array
+
+
+class Learner(NamedTuple):
+    """All that an iteration changes.
+
+    Attributes:
+      weights: of the value, in units of `scale`.
+      moments: of Adam.
+      times: mean target of each step [H].
+      scale: of the targets.
+      kept: of the latest iterations.
+    """
+
+    weights: Weights
+    moments: Any
+    times: Array
+    scale: Array
+    kept: Kept
+
+
+class Shown(NamedTuple):
+    """What the policies have shown in the rollouts of an iteration.
+
+    Attributes:
+      mean_return: discounted, of the first half: the greedy policy's, or that of the guide.
+      is_finite: whether all that was learnt is; else the learner is what it was.
+    """
+
+    mean_return: Array
+    is_finite: Array
+
+
+class PolicyIteration:
+    """Learns the value of the greedy policy.
+
+    Attributes:
+      iterate: of a learner, a random key, parameters of the guide, Adam's step size, and whether
+        it is the first iteration, in which half of the rollouts are the guide's and the others
+        random: the next learner, and what has been shown; compiled.
+    """
+
+    def __init__(
+        self, planner: MDPOPlanner, guide: FeedbackPlan, learning: Learning | None = None
+    ) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          planner: compiled, with a `GreedyPlan`.
+          guide: a compiled feedback policy of the same problem.
+          learning: how it is learnt.
+        """
+        assert isinstance(planner.plan, GreedyPlan)
+        self._learning = learning = learning or Learning()
+        self._planner, self._values = planner, planner.plan.values
+        self._steps = jnp.arange(planner.horizon)
+        self._discount = float(planner.rddl.discount)
+        self._play = compile_exploring(planner, guide, learning.rollouts)
+        # the step size is given to each iteration
+        self._optimizer = optax.scale_by_adam()
+        self.iterate: Callable[..., tuple[Learner, Shown]] = jax.jit(
+            self._iterate, compiler_options=_COMPILER_OPTIONS
+        )
+
+    def begin(self, key: Array) -> Learner:
+        """A learner that knows nothing.
+
+        Args:
+          key: of the value's weights.
+        """
+        weights = self._values.initial(key)
+        real = weights["bias"].dtype
+        size = self._learning.kept, self._learning.rollouts, self._planner.horizon
+        start, _ = initial_values(self._planner).test
+        names = self._planner.rddl.state_fluents
+        states = {n: jnp.zeros((*size, *start[n].shape[1:]), start[n].dtype) for n in names}
+        kept = Kept(states, jnp.zeros(size, real), jnp.zeros(size, real))
+        times, scale = jnp.zeros(self._planner.horizon, real), jnp.zeros((), real)
+        return Learner(weights, self._optimizer.init(weights), times, scale, kept)
+
+    def policy(self, learner: Learner) -> Weights:
+        """Parameters of the learner's greedy policy, in the units of the rewards."""
+        return self._values.rescaled(learner.weights, learner.scale)
+
+    def _iterate(
+        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Array
+    ) -> tuple[Learner, Shown]:
+        playing, fitting = random.split(key)
+        half = jnp.arange(self._learning.rollouts) < self._learning.rollouts // 2
+        tried = jnp.where(is_first, 1.0, self._learning.tried)
+        trying = Trying(half & is_first, jnp.where(half, 0.0, tried))
+        played = self._play(playing, self.policy(learner), guiding, trying)
+        seen = self._observed(learner, played, is_first)
+        learnt = self._fitted(seen, fitting, step, is_first)
+        is_finite = _is_finite((learnt.weights, learnt.moments, learnt.kept.targets))
+        learner = jax.tree.map(lambda new, old: jnp.where(is_finite, new, old), learnt, learner)
+        returns = jnp.sum(played.rewards * self._discount**self._steps, axis=1)
+        return learner, Shown(jnp.sum(returns * half) / jnp.sum(half), is_finite)
+
+    def _observed(self, learner: Learner, played: Explored, is_first: Array) -> Learner:
+        """The learner with these rollouts, what they return at each step, and the scale of that."""
+        values = self._each(learner.weights, played.states) * learner.scale + learner.times
+        # at first there is no policy yet whose value other actions could disturb
+        off_policy = played.is_tried & ~is_first
+        trace: Any = jnp.where(is_first, 1.0, self._learning.trace)
+        decay = Decay(self._discount, trace)
+        returns = lambda_returns(played.rewards, values, played.alive, off_policy, decay)
+        counts = played.alive * ~off_policy
+        times = jnp.sum(returns * counts, axis=0) / (jnp.sum(counts, axis=0) + _TINY)
+        targets = returns - times
+        spread = jnp.sqrt(jnp.sum(counts * targets**2) / (jnp.sum(counts) + _TINY)) + _TINY
+        scale = jnp.where(is_first, spread, (1.0 - _NEWS) * learner.scale + _NEWS * spread)
+        new = Kept(played.states, targets, counts)
+        kept = jax.tree.map(functools.partial(_pushed, is_first), learner.kept, new)
+        return learner._replace(times=times, scale=scale, kept=kept)
+
+    def _fitted(self, learner: Learner, key: Array, step: Any, is_first: Array) -> Learner:
+        """The learner after so many updates of the value."""
+        kept, learning = learner.kept, self._learning
+
+        def update(number: Any, fitted: tuple[Weights, Any]) -> tuple[Weights, Any]:
+            weights, moments = fitted
+            own = random.fold_in(key, number)
+            sizes = jnp.array(kept.counts.shape)[:, jnp.newaxis]
+            places = tuple(random.randint(own, (3, learning.minibatch), 0, sizes))
+            batch = jax.tree.map(lambda leaf: leaf[places], kept)
+            gradient = jax.grad(self._loss)(weights, batch, places[2], learner.scale)
+            moves, moments = self._optimizer.update(gradient, moments)
+            return jax.tree.map(lambda w, move: w - step * move, weights, moves), moments
+
+        count = jnp.where(is_first, learning.first_updates, 1) * learning.updates
+        fitted = lax.fori_loop(0, count, update, (learner.weights, learner.moments))
+        return learner._replace(weights=fitted[0], moments=fitted[1])
+
+    def _loss(self, weights: Weights, batch: Kept, steps: Array, scale: Array) -> Array:
+        inputs = jax.vmap(self._values.inputs)(batch.states)
+        found = jax.vmap(functools.partial(self._values.value, weights))(inputs, steps)
+        errors = (found - batch.targets / scale) ** 2
+        return jnp.sum(batch.counts * errors) / (jnp.sum(batch.counts) + _TINY)
+
+    def _each(self, weights: Weights, states: dict[str, Array]) -> Array:
+        """The scaled value of each state of each rollout [B, H]."""
+        inputs = jax.vmap(jax.vmap(self._values.inputs))(states)
+        one = functools.partial(self._values.value, weights)
+        return jax.vmap(jax.vmap(one), in_axes=(0, None))(inputs, self._steps)
+
+
+def _pushed(is_first: Array, kept: Array, new: Array) -> Array:
+    """What is kept with what is new at its end; the first is all there is."""
+    later = jnp.concatenate([kept[1:], new[jnp.newaxis].astype(kept.dtype)])
+    return jnp.where(is_first, new.astype(kept.dtype), later)
+
+
+def _is_finite(tree: Any) -> Array:
+    leaves = jax.tree.leaves(tree)
+    return functools.reduce(jnp.logical_and, [jnp.all(jnp.isfinite(leaf)) for leaf in leaves])

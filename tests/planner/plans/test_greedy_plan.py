@@ -1,0 +1,118 @@
+"""The greedy policy of a value, on toys whose gains are known."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.toys import toy
+
+from mdpo_rddl.auto.fitting import greedy
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+from mdpo_rddl.planner.plans.opened import open_plan
+from mdpo_rddl.problem.load import load_problem
+
+KEY = jax.random.PRNGKey(3)
+CONFIG = greedy(auto_preset("").without_section("Search"))
+LEVER = {"LIKELIHOOD": "1.0", "DISCOUNT": "0.5", "TERMINATION": "false", "MOST": "pos-inf"}
+FREE = "forall_{?a : arm} [pull(?a) => true];"
+NOT_PULLED = {"pulled": jnp.zeros(3, bool)}
+
+
+def lever(rules: str = FREE, **words: str):
+    problem = toy("lever", **{**LEVER, **words, "RULES": rules})
+    return build_planner(problem, CONFIG).planner
+
+
+@pytest.fixture(scope="module")
+def planner():
+    return lever()
+
+
+@pytest.fixture(scope="module")
+def noop(planner):
+    """Weights with which every value is zero."""
+    return planner.plan.initializer(KEY, {}, None)
+
+
+def gains_of(planner, weights, keys=KEY):
+    """Those of a state in which nothing was pulled, for one random key or many."""
+    gains = jax.jit(
+        jnp.vectorize(
+            lambda key: planner.plan.gains(weights, key, NOT_PULLED, 0), signature="(k)->(d)"
+        )
+    )
+    return np.asarray(gains(keys))
+
+
+def action(planner, weights, state=None, step=0):
+    seen = NOT_PULLED if state is None else state
+    played = planner.test_policy(KEY, weights, {}, step, seen, {})
+    return {name: np.asarray(value).tolist() for name, value in played.items()}
+
+
+def worth(weights, arms):
+    """Weights of a value that is linear in which arms were pulled."""
+    return weights | {"direct": jnp.array(arms, jnp.float32)}
+
+
+def test_without_a_value_a_gain_is_the_reward(planner, noop):
+    gains = gains_of(planner, noop)
+    np.testing.assert_allclose(gains, [1.0, -2.0, 3.0])
+    assert action(planner, noop) == {"pull": [True, False, True]}
+
+
+def test_with_a_value_it_is_that_of_the_next_state_as_well(planner, noop):
+    weights = worth(noop, [-4.0, 8.0, 0.0])
+    gains = gains_of(planner, weights)
+    np.testing.assert_allclose(gains, [1.0 - 0.5 * 4.0, -2.0 + 0.5 * 8.0, 3.0])
+    assert action(planner, weights) == {"pull": [False, True, True]}
+    # after the last step there is none
+    assert action(planner, weights, step=3) == {"pull": [True, False, True]}
+
+
+def test_the_value_reads_how_likely_a_bool_is():
+    chance = lever(LIKELIHOOD="0.25")
+    weights = worth(chance.plan.initializer(KEY, {}, None), [100.0, 0.0, 0.0])
+    gains = gains_of(chance, weights, jax.random.split(KEY, 30))
+    # the reward is that of the sample
+    assert set(np.round(gains[:, 0] - 0.5 * 0.25 * 100.0, 3)) == {0.0, 1.0}
+
+
+def test_the_best_changes_are_chosen_within_the_limits(noop):
+    assert action(lever(MOST="1"), noop) == {"pull": [False, False, True]}
+    one = "(sum_{?a : arm} [pull(?a)]) <= 1;"
+    assert action(lever(one), noop) == {"pull": [False, False, True]}
+
+
+def test_what_a_rule_forbids_is_not_played(noop):
+    forbidden = "forall_{?a : arm} [(PAYS(?a) > 2.0) => ~pull(?a)];"
+    assert action(lever(forbidden), noop) == {"pull": [True, False, False]}
+
+
+def test_nothing_is_expected_after_the_end(noop):
+    ending = lever(TERMINATION="exists_{?a : arm} [pulled(?a) ^ (PAYS(?a) > 2.0)]")
+    weights = worth(noop, [0.0, 0.0, 1000.0])
+    gains = gains_of(ending, weights)
+    np.testing.assert_allclose(gains, [1.0, -2.0, 3.0])
+
+
+def test_it_says_that_its_actions_are_legal(planner):
+    plan = planner.plan
+    assert open_plan(plan) is plan
+    assert planner.legal_policy is plan.test_policy
+    assert plan.is_legal
+    assert plan.guess_next_epoch({"direct": 1}) == {"direct": 1}
+
+
+def test_it_needs_actions_that_are_bools():
+    with pytest.raises(InputError, match="GreedyPlan needs actions that are bools"):
+        build_planner(load_problem("Reservoir_ippc2023", "1"), CONFIG)
+
+
+@pytest.mark.parametrize("samples", [0, -1, 1.5, True, "2"])
+def test_there_must_be_a_sample(samples):
+    with pytest.raises(ValueError, match="samples: must be a whole number"):
+        GreedyPlan(samples=samples)

@@ -1,0 +1,103 @@
+"""Policy iteration, where the best policy is known."""
+
+import jax
+import numpy as np
+import pytest
+from helpers.problems import assert_same_bits
+from helpers.toys import toy
+
+from mdpo_rddl.auto.fitting import greedy
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration
+
+# a program of its own is compiled for them all
+pytestmark = pytest.mark.long
+KEY = jax.random.PRNGKey(1)
+QUICK = Learning(rollouts=64, updates=20, minibatch=128)
+# the lamp and the last cell pay only together, from the fifth step on at the earliest
+MOST = 7.0
+
+
+@pytest.fixture(scope="module")
+def quest():
+    """Its planners: of the greedy policy, and of a feedback policy that guides it."""
+    problem, config = toy("quest"), auto_preset("quest").without_section("Search")
+    return build_planner(problem, greedy(config)).planner, build_planner(problem, config).planner
+
+
+@pytest.fixture(scope="module")
+def iteration(quest):
+    return PolicyIteration(quest[0], quest[1].plan, QUICK)
+
+
+@pytest.fixture(scope="module")
+def noop(quest):
+    return quest[1].plan.initializer(KEY, {}, None)
+
+
+@pytest.fixture(scope="module")
+def begun(iteration, noop):
+    """The learner after the first iteration, and what the guide has shown there."""
+    return iteration.iterate(iteration.begin(KEY), KEY, noop, np.float32(3e-3), np.array(True))
+
+
+def iterated(iteration, learner, noop, step, number=1):
+    key, given = jax.random.fold_in(KEY, number), (noop, np.float32(step), np.array(False))
+    return iteration.iterate(learner, key, *given)
+
+
+def test_what_pays_only_together_is_found(iteration, begun, noop):
+    learner, shown = begun
+    # the guide does nothing
+    assert float(shown.mean_return) == 0.0
+    returns = []
+    for number in range(1, 60):
+        learner, shown = iterated(iteration, learner, noop, 3e-3, number)
+        returns.append(float(shown.mean_return))
+        assert bool(shown.is_finite)
+    assert 0.8 * MOST < np.mean(returns[-5:]) <= MOST
+
+
+def test_the_same_keys_give_the_same_value(iteration, begun, noop):
+    first, second = (iterated(iteration, begun[0], noop, 3e-3)[0] for _ in range(2))
+    assert_same_bits(first.weights, second.weights)
+    assert np.any(first.weights["output"] != begun[0].weights["output"])
+
+
+def test_what_is_not_finite_is_not_learnt(iteration, begun, noop):
+    after, shown = iterated(iteration, begun[0], noop, np.inf)
+    assert not bool(shown.is_finite)
+    assert_same_bits(after, begun[0])
+
+
+def test_the_latest_rollouts_are_kept(iteration, begun, noop):
+    kept = begun[0].kept
+    # the first ones are all there is
+    for each in kept.targets[1:]:
+        np.testing.assert_array_equal(each, kept.targets[0])
+    learner, _ = iterated(iteration, begun[0], noop, 0.0)
+    np.testing.assert_array_equal(learner.kept.targets[:-1], kept.targets[1:])
+    assert np.any(learner.kept.targets[-1] != kept.targets[-1])
+    # in half of the rollouts a bool is decided at random now and then, which is not learnt from
+    counts = np.asarray(learner.kept.counts[-1])
+    assert counts[:32].all()
+    assert 0.8 < counts[32:].mean() < 1.0
+
+
+def test_targets_have_mean_zero_at_each_step(begun):
+    kept = begun[0].kept
+    means = np.sum(kept.targets[0] * kept.counts[0], axis=0)
+    np.testing.assert_allclose(means, 0.0, atol=1e-3)
+    spread = np.sqrt(np.mean(np.square(kept.targets[0])))
+    assert float(begun[0].scale) == pytest.approx(spread, rel=1e-3)
+
+
+def test_the_policy_is_in_the_units_of_the_rewards(quest, iteration, begun):
+    learner, values = begun[0], quest[0].plan.values
+    state = {name: np.asarray(states[0, 0, 3]) for name, states in learner.kept.states.items()}
+    inputs = values.inputs(state)
+    scaled = float(values.value(learner.weights, inputs, 3))
+    found = float(values.value(iteration.policy(learner), inputs, 3))
+    assert found == pytest.approx(scaled * float(learner.scale), rel=1e-4)
+    assert scaled != 0.0
