@@ -53,25 +53,6 @@ def test_it_offers_a_table_with_its_simulated_return(arm, problem):
     assert arm.log.iterations > 0
 
 
-def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, monkeypatch):
-    played = []
-
-    def noted(explored, greedy, episodes, seed, fresh=False):
-        played.append((fresh, greedy, play(explored, greedy, episodes, seed, fresh)))
-        return played[-1][2]
-
-    play = trials.play
-    monkeypatch.setattr(trials, "play", noted)
-    arm.work(200.0)
-    (candidate,) = arm.take_candidates()
-    assert [fresh for fresh, _, _ in played] == [False, False, True]
-    chosen = max(played[:2], key=lambda one: one[2].returns.mean())
-    fresh = played[2]
-    assert fresh[1] is chosen[1]
-    assert candidate.mean == fresh[2].returns.mean() == candidate.table[1].value
-    assert not np.array_equal(fresh[2].returns, chosen[2].returns)
-
-
 def test_another_slice_goes_on_and_then_gains_nothing_more(arm):
     for end in range(1, 20):
         if not arm.is_exhausted:
@@ -128,3 +109,22 @@ def test_a_judge_takes_the_better_table_of_one_arm(arm):
     assert judge.record(best)
     assert not judge.record(worse)
     assert judge.incumbent.label == TRIALS
+
+
+def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, monkeypatch):
+    played = []
+
+    def noted(explored, greedy, episodes, seed, fresh=False):
+        played.append((fresh, greedy, play(explored, greedy, episodes, seed, fresh)))
+        return played[-1][2]
+
+    play = trials.play
+    monkeypatch.setattr(trials, "play", noted)
+    arm.work(200.0)
+    (candidate,) = arm.take_candidates()
+    assert [fresh for fresh, _, _ in played] == [False, False, True]
+    chosen = max(played[:2], key=lambda one: one[2].returns.mean())
+    fresh = played[2]
+    assert fresh[1] is chosen[1]
+    assert candidate.mean == fresh[2].returns.mean() == candidate.table[1].value
+    assert not np.array_equal(fresh[2].returns, chosen[2].returns)
