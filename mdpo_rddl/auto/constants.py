@@ -27,8 +27,8 @@ class Constants:
       seconds: that the latest batch took.
       are_alike: whether all rollouts of each constant had the same return.
       saw_alike: whether they saw the same states, too.
-      chance_is_apart: whether no part of a state that the constants change differed between
-        the rollouts of one.
+      is_without_chance: whether, besides, no part of a state that the constants change differed
+        between the rollouts of one.
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class Constants:
         return self._clock() + next_seconds > self._until
 
     @property
-    def chance_is_apart(self) -> bool:
+    def is_without_chance(self) -> bool:
         """See the class."""
         both = (self._random[name] & self._changed[name] for name in self._random)
-        return not any(map(np.any, both))
+        return self.are_alike and not any(map(np.any, both))
 
     def means(self, constants: Sequence[Constant]) -> np.ndarray:
         """Mean returns [C]; minus infinity if not finite, or if it was too late to play one."""
@@ -108,9 +108,26 @@ class Constants:
             if first >= at_least and self.is_late:
                 break
             returns, states = self._batch(constants[first : first + self._at_once], self._key)
-            self._note(returns, states)
+            for name, values in states.items():
+                self._first.setdefault(name, values[0].copy())
+            self._note(returns, states, self._first)
             means = np.mean(returns, axis=1)
             yield np.where(np.isfinite(means), means, -np.inf), states
+
+    def confirm(self, constants: Sequence[Constant], batches: int) -> bool:
+        """Whether `is_without_chance` holds in other rollouts, too.
+
+        Args:
+          constants: the first ones of which are played, as many as a batch has.
+          batches: of N rollouts; it is not confirmed if there is no time for all.
+        """
+        for number in range(1, batches + 1):
+            if self.is_late or not self.is_without_chance:
+                return False
+            key = jax.random.fold_in(self._key, number)
+            returns, states = self._batch(constants[: self._at_once], key)
+            self._note(returns, states, {name: values[0] for name, values in states.items()})
+        return self.is_without_chance
 
     def fresh_returns(self, one: Constant, other: Constant, batches: int) -> np.ndarray:
         """Returns of two constants [2, R] in common rollouts that neither was chosen by.
@@ -145,13 +162,17 @@ class Constants:
         self._played += 1
         return returns[: len(constants)], states
 
-    def _note(self, returns: np.ndarray, states: Mapping[str, np.ndarray]) -> None:
-        """What differs between the rollouts of one constant, and between constants."""
+    def _note(
+        self,
+        returns: np.ndarray,
+        states: Mapping[str, np.ndarray],
+        first: Mapping[str, np.ndarray],
+    ) -> None:
+        """What differs between the rollouts of one constant, and from what the first one saw."""
         self.are_alike &= bool(np.all(returns == returns[:, :1]))
         for name, values in states.items():
-            first = self._first.setdefault(name, values[0].copy())
             random = np.any(values != values[:, :1], axis=(0, 1, 2))
-            changed = np.any(values != first, axis=(0, 1, 2))
+            changed = np.any(values != first[name], axis=(0, 1, 2))
             self.saw_alike &= not np.any(random)
             self._random[name] = self._random.get(name, False) | random
             self._changed[name] = self._changed.get(name, False) | changed

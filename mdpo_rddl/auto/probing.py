@@ -31,6 +31,8 @@ _STARTS, _FEW_STARTS = 32, 4
 _ROLLOUTS = 4
 # batches in which the best constant and the no-op are compared
 _AGAIN = 4
+# and in which chance must play no part
+_CONFIRMING = 8
 _WIDE_UNITS = 1.5
 # of the box of each other action
 _HALF = 0.5
@@ -159,7 +161,10 @@ def probe(
     draws = has_draws(planner.rddl)
     # where some constant does something, and what it does is the same each time
     answers = len(np.unique(means[np.isfinite(means)])) > 1
-    shown = size.rollouts > 1 and answers and plays.are_alike and plays.chance_is_apart
+    shown = size.rollouts > 1 and answers and plays.is_without_chance
+    if draws and shown:
+        # a few rollouts may miss what is seldom drawn
+        shown = plays.confirm(scaled, _CONFIRMING)
     found = Probe(
         units=units,
         state_scales=scales,

@@ -78,6 +78,17 @@ def test_chance_is_ruled_out_only_where_it_is_shown(
     assert (seen.deterministic, seen.certain) == (True, True)
 
 
+def test_what_is_seldom_drawn_is_looked_for_in_more_rollouts(planner, monkeypatch):
+    def collides(pump, chance):
+        return -abs(pump - 9) - (chance < -1.2)
+
+    Model(monkeypatch, collides, lambda pump, chance: pump)
+    assert not probing.probe(planner, 0).deterministic
+    # the first four have none
+    monkeypatch.setattr(probing, "_CONFIRMING", 0)
+    assert probing.probe(planner, 0).deterministic
+
+
 def test_one_rollout_shows_nothing_of_chance(planner, monkeypatch):
     Model(monkeypatch, lambda pump, chance: -abs(pump - 9), lambda pump, chance: pump)
     monkeypatch.setattr(probing, "is_large", lambda planner: True)

@@ -139,23 +139,24 @@ class TrialsArm(Arm):
     def _close(self, search: TrialSearch) -> None:
         """Offers what was found if it is better than before, and sees whether to go on."""
         explored, missed = search.explored, 1.0
-        better: Greedy | None = None
+        before = self._best
+        found: list[tuple[float, Greedy]] = []
         for trust in _TRUSTS:
             greedy = search.found(trust)
             played = play(explored, greedy, _EPISODES, self._seed)
             missed = min(missed, played.missed)
-            mean, _ = mean_and_error(played.returns)
-            if mean > self._best:
-                self._best, better = mean, greedy
-        if better is not None:
-            # in other episodes: those it was chosen by were kind to it
-            played = play(explored, better, _EPISODES, self._seed, fresh=True)
-            mean, error = mean_and_error(played.returns)
+            found.append((mean_and_error(played.returns)[0], greedy))
+        _, best = max(found, key=lambda pair: pair[0])
+        # the episodes it was chosen by were kind to it
+        played = play(explored, best, _EPISODES, self._seed, fresh=True)
+        mean, error = mean_and_error(played.returns)
+        if mean > self._best:
+            self._best = mean
             estimate = Estimate(mean, error, _EPISODES, played.missed, explored.size)
-            self._offer_table(explored, better, estimate)
+            self._offer_table(explored, best, estimate)
         self._log.iterations = search.batches
         self._log.details = {"states": explored.size, "missed": round(missed, 4)}
-        if better is not None:
+        if self._best > before:
             self._without_gain = 0
         else:
             self._note_no_gain("it gains nothing more")
