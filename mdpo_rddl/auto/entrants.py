@@ -58,14 +58,15 @@ class Entrants:
           until: how long its first part is to last, by the clock.
           share: of the time left, that its compilation may take.
         """
-        if not self.tries_changes or not self._affording.learning(share):
+        if not self.tries_changes or not self._affording.value(share):
             return None
         return PolicyIterationArm(self._arena, until)
 
     @property
     def learning_share(self) -> float:
         """Of the time left, for `learner` before all others."""
-        return _SHARED if self.tries_changes else _ALONE
+        is_followed = self.tries_changes and self._affording.value(_SHARED)
+        return _SHARED if is_followed else _ALONE
 
     @property
     def tries_changes(self) -> bool:

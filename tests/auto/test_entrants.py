@@ -19,6 +19,9 @@ class Generous:
     def learning(self, share: float) -> bool:
         return "ppo" not in self.refused
 
+    def value(self, share: float) -> bool:
+        return "greedy" not in self.refused
+
     def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
 
@@ -113,4 +116,6 @@ def test_few_bools_are_changed_one_by_one_where_the_state_is_seen(case, comes):
 
 
 def test_what_has_no_time_to_be_compiled_does_not_learn():
-    assert entrants("ppo", kind="bool").greedy(60.0, 0.5) is None
+    found = entrants("greedy", kind="bool")
+    assert found.greedy(60.0, 0.5) is None
+    assert found.learning_share == 0.85
