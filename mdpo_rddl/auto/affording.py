@@ -18,6 +18,9 @@ _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
 _LEARNING_PROGRAMS = 2.0
 # no such program took less; the judge's may come from the cache
 _LEAST_LEARNING_SECONDS = 8.0
+# of what learns a value: an iteration takes about so many times as long as the judge's rollouts of
+# a candidate, and so many are the fewest that find anything, in such a share of the time left
+_VALUE_EVALUATIONS, _VALUE_ITERATIONS, _VALUE_SHARE = 10.0, 60, 0.5
 LEARNING_FIRST, LATER = 0.7, 0.25
 """Shares of the time left that a compilation may take: of what learns where rewards are found, and
 of what begins late."""
@@ -52,6 +55,16 @@ class Affording:
         is_enough = share * left > _LEAST_LEARNING_SECONDS
         ready = self._is_ready_in_time(_LEARNING_PROGRAMS / share)
         return not self._is_large and is_enough and ready
+
+    def value(self, share: float) -> bool:
+        """Whether there is time for what learns a value, whose policies make many model steps.
+
+        Args:
+          share: of the time left, that its compilation may take.
+        """
+        left = self._arena.deadline - self._arena.clock()
+        seconds = _VALUE_EVALUATIONS * self._arena.judge.rollout_seconds
+        return self.learning(share) and _VALUE_ITERATIONS * seconds <= _VALUE_SHARE * left
 
     def exploration(self, share: float = 1.0) -> bool:
         """Whether there is time for a net whose parameters are explored.

@@ -23,6 +23,8 @@ STRAIGHT_LINE = "slp"
 _ALONE, _SHARED = 0.85, 0.4
 # of the no-op, that the greedy policy tries at each decision
 _MOST_CHANGES = 256
+# of the states of one of its rollouts: a thousand are kept
+_MOST_BYTES = 2**18
 
 
 class Entrants:
@@ -59,24 +61,26 @@ class Entrants:
           until: how long its first part is to last, by the clock.
           share: of the time left, that its compilation may take.
         """
-        if not self.tries_changes or not self._affording.learning(share):
+        if not self.tries_changes or not self._affording.value(share):
             return None
         return PolicyIterationArm(self._arena, until)
 
     @property
     def learning_share(self) -> float:
         """Of the time left, for `learner` before all others."""
-        return _SHARED if self.tries_changes else _ALONE
+        is_followed = self.tries_changes and self._affording.value(_SHARED)
+        return _SHARED if is_followed else _ALONE
 
     @property
     def tries_changes(self) -> bool:
-        """Whether each bool's change alone can be tried at a decision."""
+        """Whether each bool's change alone can be tried at a decision, and the states be kept."""
         planner = self._arena.planner
-        if GREEDY in self._without or not can_be_drawn(planner.rddl):
+        rddl, known = planner.rddl, planner.test_compiled.init_values
+        if GREEDY in self._without or not can_be_drawn(rddl):
             return False
-        known = planner.test_compiled.init_values
-        changes = sum(np.size(known[name]) for name in planner.rddl.action_fluents)
-        return changes <= _MOST_CHANGES
+        changes = sum(np.size(known[name]) for name in rddl.action_fluents)
+        state = sum(np.asarray(known[name]).nbytes for name in rddl.state_fluents)
+        return changes <= _MOST_CHANGES and state * planner.horizon <= _MOST_BYTES
 
     def exploration(self, share: float = 1.0) -> CompilingArm | None:
         """The one that explores the parameters of a net.

@@ -115,6 +115,11 @@ class Judge:
         """What it took to compile the rollouts of the first planner; 0 before that."""
         return self._players[0][1].compile_seconds if self._players else 0.0
 
+    @property
+    def rollout_seconds(self) -> float:
+        """What the first planner's rollouts of one candidate took lately; 0 before any."""
+        return self._players[0][1].seconds if self._players else 0.0
+
     def record(self, candidate: Candidate) -> bool:
         """Plays a candidate unless its return is known; whether it is the new incumbent.
 

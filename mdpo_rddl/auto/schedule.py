@@ -52,8 +52,9 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # for greedy, while slices gain; for a straight-line plan, while they gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE, _GREEDY_SHARE = 0.45, 0.4, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
-# of the time left, that greedy has in any case: what it learns at first tells little
-_GREEDY_AT_LEAST = 0.25
+# of the time left, for greedy after others; and what it has in any case, for its first iterations
+# tell little
+_LATE_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.6, 0.25
 # names of their parts
 _LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
@@ -120,9 +121,7 @@ class Schedule(Slices):
             until = self._end(_LEARNING, share)
             learner = self._entrants.learner(until, LEARNING_FIRST)
             self._begin_with(_LEARNING, learner, share)
-            until = self._end(_GREEDY_LEARNING, _GREEDY_SHARE)
-            value = self._entrants.greedy(until, LEARNING_FIRST)
-            self._begin_with(_GREEDY_LEARNING, value, _GREEDY_SHARE, at_least=_GREEDY_AT_LEAST)
+            self._learn_value(_GREEDY_SHARE)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         leads = learner is not None and self._best.arm == learner.name
@@ -234,6 +233,12 @@ class Schedule(Slices):
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
+    def _learn_value(self, share: float) -> None:
+        """Slices for what learns a value, in such a share of the time left."""
+        until = self._end(_GREEDY_LEARNING, share)
+        arm = self._entrants.greedy(until, share)
+        self._begin_with(_GREEDY_LEARNING, arm, share, at_least=_GREEDY_AT_LEAST)
+
     def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
         return None if arm is None else self._open(arm, until, self._affording.patience(until))
 
@@ -245,8 +250,9 @@ class Schedule(Slices):
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
             self._opened(self._entrants.learner(until, LATER), until)
-        if GREEDY not in taken:
-            self._opened(self._entrants.greedy(until, LATER), until)
+        is_guided = self._best.planner is self._arena.planner and self._beats_noop(self._best)
+        if GREEDY not in taken and is_guided:
+            self._learn_value(_LATE_GREEDY_SHARE)
         if PGPE not in taken:
             self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):

@@ -101,6 +101,22 @@ class Planned(Scripted):
     ],
 )
 def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending, expected):
+    arm, schedule, _ = first(returns, is_pending, least_gain=0.02)
+    assert schedule.arms == [arm]
+    assert arm.log.slices == expected
+    # it competes with the others later
+    assert [contender.arm for contender in schedule._contenders] == [arm]
+
+
+@pytest.mark.parametrize(("at_least", "slices", "until"), [(0.0, 2, 10.0), (0.25, 3, 45.0)])
+def test_one_that_learns_slowly_at_first_has_a_slice_in_any_case(at_least, slices, until):
+    arm, _, clock = first([-20.0] * 9, at_least=at_least)
+    assert arm.log.slices == slices
+    assert clock.now == until
+
+
+def first(returns, is_pending=False, **given):
+    """An arm that came first, its schedule and the clock after that."""
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
@@ -114,11 +130,8 @@ def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending
     )
     schedule = Schedule(arena, Search(), lambda name: None)
     arm = Planned(clock, returns, is_pending)
-    schedule._begin_with("plan first", arm, 0.6, 0.02)
-    assert schedule.arms == [arm]
-    assert arm.log.slices == expected
-    # it competes with the others later
-    assert [contender.arm for contender in schedule._contenders] == [arm]
+    schedule._begin_with("plan first", arm, 0.6, **given)
+    return arm, schedule, clock
 
 
 def test_where_none_comes_first_the_others_begin():

@@ -19,6 +19,9 @@ class Generous:
     def learning(self, share: float) -> bool:
         return "ppo" not in self.refused
 
+    def value(self, share: float) -> bool:
+        return "greedy" not in self.refused
+
     def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
 
@@ -30,16 +33,20 @@ class Generous:
 
 
 def entrants(
-    *refused, without=(), deterministic=True, kind="real", seen=(), memory=(), bools=(2, 3)
+    *refused, without=(), deterministic=True, kind="real", seen=(), memory=(), bools=(2, 3), state=9
 ):
-    noop = {"a": np.zeros(bools), "b": np.zeros(())}
+    noop = {"a": np.zeros(bools), "b": np.zeros(()), "s": np.zeros(state, bool)}
     kinds = {"a": kind, "b": kind if kind == "bool" else "real"}
-    rddl = SimpleNamespace(action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen)
+    rddl = SimpleNamespace(
+        action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen, state_fluents=["s"]
+    )
     arena = SimpleNamespace(
         clock=lambda: 0.0,
         seed=0,
         incumbent=None,
-        planner=SimpleNamespace(rddl=rddl, test_compiled=SimpleNamespace(init_values=noop)),
+        planner=SimpleNamespace(
+            rddl=rddl, test_compiled=SimpleNamespace(init_values=noop), horizon=40
+        ),
         config=auto_preset(""),
         plan=SimpleNamespace(memory=SimpleNamespace(initial=memory)),
         probe=SimpleNamespace(deterministic=deterministic),
@@ -98,6 +105,7 @@ def test_bools_are_learnt_where_the_state_is_seen(refused, case, comes):
         ({"kind": "bool"}, True),
         ({"kind": "bool", "bools": (5, 51)}, True),
         ({"kind": "bool", "bools": (16, 16)}, False),
+        ({"kind": "bool", "state": 7000}, False),
         ({"kind": "int"}, False),
         ({"kind": "bool", "seen": ["noise"]}, False),
         ({"kind": "bool", "without": ["greedy"]}, False),
@@ -113,4 +121,6 @@ def test_few_bools_are_changed_one_by_one_where_the_state_is_seen(case, comes):
 
 
 def test_what_has_no_time_to_be_compiled_does_not_learn():
-    assert entrants("ppo", kind="bool").greedy(60.0, 0.5) is None
+    found = entrants("greedy", kind="bool")
+    assert found.greedy(60.0, 0.5) is None
+    assert found.learning_share == 0.85

@@ -79,9 +79,12 @@ def test_the_mean_is_that_of_common_rollouts_that_no_search_sees(planner):
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
     better = with_bias(params, {"pump": np.array(40.0)})
     one = judge(rollouts=8)
+    assert one.rollout_seconds == 0.0
     candidate = dataclasses.replace(known("no-op", 0.0), planner=planner, params=params, mean=None)
     assert one.record(candidate)
     assert one.record(dataclasses.replace(candidate, params=better, label="constant"))
+    # the clock ticks once while they are played
+    assert one.rollout_seconds == 1.0
     returns = compile_exact_returns(planner, 8)
     key = jax.random.fold_in(jax.random.PRNGKey(3), 1)
     both = jax.tree.map(lambda *leaves: np.stack(leaves), params, better)

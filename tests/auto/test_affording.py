@@ -1,0 +1,35 @@
+"""Which programs there is time for."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from mdpo_rddl.auto.affording import Affording
+
+
+def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None):
+    return Affording(
+        SimpleNamespace(
+            clock=lambda: 20.0,
+            deadline=20.0 + left,
+            probe=SimpleNamespace(policy_seconds=large),
+            judge=SimpleNamespace(usual_seconds=usual, rollout_seconds=rollout_seconds),
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("case", "expected"),
+    [
+        # sixty iterations of 0.3 s are 18 of 40 s
+        ({"rollout_seconds": 0.03}, True),
+        ({"rollout_seconds": 0.04}, False),
+        ({"rollout_seconds": 0.04, "left": 60.0}, True),
+        # its program would not be compiled in four tenths of the time
+        ({"rollout_seconds": 0.001, "usual": 9.0}, False),
+        ({"rollout_seconds": 0.001, "left": 19.0}, False),
+        ({"rollout_seconds": 0.001, "large": 1.0}, False),
+    ],
+)
+def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expected):
+    assert affording(**case).value(0.4) == expected
