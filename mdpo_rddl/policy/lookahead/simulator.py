@@ -288,7 +288,8 @@ class Simulator:
 
     def _size(self, kind: str, rollouts: int) -> Size:
         # where there are fewer actions more would be copies of the base
-        most = max(_CANDIDATES[NARROW], self.components.joint_actions)
+        most = min(self.components.joint_actions, self.components.most_candidates(self.depth))
+        most = max(_CANDIDATES[NARROW], most)
         count = int(min(_CANDIDATES[kind], most))
         if self._is_random:
             return Size(count, max(2, rollouts // count))
