@@ -44,7 +44,7 @@ def action_table(
     names = [name for name, _ in model.variables]
     return ActionTable(
         merges=_merge_array(merges, states.shape[1]),
-        places=np.array(model.packing.places, np.int64),
+        places=np.array(model.packing.places, np.int64).reshape(-1, 4),
         states=states[order],
         first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         until_step=steps[sequence].astype(np.int32),

@@ -106,8 +106,6 @@ def _read(compile_one: Callable[[Any], Any], expression: Any, is_real: bool) -> 
     if kind == "Normal":
         mean, variance = map(compile_one, arguments)
         return lambda fluents, value: _normal(mean(fluents), variance(fluents), value)
-    if kind in ("KronDelta", "DiracDelta"):
-        return _read(compile_one, arguments[0], is_real)
     if kind != "if":
         return None
     condition = compile_one(arguments[0])

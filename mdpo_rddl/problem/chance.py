@@ -2,9 +2,12 @@
 
 from typing import Any
 
+# laws of one value, by their names
+_CERTAIN = ("KronDelta", "DiracDelta")
+
 
 def has_draws(model: Any) -> bool:
-    """Whether some fluent is drawn at random, even if from a law with one value.
+    """Whether some fluent is drawn at random, even if its law has one value by its parameters.
 
     Args:
       model: pyRDDLGym's lifted model.
@@ -13,9 +16,11 @@ def has_draws(model: Any) -> bool:
 
 
 def draws(expression: Any) -> bool:
-    """Whether an expression, or one of several, draws at random."""
+    """Whether an expression, or one of several, draws from a law of more than one value."""
     if isinstance(expression, (tuple, list)):
         return any(map(draws, expression))
     if not hasattr(expression, "etype"):
         return False
-    return expression.etype[0] in ("randomvar", "randomvector") or draws(expression.args)
+    kind, name = expression.etype
+    is_draw = kind in ("randomvar", "randomvector") and name not in _CERTAIN
+    return is_draw or draws(expression.args)

@@ -12,9 +12,12 @@ _TYPES = {"real": np.float64, "int": np.int64, "bool": np.bool_}
 
 
 def is_grounded(model: RDDLLiftedModel, observation: Mapping[str, Any]) -> bool:
-    """Whether an observation is by ground fluents: a scalar for each, such as `temp___z1`."""
-    return any(name not in model.variable_params for name in observation) or all(
-        np.ndim(value) == 0 for value in observation.values()
+    """Whether an observation is by ground fluents: a scalar for each, such as `temp___z1`.
+
+    One of a problem without state is empty, and counts as what a vectorized environment shows.
+    """
+    return any(name not in model.variable_params for name in observation) or (
+        bool(observation) and all(np.ndim(value) == 0 for value in observation.values())
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
@@ -209,7 +209,12 @@ def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:
     if not isinstance(policy, Policy) or observed.episode_seconds > LONGEST_EPISODE_SECONDS:
         return None
     # the race has compiled what plays the terms, except for large problems
-    explanation = policy.explain(_EXPLAINING_SECONDS if is_compiled(policy.planner) else 0.0)
+    seconds = _EXPLAINING_SECONDS if is_compiled(policy.planner) else 0.0
+    try:
+        explanation = policy.explain(seconds)
+    except Exception as error:  # which must not cost the run
+        logger.warning("no rule: %s: %s", type(error).__name__, one_line_cause(error))
+        return None
     return explanation.to_json() if explanation.equations else None
 
 

@@ -17,6 +17,8 @@ class SlowSimulator:
     clock: Stopped
     durations: dict
     preparation: float = 0.0
+    may_draw: bool = True
+    is_random: bool = True
     horizon: int = 4
     depth: int = 1
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
+from helpers.toys import problem_from
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
@@ -85,6 +86,36 @@ def test_a_table_that_is_not_proven_says_so_and_is_read_back(policy, tmp_path):
     assert again(0, observation(0, "dry"))["go"] is True
     assert "trials" in str(again.explain())
     assert "optimum" not in again._repr_html_()
+
+
+STATELESS = """
+domain stalls {
+    types { stall : object; };
+    pvariables {
+        PAYS(stall) : { non-fluent, real, default = 1.0 };
+        busy : { interm-fluent, bool };
+        sell(stall) : { action-fluent, bool, default = false };
+    };
+    cpfs { busy = exists_{?s : stall} [sell(?s)]; };
+    reward = (sum_{?s : stall} [PAYS(?s) * sell(?s)]) - 0.5 * busy;
+}
+non-fluents nf {
+    domain = stalls; objects { stall : {a, b}; }; non-fluents { PAYS(b) = 2.0; };
+}
+instance one {
+    domain = stalls; non-fluents = nf; max-nondef-actions = 1; horizon = 3; discount = 1.0;
+}
+"""
+
+
+def test_a_problem_without_state_is_played_and_its_table_read_back(tmp_path):
+    policy = find_optimum(problem_from(STATELESS), 30).policy()
+    assert policy.optimum.value == 4.5
+    policy.save(tmp_path / "table")
+    again = restored(load_policy(tmp_path / "table"), policy.problem, "here")
+    for each in (policy, again):
+        assert each(0, {})["sell"].tolist() == [False, True]
+        assert each.evaluate(episodes=1).mean == 4.5
 
 
 def test_a_table_is_no_planners_parameters(policy, tmp_path):

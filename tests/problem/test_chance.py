@@ -14,6 +14,8 @@ CERTAIN = "SPREAD * Normal(0.0, 1.0)"
     [
         (CERTAIN, True),
         ("SPREAD * 2.0", False),
+        ("DiracDelta(SPREAD)", False),
+        ("DiracDelta(SPREAD + Normal(0, 1))", True),
         ("(if (x(?u) > 1.0) then SPREAD else Bernoulli(0.5))", True),
     ],
 )

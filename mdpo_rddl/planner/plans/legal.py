@@ -104,7 +104,7 @@ class LegalActions:
         """Whether an action breaks no precondition and not `max-nondef-actions`.
 
         Args:
-          actions: per action fluent [*shape]; integers in their box.
+          actions: per action fluent [*shape]; reals in their box.
           state: as of a call.
         """
         state = self._complete(state)
@@ -160,6 +160,9 @@ class LegalActions:
             legal &= jnp.all(value)
         for name, mask in allowed.items():
             legal &= jnp.all(mask | ~actions[name])
+        # what is tried may come from the box of another object
+        for name, (lower, upper) in self._integer_boxes.items():
+            legal &= jnp.all((lower <= actions[name]) & (actions[name] <= upper))
         return legal
 
     def _repaired(

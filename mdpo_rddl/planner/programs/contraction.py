@@ -217,7 +217,7 @@ def _product(left: tuple[_View, ...], right: tuple[_View, ...]) -> tuple[_View, 
         if isinstance(number, Array) or number != 1:  # JaxPlan multiplies by 1 to make a real
             smallest, *others = factors or [_View(1.0, ())]
             factors = [_View(smallest.base * number, smallest.axes), *others]
-    return tuple(factors) or (_View(jnp.ones(()), ()),)
+    return tuple(factors) or (_View(1.0, ()),)
 
 
 def _broadcast(operand: Any, params: dict[str, Any], recipe: Callable[[], Array]) -> Any:
@@ -262,7 +262,7 @@ def _elementwise(
         terms = _plus(*given)
     elif name == "sub":
         terms = _plus(given[0], _negative(given[1]))
-    elif name == "mul":
+    elif name == "mul" and _may_be_multiplied_out(*given):
         terms = _times(*given)
     elif name == "neg":
         terms = _negative(given[0])
@@ -283,6 +283,30 @@ def _truths(equation: Any, given: Sequence[_Terms]) -> _Terms | None:
     if name == "convert_element_type" and jnp.issubdtype(result.dtype, jnp.floating):
         return given[0]
     return None
+
+
+def _may_be_multiplied_out(left: _Terms, right: _Terms) -> bool:
+    """Whether a product of two sums is as exact as a sum of products.
+
+    Of two differences it is not: where x and y are close, x^2 - 2 x y + y^2 has an error of the
+    size of x^2, (x - y)^2 one of the size of (x - y)^2. The same for 1 less a truth value, times a
+    number. A difference times a number stays linear in x and y, whose own rounding is as large.
+    """
+    if len(left) == len(right) == 1:
+        return True
+    if _are_counted(left) or _are_counted(right):
+        return _are_counted(left) and _are_counted(right)
+    return 1 in (len(left), len(right))
+
+
+def _are_counted(terms: _Terms) -> bool:
+    """Whether all factors are truth values or ones: sums of their products are not rounded."""
+
+    def is_counted(base: Any) -> bool:
+        is_array = isinstance(base, Array) or np.ndim(base) > 0
+        return _is_truth(base) if is_array else bool(base == 1)
+
+    return all(is_counted(factor.base) for _, factors in terms for factor in factors)
 
 
 def _plus(left: _Terms, right: _Terms) -> _Terms:

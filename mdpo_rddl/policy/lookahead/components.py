@@ -14,6 +14,10 @@ from mdpo_rddl.planner.plans.changes import choices
 
 # how far whole numbers of many values are changed; larger ones are not exact in single precision
 _STEPS, _LARGEST = 2.0 ** np.arange(10), 2.0**24
+# nobody tries more joint actions than that, or asks how many more they are
+_MOST_COUNTED = 1e6
+# of an array of candidates, in single precision
+_CANDIDATES_BYTES = 2**25
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,19 +104,28 @@ class Components:
 
     @property
     def joint_actions(self) -> float:
-        """How many joint actions `max-nondef-actions` leaves; infinite where some are not listed.
+        """How many joint actions `max-nondef-actions` leaves; infinite for more than a million.
 
-        Preconditions may allow fewer.
+        Infinite also where some values are not listed. Preconditions may allow fewer.
         """
         if len(self.discrete) < self.size:
             return math.inf
-        counts = [1.0] + [0.0] * self.most
+        counts = np.zeros(self.most + 1)
+        counts[0] = 1.0
         for values in self.values:
-            others = len(values) - 1
-            # from the end: each count takes the one below it as it was
-            for changed in range(self.most, 0, -1):
-                counts[changed] += others * counts[changed - 1]
-        return sum(counts)
+            counts[1:] += (len(values) - 1) * counts[:-1]
+            # no further component makes them fewer
+            if counts.sum() > _MOST_COUNTED:
+                return math.inf
+        return float(counts.sum())
+
+    def most_candidates(self, depth: int) -> int:
+        """How many candidates [k, D] fit into the memory that is meant for them; at least 1.
+
+        Args:
+          depth: steps k of a candidate.
+        """
+        return max(1, _CANDIDATES_BYTES // (4 * depth * max(1, self.size)))
 
     def flat(self, action: Mapping[str, Any]) -> np.ndarray:
         """An action as one vector [D]."""

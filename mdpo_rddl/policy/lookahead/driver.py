@@ -18,8 +18,8 @@ from mdpo_rddl.problem.load import Problem
 
 # of a decision's time: when the search ends, when the finalists' test ends
 _SEARCH_SHARE, _TEST_SHARE = 0.65, 0.9
-# the base is left for a gain of so many errors, and more than rounding can make
-_ERRORS, _ROUNDING = 1.0, 1e-5
+# the base is left for a gain of more than so many errors
+_ERRORS = 1.0
 _MOST_TEST_CALLS = 30
 # time for so many calls of the simulator in each round
 _ROUND_CALLS = 1.5
@@ -181,10 +181,7 @@ class LookaheadPolicy(PolicyAgent):
             return None
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
         best = max(tested, key=lambda gain: gain.mean)
-        return best if self._is_beyond_error(best) else None
-
-    def _is_beyond_error(self, gain: Gain) -> bool:
-        return gain.mean > max(_ERRORS * gain.error, _ROUNDING)
+        return best if best.mean > _ERRORS * best.error else None
 
     def _finalists(self, play: Halving, until: float) -> np.ndarray:
         """The best of all rounds, [n, k, D]."""

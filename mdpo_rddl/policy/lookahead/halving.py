@@ -8,42 +8,11 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Gain
+from mdpo_rddl.policy.lookahead.gains import Scores
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 
 # a candidate whose gain is below zero by so many errors is not played again
 _HOPELESS = 3.0
-
-
-@dataclass
-class Scores:
-    """Sums over the scenarios of n candidates' gains."""
-
-    count: np.ndarray
-    total: np.ndarray
-    squares: np.ndarray
-
-    @classmethod
-    def of(cls, size: int) -> "Scores":
-        """Of candidates that were not played yet."""
-        return cls(np.zeros(size), np.zeros(size), np.zeros(size))
-
-    def add(self, places: np.ndarray, gains: np.ndarray) -> None:
-        """Adds the gains [m, N] of some candidates [m]."""
-        self.count[places] += gains.shape[1]
-        self.total[places] += gains.sum(axis=1)
-        self.squares[places] += np.square(gains).sum(axis=1)
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Mean gains [n]; minus infinity for those that were not played."""
-        return np.where(self.count > 0, self.total / np.maximum(self.count, 1.0), -np.inf)
-
-    @property
-    def error(self) -> np.ndarray:
-        """Standard errors of the mean gains [n]; infinite where fewer than two were played."""
-        count = np.maximum(self.count, 2.0)
-        variance = np.maximum(0.0, self.squares / count - (self.total / count) ** 2)
-        return np.where(self.count > 1, np.sqrt(variance / (count - 1.0)), np.inf)
 
 
 @dataclass
@@ -88,7 +57,7 @@ class Halving:
             order = played[np.argsort(-scores.mean[played], kind="stable")]
             hopeful = order[self._is_hopeful(scores, order)]
             kept = hopeful[: max(few, (len(left) + 1) // 2)]
-            is_certain = not np.any(scores.error[hopeful] > 0.0)
+            is_certain = self._is_certain(scores, hopeful, self.simulator.is_random)
             if is_certain or kind == NARROW or not self._has_time(kind, until):
                 ranking = [*order.tolist(), *ranking]
                 break
@@ -110,10 +79,16 @@ class Halving:
         for _ in range(most_calls):
             if len(self._sweep(NARROW, finalists, everyone, scores, until)) < len(finalists):
                 break
-            if not np.any(scores.error > 0.0) or not np.any(self._is_hopeful(scores, everyone)):
+            if self._is_certain(scores, everyone, self.simulator.may_draw):
+                break
+            if not np.any(self._is_hopeful(scores, everyone)):
                 break
         mean, error = scores.mean, scores.error
         return [Gain(finalists[p], float(mean[p]), float(error[p])) for p in everyone]
+
+    def _is_certain(self, scores: Scores, places: np.ndarray, is_random: bool) -> bool:
+        """Whether more scenarios tell nothing new: equal gains do not say so where any differ."""
+        return not is_random and not np.any(scores.error[places] > 0.0)
 
     def _is_hopeful(self, scores: Scores, places: np.ndarray) -> np.ndarray:
         return scores.mean[places] + _HOPELESS * scores.error[places] > 0.0
@@ -141,7 +116,9 @@ class Halving:
         until, latest = ends
         played = self._sweep(kind, candidates, left, scores, latest)
         sweeps = math.ceil(len(left) / self.simulator.challengers(kind))
-        while len(played) == len(left) and np.any(scores.error[played] > 0.0):
+        while len(played) == len(left) and np.any(self._is_hopeful(scores, played)):
+            if self._is_certain(scores, played, self.simulator.is_random):
+                break
             if self.clock() + sweeps * self.simulator.seconds(kind, self.step) > until:
                 break
             self._sweep(kind, candidates, left, scores, until)

@@ -94,9 +94,11 @@ class Residuals:
         else:
             centres = self._best(gains)
             known = [centres.mean(axis=0), centres[: max(1, len(centres) // 2)].mean(axis=0)]
+        assert self._components is not None
         count = max(_POPULATIONS[number], self._capacity - len(known))
+        count = min(count, self._components.most_candidates(self.depth))
         around = centres[random.integers(len(centres), size=count)]
-        scale = 0.5**number * _SMALLEST_SHARE ** random.random((count, 1, 1))
+        scale = 0.5**number * _SMALLEST_SHARE ** random.random((count, 1, 1), np.float32)
         samples = around + scale * self._noise(random, count)
         proposals = self._candidates(np.concatenate([np.stack(known), samples]))
         return self._with_discrete_changes(proposals, random, len(known))
@@ -115,16 +117,18 @@ class Residuals:
         """Coloured noise on some of the components [P, k, D], in their own values."""
         parts = self._components
         assert parts is not None
-        white = random.normal(size=(count, self.depth, parts.size))
+        white = random.standard_normal((count, self.depth, parts.size), np.float32)
         frequencies = np.maximum(np.fft.rfftfreq(self.depth), 1.0 / self.depth)
-        weights = frequencies ** (-_COLOUR / 2.0)
+        weights = (frequencies ** (-_COLOUR / 2.0)).astype(np.float32)
         coloured = np.fft.irfft(
             np.fft.rfft(white, axis=1) * weights[:, np.newaxis], self.depth, axis=1
         )
         coloured /= np.maximum(coloured.std(axis=(0, 1), keepdims=True), 1e-9)
         chosen = random.random((count, 1, parts.size)) < random.random((count, 1, 1))
         chosen[: count // 2] = True
-        return coloured * chosen * self._sigma[:, np.newaxis] * parts.units
+        coloured *= chosen
+        coloured *= (self._sigma[:, np.newaxis] * parts.units).astype(np.float32)
+        return coloured
 
     def _candidates(self, additions: np.ndarray) -> np.ndarray:
         """Additions [P, k, D] as candidates: the first is an action in its box."""

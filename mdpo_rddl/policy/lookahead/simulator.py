@@ -14,6 +14,7 @@ from mdpo_rddl.planner.continuations import Continuations, HiddenRoot, Size
 from mdpo_rddl.policy.lookahead.base import Climbed, Prepared
 from mdpo_rddl.policy.lookahead.belief import Belief
 from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.gains import paired_gains
 from mdpo_rddl.problem.chance import has_draws
 
 WIDE, NARROW = "wide", "narrow"
@@ -41,12 +42,15 @@ _LEAST_SHARE = 0.5
 # a program with gradients takes so many times as long to compile as one without
 _CLIMB_COMPILATION = 2.0
 _LEGALITY_BATCH = 64
-# a return that is not finite must not look like a gain
-_NOT_FINITE = -1e30
 
 
 class Simulator:
-    """Compiles everything that a decision needs, and knows how long it takes."""
+    """Compiles everything that a decision needs, and knows how long it takes.
+
+    Attributes:
+      may_draw: whether the model states a draw from a law of more than one value.
+      is_random: whether such a draw has changed a return, as far as is known.
+    """
 
     def __init__(
         self, policy: Prepared, depth: int, clock: Callable[[], float] = time.perf_counter
@@ -72,7 +76,7 @@ class Simulator:
         self._climb: Callable[..., Any] | None = None
         self._climb_seconds = (0.0, 0.0)
         self._least_climb_seconds, self._compile_seconds = 0.0, 0.0
-        self._is_random = has_draws(policy.problem.model)
+        self.is_random = self.may_draw = has_draws(policy.problem.model)
         self._policy_arguments = jax.device_put((policy.params, hyperparams))
 
     def prepare(
@@ -103,11 +107,11 @@ class Simulator:
         # what a belief has not told yet may differ later
         is_belief = isinstance(state, Belief)
         places = [(0, state), *others]
-        self._is_random = self._is_random and (is_belief or any(self._differs(*p) for p in places))
+        self.is_random = self.is_random and (is_belief or any(self._differs(*p) for p in places))
         took = self.seconds(WIDE, 0)
         wanted = int(np.clip(_FEWEST * longest / took, _FEWEST, _MOST))
         # without time to compile it again a call of another length does as well
-        if (not self._is_random or took < longest / 8) and self._can_compile(2.0, until):
+        if (not self.is_random or took < longest / 8) and self._can_compile(2.0, until):
             rollouts = wanted
             self._compile(WIDE, rollouts, state, base)
         is_slow = self.seconds(WIDE, 0) > _USABLE_SHARE * seconds
@@ -127,7 +131,7 @@ class Simulator:
         """
         if isinstance(state, Belief) or not self._can_compile(_CLIMB_COMPILATION, until):
             return
-        count = _CLIMB_SCENARIOS if self._is_random else 1
+        count = _CLIMB_SCENARIOS if self.is_random else 1
         size = ClimbSize(CLIMBERS, count, min(self.horizon, _CLIMB_WINDOW))
         climbing = Climbing(self.policy.planner)
         self._climb = climbing.compile(size, self.components.units, _NOISE)
@@ -250,7 +254,8 @@ class Simulator:
           seed: of the scenarios.
 
         Returns:
-          The differences of the discounted returns to the horizon [n, N].
+          The differences of the discounted returns to the horizon [n, N], zero where these are
+          no larger than the returns' rounding.
         """
         size = self._sizes[kind]
         missing = size.candidates - len(candidates)
@@ -258,8 +263,7 @@ class Simulator:
         started = self._clock()
         returns = self._returns(kind, state, step, padded, seed)
         self._measure(kind, step, self._clock() - started)
-        differences = (returns[1 : len(candidates)] - returns[:1]).astype(float)
-        return np.where(np.isfinite(differences), differences, _NOT_FINITE)
+        return paired_gains(returns[: len(candidates)], max(1, self.horizon - step))
 
     def _measure(self, kind: str, step: int, seconds: float) -> None:
         if kind not in self._per_step:
@@ -288,9 +292,11 @@ class Simulator:
 
     def _size(self, kind: str, rollouts: int) -> Size:
         # where there are fewer actions more would be copies of the base
-        most = max(_CANDIDATES[NARROW], self.components.joint_actions)
+        most = min(self.components.joint_actions, self.components.most_candidates(self.depth))
+        most = max(_CANDIDATES[NARROW], most)
         count = int(min(_CANDIDATES[kind], most))
-        if self._is_random:
+        # what returns have not shown yet the finalists' test may show
+        if self.is_random or (self.may_draw and kind == NARROW):
             return Size(count, max(2, rollouts // count))
         wide = int(min(max(count, rollouts // 4), most))
         return Size(wide if kind == WIDE else count, _CERTAIN_SCENARIOS)

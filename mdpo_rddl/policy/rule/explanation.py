@@ -131,9 +131,14 @@ def explain(
 def _sizes(
     problem: Problem, planner: MDPOPlanner, params: Params, terms: list[Term]
 ) -> list[float]:
-    """Root mean square of what each term adds to its action, in the action's unit."""
+    """Root mean square of what each term adds to its action, in the action's unit.
+
+    Zeros where nothing was observed.
+    """
     plan = planner.feedback_plan
     states = visited_states(problem, planner, params)
+    if plan.feedback.fluents and not states:
+        return [0.0] * len(terms)
     steps = jnp.arange(len(next(iter(states.values()))) if states else 1)
 
     @jax.jit

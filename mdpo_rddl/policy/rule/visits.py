@@ -18,7 +18,8 @@ from mdpo_rddl.problem.observation import is_observed
 def visited_states(problem: Problem, planner: MDPOPlanner, params: Any) -> dict[str, Array]:
     """What a policy sees in one episode on the exact environment, per fluent [T, *shape].
 
-    The entries of the policy's memory are among them.
+    The entries of the policy's memory are among them. There are none where the episode is over
+    before anything is observed.
 
     Args:
       problem: what is played.
@@ -33,7 +34,9 @@ def visited_states(problem: Problem, planner: MDPOPlanner, params: Any) -> dict[
         return play(step, state)
 
     evaluate(make_environment(problem), policy, episodes=1, seed=0)
-    stacked = {}
+    stacked: dict[str, Array] = {}
+    if not seen:
+        return stacked
     for name in planner.feedback_plan.feedback.fluents:
         # the environment gives a fluent without parameters as an array of one
         shape = planner.feedback_plan.feedback.shapes[name]

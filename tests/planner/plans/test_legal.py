@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.toys import problem_from
 
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -12,6 +13,7 @@ from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.limits import group_limits
 from mdpo_rddl.problem.load import load_problem, make_environment
 
@@ -59,6 +61,12 @@ def problem(folder, rules, most="pos-inf"):
 def make(problem):
     plan = FeedbackPlan(FeedbackShape(topology=None, plan=True))
     return MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
+
+
+def started(problem):
+    env = make_environment(problem)
+    env.reset(seed=0)
+    return env
 
 
 def legalised(planner, pick, free=(1, 1, 1), stay=0.0, gear=0):
@@ -117,6 +125,45 @@ def test_whole_numbers_keep_their_box_and_count(tmp_path):
         False,
         2,
     )
+
+
+TAKES = """
+domain takes {
+    types { item : object; };
+    pvariables {
+        CAP(item) : { non-fluent, int, default = 2 };
+        taken(item) : { state-fluent, int, default = 0 };
+        take(item) : { action-fluent, int, default = 0 };
+    };
+    cpfs { taken'(?i) = take(?i); };
+    reward = sum_{?i : item} [take(?i)];
+    action-preconditions {
+        forall_{?i : item} [take(?i) >= 0]; forall_{?i : item} [take(?i) <= CAP(?i)]; RULES
+    };
+}
+non-fluents nf {
+    domain = takes; objects { item : {a, b}; }; non-fluents { CAP(b) = 5; };
+}
+instance one {
+    domain = takes; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 4; discount = 1.0;
+}
+"""
+
+
+def test_each_whole_number_has_its_own_box():
+    problem = problem_from(TAKES.replace("RULES", ""))
+    legal, referee = LegalActions(make(problem).test_compiled, []), Referee(started(problem))
+    for take in ([2, 5], [5, 5], [0, 6], [-1, 0], [0, 0]):
+        expected = not referee.rule({"take": np.array(take)}).illegal
+        assert bool(legal.is_legal({"take": jnp.array(take)}, {})) == expected
+
+
+def test_a_repair_stays_in_the_box_of_each_whole_number():
+    problem = problem_from(TAKES.replace("RULES", "(sum_{?i : item} [take(?i)]) == 4;"))
+    # nearer to the proposal, but more than there is, would be four of the first
+    repaired = LegalActions(make(problem).test_compiled, [])({"take": jnp.array([5, 0])}, {}, {})
+    assert repaired["take"].tolist() == [0, 4]
+    assert not Referee(started(problem)).rule({"take": np.asarray(repaired["take"])}).illegal
 
 
 def test_nothing_is_computed_where_the_policy_is_legal_as_it_is(tmp_path):

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.x64 import enable_x64
 
 from mdpo_rddl.planner.programs.contraction import contract
 from mdpo_rddl.planner.programs.staging import Stages
@@ -93,6 +94,47 @@ def test_matrices_that_no_step_changes_are_one_ahead_of_the_steps():
     results = [out.aval.size for each in program.jaxpr.eqns for out in each.outvars]
     assert max(results) < N * M
     np.testing.assert_allclose(stages.run(1, [fixed], Y), step(A, B, Y), rtol=2e-4, atol=2e-3)
+
+
+def differences(x, y):
+    """Sums over pairs whose terms are far smaller than the products of what they are made of."""
+    rows, columns = spread(x, (N, M), 0), spread(y, (N, M), 1)
+    both = (rows > 1000.0) & (columns > 999.0)
+    costs = spread(jnp.where(y > 999.0, 1e8, 1.0), (N, M), 1)
+    return {
+        "squares": jnp.sum((rows - columns) * (rows - columns), axis=1),
+        "two differences": jnp.sum((rows - columns) * (1000.0 - rows) * (columns - rows), axis=1),
+        "scaled": jnp.sum(-(rows - columns) * 0.5 * (columns - rows), axis=0),
+        "what is left": jnp.sum(~both * 1.0 * costs, axis=1),
+        "none is left": jnp.sum((1.0 - both * 1.0) * costs, axis=1),
+    }
+
+
+def test_what_cancels_is_not_multiplied_out():
+    x = jnp.asarray(1000.0 + RANDOM.uniform(0.01, 0.02, N), jnp.float32)
+    y = jnp.asarray(x[:M] - 0.001 * RANDOM.uniform(size=M), jnp.float32)
+    program = jax.make_jaxpr(differences)(x, y)
+    found = jax.tree.unflatten(
+        jax.tree.structure(differences(x, y)), evaluate(contract(program), x, y)
+    )
+    with enable_x64(True):
+        exact = differences(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    for name, expected in exact.items():
+        np.testing.assert_allclose(found[name], expected, rtol=1e-4, err_msg=name)
+
+
+def test_products_of_truths_are_multiplied_out():
+    def program(a, y):
+        columns = spread(y > 1.0, (N, M), 1)
+        return jnp.any((a > 1.5) & columns & ~((a > 2.5) & columns), axis=1)
+
+    contracted = contract(jax.make_jaxpr(program)(A, Y))
+    names = {equation.primitive.name for equation in contracted.jaxpr.eqns}
+    assert "reduce_or" not in names
+    assert "dot_general" in names
+    (found,) = evaluate(contracted, A, Y)
+    np.testing.assert_array_equal(found, program(A, Y))
+    assert 0 < np.sum(found) < N
 
 
 def test_gradients_are_the_same():

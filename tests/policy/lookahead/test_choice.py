@@ -146,7 +146,8 @@ def test_what_is_random_where_the_policy_leads_alone_is_not_certain(place, monke
         def returns(key, params, hyperparams, state, step, candidates):
             is_base = np.all(candidates[:, 0] == base, axis=1)
             is_drawn.append(np.any(is_base[1:]) and not np.all(is_base))
-            return (is_base & (step == random_step))[:, None] * np.arange(size.scenarios)
+            numbers = np.arange(size.scenarios, dtype=np.float32)
+            return (is_base & (step == random_step))[:, None] * numbers
 
         return returns
 

@@ -1,6 +1,7 @@
 """Thinking at the decision: what is played, and how long it takes."""
 
 import functools
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -117,6 +118,58 @@ def test_noise_alone_is_no_reason_to_leave_the_base():
     assert figures["decisions"] == 40
     assert figures["within_budget"] == 1.0
     assert figures["left_base"] == sum(decision.left_base for decision in thinker.decisions)
+
+
+@dataclass
+class RareLoss(SlowSimulator):
+    """Pulling any arm pays 1, but once in a hundred scenarios it loses 1000."""
+
+    def gains(self, kind, state, step, candidates, seed):
+        self.clock.now += self.durations[kind]
+        is_lost = self.random.random((1, 16)) < 0.01
+        paid = np.where(is_lost, -1000.0, 1.0)
+        return paid * np.any(candidates[1:] != candidates[0], axis=(1, 2))[:, np.newaxis]
+
+
+@pytest.mark.parametrize("is_random", [True, False])
+def test_a_gain_that_all_scenarios_so_far_share_is_no_certainty(is_random):
+    policy, clock = lever_policy(NONE), Stopped()
+    durations = {WIDE: 0.002, NARROW: 0.002}
+    # in the one case the returns have shown already that chance plays a part
+    simulator = RareLoss(policy, clock, durations, is_random=is_random)
+    proposer = FirstActions()
+    proposer.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, proposer, 0.25, seed=0, clock=clock)
+    for _ in range(40):
+        thinker.decide(0, START)
+    assert sum(decision.left_base for decision in thinker.decisions) <= 2
+
+
+def test_a_small_gain_that_is_certain_is_taken():
+    @dataclass
+    class Small(SlowSimulator):
+        def gains(self, kind, state, step, candidates, seed):
+            return 0.0 * super().gains(kind, state, step, candidates, seed) + 1e-8
+
+    simulator = Small(lever_policy(NONE), Stopped(), {WIDE: 0.01, NARROW: 0.01})
+    simulator.may_draw = simulator.is_random = False
+    proposer = FirstActions()
+    proposer.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, proposer, 0.25, seed=0, clock=simulator.clock)
+    thinker.decide(0, START)
+    (decision,) = thinker.decisions
+    assert decision.left_base
+    # one scenario says it all: a call for the search and one for the test
+    assert decision.calls == 2
+
+
+def test_finalists_meet_as_many_scenarios_as_if_returns_had_differed():
+    simulator = prepared((1, 0, 1))
+    # the model draws from a law whose one value its parameters give
+    assert simulator.may_draw
+    assert not simulator.is_random
+    assert simulator.scenarios(WIDE) == 2
+    assert simulator.scenarios(NARROW) >= 128 // 4
 
 
 def test_a_call_has_no_more_candidates_than_there_are_actions():

@@ -65,9 +65,8 @@ def test_coordinate_changes_go_on_from_what_gained():
     assert proposed(method, gains[2:]) == []
 
 
-def test_of_many_components_only_what_is_proposed_is_built():
-    count = 2000
-    many = Components(
+def bools(count, most):
+    return Components(
         parts={"pull": slice(0, count)},
         values=((0.0, 1.0),) * count,
         is_real=np.zeros(count, bool),
@@ -75,8 +74,29 @@ def test_of_many_components_only_what_is_proposed_is_built():
         lower=np.full(count, -np.inf),
         upper=np.full(count, np.inf),
         units=np.zeros(count),
-        most=count,
+        most=most,
     )
+
+
+@pytest.mark.parametrize(
+    ("count", "most", "expected"),
+    [
+        (20_000, 20_000, np.inf),
+        (20_000, 1, 20_001),
+        (20_000, 2, np.inf),
+        (300, 2, 1 + 300 + 300 * 299 / 2),
+        (16, 16, 2**16),
+    ],
+)
+def test_joint_actions_are_counted_until_they_are_many(count, most, expected):
+    many, started = bools(count, most), time.process_time()
+    assert many.joint_actions == expected
+    assert time.process_time() - started < 1.0
+
+
+def test_of_many_components_only_what_is_proposed_is_built():
+    count = 2000
+    many = bools(count, count)
     method = Coordinate()
     method.applies(many)
     base = np.arange(count) % 2.0

@@ -1,5 +1,7 @@
 """Additions to the policy's real actions: what is proposed, kept and shifted."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
@@ -77,6 +79,31 @@ def test_the_plan_that_was_played_is_shifted_until_the_episode_ends():
     np.testing.assert_allclose(proposed(method)[0], moved + np.eye(4, 1) * BASE, atol=1e-6)
     method.reset()
     np.testing.assert_array_equal(proposed(begun())[0, 1:], 0.0)
+
+
+def test_of_many_components_as_many_candidates_as_memory_is_meant_for():
+    count, steps = 4000, 40
+    many = Components(
+        parts={"push": slice(0, count)},
+        values=((),) * count,
+        is_real=np.ones(count, bool),
+        noop=np.zeros(count, np.float32),
+        lower=np.full(count, -1.0),
+        upper=np.full(count, 1.0),
+        units=np.ones(count, np.float32),
+        most=count,
+    )
+    method = Residuals(depth=steps)
+    assert method.applies(many)
+    method.begin(Situation(np.zeros(count, np.float32), 1023, lambda *_: None))
+    tracemalloc.start()
+    candidates = proposed(method)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # one array of all 1023 in double precision would be 1.3 GB
+    assert 50 < len(candidates) < 60
+    assert np.std(candidates[1:]) > 0.01
+    assert peak < 0.4e9
 
 
 @pytest.mark.long

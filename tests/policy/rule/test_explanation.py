@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.problems import make_plan, make_planner
-from helpers.toys import problem_from
+from helpers.toys import FOLDER, problem_from
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import FeedbackShape
@@ -132,3 +132,17 @@ def test_a_term_without_which_the_model_diverges_has_no_cost(pushing, monkeypatc
     push, _ = explain(*pushing).equations
     assert [(term.cost, term.cost_error) for term in push.terms] == [(None, None), (0.0, 0.0)]
     json.dumps(explain(*pushing).to_json(), allow_nan=False)
+
+
+def test_where_nothing_is_observed_terms_have_no_size():
+    # the one step comes before the first observation
+    problem = problem_from((FOLDER / "tiger.rddl").read_text(), horizon=1)
+    plan = FeedbackPlan(FeedbackShape(topology=None, plan=False))
+    planner = make_planner(MDPOPlanner, problem, plan)
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    names = planner.feedback_plan.feedback.names("open-left")
+    params["shared"]["open-left"] = jnp.ones(len(names))
+    explained = explain(problem, planner, params, seconds=0.0)
+    terms = [term for equation in explained.equations for term in equation.terms]
+    assert terms
+    assert [term.size for term in terms] == [0.0] * len(terms)
