@@ -19,8 +19,9 @@ _LEARNING_PROGRAMS = 2.0
 # no such program took less; the judge's may come from the cache
 _LEAST_LEARNING_SECONDS = 8.0
 # of what learns a value: an iteration takes about so many times as long as the judge's rollouts of
-# a candidate, and so many are the fewest that find anything, in such a share of the time left
-_VALUE_EVALUATIONS, _VALUE_ITERATIONS, _VALUE_SHARE = 10.0, 60, 0.5
+# a candidate, and so many seconds; so many are the fewest that find anything, in such a share of
+# the time left
+_VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS, _VALUE_SHARE = 4.0, 0.03, 60, 0.5
 LEARNING_FIRST, LATER = 0.7, 0.25
 """Shares of the time left that a compilation may take: of what learns where rewards are found, and
 of what begins late."""
@@ -63,7 +64,7 @@ class Affording:
           share: of the time left, that its compilation may take.
         """
         left = self._arena.deadline - self._arena.clock()
-        seconds = _VALUE_EVALUATIONS * self._arena.judge.rollout_seconds
+        seconds = _VALUE_EVALUATIONS * self._arena.judge.rollout_seconds + _FITTING_SECONDS
         return self.learning(share) and _VALUE_ITERATIONS * seconds <= _VALUE_SHARE * left
 
     def exploration(self, share: float = 1.0) -> bool:

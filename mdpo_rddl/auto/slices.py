@@ -195,6 +195,6 @@ class Slices:
             return max(least_gain * gain, self._to_catch_up(arm, until))
 
         for _ in self._marks.once(part, arena, until):
-            if at_least:
+            if at_least and not arm.is_exhausted:
                 self.give(arm, min(until, arena.until(at_least)))
             self._give_while(contender, until, lambda: arm.progress, least)

@@ -80,7 +80,11 @@ class Planned(Scripted):
 
     def __init__(self, clock, returns, is_pending=False):
         super().__init__(clock, returns)
-        self._pending = is_pending
+        self._pending, self.gives_up = is_pending, False
+
+    def _work(self, until):
+        super()._work(until)
+        self.is_exhausted = self.gives_up
 
     @property
     def is_pending(self):
@@ -115,7 +119,11 @@ def test_one_that_learns_slowly_at_first_has_a_slice_in_any_case(at_least, slice
     assert clock.now == until
 
 
-def first(returns, is_pending=False, **given):
+def test_one_that_has_given_up_has_no_slice():
+    assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
+
+
+def first(returns, is_pending=False, gives_up=False, **given):
     """An arm that came first, its schedule and the clock after that."""
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
@@ -130,6 +138,7 @@ def first(returns, is_pending=False, **given):
     )
     schedule = Schedule(arena, Search(), lambda name: None)
     arm = Planned(clock, returns, is_pending)
+    arm.gives_up = gives_up
     schedule._begin_with("plan first", arm, 0.6, **given)
     return arm, schedule, clock
 
