@@ -250,7 +250,7 @@ class Schedule(Slices):
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
             self._opened(self._entrants.learner(until, LATER), until)
-        is_guided = self._best.planner is self._arena.planner and self._beats_noop(self._best)
+        is_guided = self._best.planner is self._arena.planner and self._arena.beats_noop(self._best)
         if GREEDY not in taken and is_guided:
             self._learn_value(_LATE_GREEDY_SHARE)
         if PGPE not in taken:
