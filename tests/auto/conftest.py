@@ -12,6 +12,22 @@ from mdpo_rddl.auto.arms import gradient
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import InputError
 
+KEPT = "the best policy so far is kept: "
+
+
+@pytest.fixture
+def failing_race():
+    """For a test in which the race itself, and not an arm, is to fail."""
+
+
+@pytest.fixture(autouse=True)
+def _no_failing_race(request, caplog):
+    """A race that ends with its incumbent must not hide why."""
+    yield
+    if "failing_race" not in request.fixturenames:
+        told = [record.getMessage() for record in caplog.get_records("call")]
+        assert [line for line in told if line.startswith(KEPT)] == []
+
 
 @pytest.fixture(scope="module")
 def lake(tmp_path_factory):

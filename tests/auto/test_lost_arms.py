@@ -71,6 +71,7 @@ def test_where_every_arm_is_lost_the_best_so_far_is_kept(
     assert outcome.chosen.mean >= means(outcome)[CONSTANT] > means(outcome)[NOOP]
 
 
+@pytest.mark.usefixtures("failing_race")
 def test_a_failure_of_the_race_itself_keeps_the_best_so_far(
     lake, in_one_arena, monkeypatch, caplog
 ):
@@ -87,6 +88,7 @@ def test_a_failure_of_the_race_itself_keeps_the_best_so_far(
         raced(lake, 300.0)
 
 
+@pytest.mark.usefixtures("failing_race")
 def test_what_cannot_be_judged_costs_nobody_else_a_slice(monkeypatch, caplog):
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
