@@ -54,7 +54,7 @@ _EXPLORATION_SHARE, _OTHERS_SHARE, _GREEDY_SHARE = 0.45, 0.4, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for greedy after others; and what it has in any case, for its first iterations
 # tell little
-_LATE_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.6, 0.25
+_LATE_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.6, 0.4
 # names of their parts
 _LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
