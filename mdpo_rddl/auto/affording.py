@@ -21,7 +21,7 @@ _LEAST_LEARNING_SECONDS = 8.0
 # of what learns a value: an iteration takes about so many times as long as the judge's rollouts of
 # a candidate, and so many seconds; so many are the fewest that find anything, in such a share of
 # the time left
-_VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS, _VALUE_SHARE = 4.0, 0.03, 60, 0.5
+_VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS, _VALUE_SHARE = 4.0, 0.03, 30, 0.5
 LEARNING_FIRST, LATER = 0.7, 0.25
 """Shares of the time left that a compilation may take: of what learns where rewards are found, and
 of what begins late."""

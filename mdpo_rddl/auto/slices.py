@@ -1,6 +1,7 @@
 """Slices of time: who is given one, and what becomes of what is found in it."""
 
 import logging
+import math
 from collections.abc import Callable
 
 from mdpo_rddl.auto.arena import Arena
@@ -137,8 +138,10 @@ class Slices:
     ) -> None:
         """Slices for one arm, as long as each of them raises a return by more than that."""
         for _ in raising(reached, by):
-            # what plays its policies may be compiled still, and nothing is gained before
-            one.arm.await_program(min(until, self._arena.clock() + self._slice_seconds))
+            # what plays its policies may be compiled still, and nothing is gained before; if it
+            # leads by its own rollouts, others on its core would only delay that
+            patience = math.inf if one.arm.awaits_judge else self._slice_seconds
+            one.arm.await_program(min(until, self._arena.clock() + patience))
             if one.arm.is_exhausted or until - self._arena.clock() <= SHORTEST_SECONDS:
                 break
             self._give_slice(one, until)

@@ -30,7 +30,7 @@ _ROLLOUTS, _FEW_ROLLOUTS, _MANY_CHANGES = 256, 64, 64
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
 # iterations whose mean tells what the policy returns
-_LATEST = 8
+_LATEST = 3
 # iterations in a row from which nothing finite is learnt, after which it is given up
 _MOST_LOST = 10
 
