@@ -18,10 +18,9 @@ _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
 _LEARNING_PROGRAMS = 2.0
 # no such program took less; the judge's may come from the cache
 _LEAST_LEARNING_SECONDS = 8.0
-# of what learns a value: an iteration takes about so many times as long as the judge's rollouts of
-# a candidate, and so many seconds; so many are the fewest that find anything, in such a share of
-# the time left
-_VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS, _VALUE_SHARE = 4.0, 0.03, 30, 0.5
+# of what learns a value: its program beside the judge's; an iteration takes about so many times as
+# long as the judge's rollouts of a candidate, and so many seconds; the fewest that find anything
+_VALUE_PROGRAMS, _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 1.5, 4.0, 0.03, 30
 LEARNING_FIRST, LATER = 0.7, 0.25
 """Shares of the time left that a compilation may take: of what learns where rewards are found, and
 of what begins late."""
@@ -61,11 +60,13 @@ class Affording:
         """Whether there is time for what learns a value, whose policies make many model steps.
 
         Args:
-          share: of the time left, that its compilation may take.
+          share: of the time left, that its compilation and its first iterations may take.
         """
-        left = self._arena.deadline - self._arena.clock()
-        seconds = _VALUE_EVALUATIONS * self._arena.judge.rollout_seconds + _FITTING_SECONDS
-        return self.learning(share) and _VALUE_ITERATIONS * seconds <= _VALUE_SHARE * left
+        judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
+        compilation = max(_LEAST_LEARNING_SECONDS, _VALUE_PROGRAMS * judge.usual_seconds)
+        iteration = _VALUE_EVALUATIONS * judge.rollout_seconds + _FITTING_SECONDS
+        needed = compilation + _VALUE_ITERATIONS * iteration
+        return not self._is_large and needed <= share * left
 
     def exploration(self, share: float = 1.0) -> bool:
         """Whether there is time for a net whose parameters are explored.

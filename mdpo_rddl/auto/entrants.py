@@ -59,7 +59,7 @@ class Entrants:
 
         Args:
           until: how long its first part is to last, by the clock.
-          share: of the time left, that its compilation may take.
+          share: of the time left, that its compilation and its first iterations may take.
         """
         if not self.tries_changes or not self._affording.value(share):
             return None
@@ -68,7 +68,7 @@ class Entrants:
     @property
     def learning_share(self) -> float:
         """Of the time left, for `learner` before all others."""
-        is_followed = self.tries_changes and self._affording.value(_SHARED)
+        is_followed = self.tries_changes and self._affording.value(1.0 - _SHARED)
         return _SHARED if is_followed else _ALONE
 
     @property
