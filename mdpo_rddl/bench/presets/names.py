@@ -8,6 +8,7 @@ VARIANT_NAMES = (
     "auto-without-searches",
     "auto-without-own-weights",
     "auto-without-ppo",
+    "auto-without-greedy",
     "auto-without-gradient",
     "auto-without-pgpe",
     "auto-without-slp",
