@@ -19,8 +19,6 @@ from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 logger = logging.getLogger(__name__)
 
 STRAIGHT_LINE = "slp"
-# of the time left, for ppo while slices gain: alone, and where another one learns after it
-_ALONE, _SHARED = 0.85, 0.4
 # of the no-op, that the greedy policy tries at each decision
 _MOST_CHANGES = 256
 # of the states of one of its rollouts: a thousand are kept
@@ -64,12 +62,6 @@ class Entrants:
         if not self.tries_changes or not self._affording.value(share):
             return None
         return PolicyIterationArm(self._arena, until)
-
-    @property
-    def learning_share(self) -> float:
-        """Of the time left, for `learner` before all others."""
-        is_followed = self.tries_changes and self._affording.value(1.0 - _SHARED)
-        return _SHARED if is_followed else _ALONE
 
     @property
     def tries_changes(self) -> bool:

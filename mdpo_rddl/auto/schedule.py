@@ -49,8 +49,10 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for greedy, while slices gain; for a straight-line plan, while they gain so much of the first's
-_EXPLORATION_SHARE, _OTHERS_SHARE, _GREEDY_SHARE = 0.45, 0.4, 0.8
+# for ppo, then for greedy, while slices gain; for a straight-line plan, while they gain so much
+# of the first's
+_EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
+_LEARNING_SHARE, _GREEDY_SHARE = 0.85, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for greedy after others; and what it has in any case, for its first iterations
 # tell little
@@ -117,10 +119,9 @@ class Schedule(Slices):
         learner = None
         # where rewards are rare, a law that explores finds none, and learns to do nothing
         if self._marks.decided("learns first", self._finds_reward):
-            share = self._entrants.learning_share
-            until = self._end(_LEARNING, share)
+            until = self._end(_LEARNING, _LEARNING_SHARE)
             learner = self._entrants.learner(until, LEARNING_FIRST)
-            self._begin_with(_LEARNING, learner, share)
+            self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
             self._learn_value(_GREEDY_SHARE)
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
