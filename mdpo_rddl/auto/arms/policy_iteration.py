@@ -1,7 +1,6 @@
 """The arm that learns a value from exact rollouts, and plays the greedy policy of that."""
 
 import math
-from collections import deque
 from typing import Any
 
 import jax
@@ -13,10 +12,10 @@ from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.fitting import greedy
+from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.state import State, count_of
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.plans.state_values import Weights
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration
 
 GREEDY = "greedy"
@@ -29,8 +28,8 @@ _LEAST_SHARE = 0.25
 _ROLLOUTS, _FEW_ROLLOUTS, _MANY_CHANGES = 256, 64, 64
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
-# iterations whose mean tells what the policy returns
-_LATEST = 3
+# of a policy that is handed in, at least
+_JUDGED_ROLLOUTS = 128
 # iterations in a row from which nothing finite is learnt, after which it is given up
 _MOST_LOST = 10
 
@@ -51,15 +50,13 @@ class PolicyIterationArm(CompilingArm):
           until: when the first part ends, by the clock.
         """
         super().__init__(GREEDY, arena)
-        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 3)
-        self._first_key, self._iteration_key, self._trial_key = keys
+        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 4)
+        self._first_key, self._iteration_key, self._trial_key, self._judged_key = keys
         self._first_until = until
         self._part = (0.0, 0.0)
         self._parents: tuple[str, ...] = ()
         self._learner: Learner | None = None
         self._means: list[float] = []
-        self._latest: deque[float] = deque(maxlen=_LATEST)
-        self._best: tuple[float, Weights] = (-math.inf, {})
         self._lost = 0
         self._iteration_seconds = 0.0
         self._resumed: State | None = None
@@ -139,10 +136,9 @@ class PolicyIterationArm(CompilingArm):
                 self._begin_part()
             self._learn(until)
         except (KeyboardInterrupt, Cancelled):
-            if self._is_judged:
-                self._offer_learnt(self._clock())  # nobody waits for a compilation now
+            self._offer_learnt()
             raise
-        self._offer_learnt(until)
+        self._offer_learnt()
 
     def _begin_part(self) -> None:
         """The first iteration, from the best policy so far."""
@@ -156,27 +152,22 @@ class PolicyIterationArm(CompilingArm):
 
     def _learn(self, until: float) -> None:
         assert self._learner is not None
-        self._means, self._best = [], (-math.inf, {})
+        self._means = []
         while True:
             self._arena.pulse()
             started = self._clock()
-            policy = self._iteration.policy(self._learner)
             key = jax.random.fold_in(self._iteration_key, self._log.iterations)
             self._learner, shown = self._iterated(self._learner, key, self._step(started))
             self._log.iterations += 1
-            mean = float(shown.mean_return)
+            mean = float(jnp.mean(shown.returns))
             is_lost = not (bool(shown.is_finite) and math.isfinite(mean))
             self._iteration_seconds = self._clock() - started
             if self._is_given_up(is_lost):
                 break
             if not is_lost:
                 self._means.append(mean)
-                self._latest.append(mean)
-                self._best = max(self._best, (mean, policy), key=lambda pair: pair[0])
             if self._clock() + self._iteration_seconds > until:
                 break
-        if len(self._latest) == _LATEST:
-            self._estimate = max(self._estimate, float(np.mean(self._latest)))
 
     def _step(self, now: float) -> float:
         """Adam's step size now."""
@@ -199,17 +190,30 @@ class PolicyIterationArm(CompilingArm):
             self.is_exhausted = True
         return bool(cause)
 
-    def _offer_learnt(self, until: float) -> None:
-        """Hands in the latest policy, and the best of the slice by its own rollouts."""
-        assert self._learner is not None
-        latest, best = self._iteration.policy(self._learner), self._best[1]
-        if not self._may_be_judged(self._planner, latest, until):
-            return
-        label = f"{GREEDY}, iteration {self._log.iterations:,}"
-        for params in (latest, best) if best else (latest,):
-            found = jax.tree.map(np.asarray, params)
-            given = GREEDY, label, greedy(self._arena.config), self._planner, found
-            self._offer(Candidate(*given, parents=self._parents))
+    def _offer_learnt(self) -> None:
+        """Hands in the latest policy, with what it returns in rollouts that it did not learn from.
+
+        They are the arm's own, of the exact model as the judge's are, and the same for all of its
+        policies: what the judge would play them with takes as long to compile as the arm's program.
+        """
+        if self._learner is None or not self._means:
+            return  # nothing was learnt in this slice
+        count = math.ceil(_JUDGED_ROLLOUTS / (self._iteration.rollouts // 2))
+        keys = jax.random.split(self._judged_key, count)
+        shown = [self._iterated(self._learner, key, 0.0)[1].returns for key in keys]
+        mean, error = mean_and_error(np.concatenate(shown))
+        self._offer(
+            Candidate(
+                arm=GREEDY,
+                label=f"{GREEDY}, iteration {self._log.iterations:,}",
+                config=greedy(self._arena.config),
+                planner=self._planner,
+                params=jax.tree.map(np.asarray, self._iteration.policy(self._learner)),
+                parents=self._parents,
+                mean=mean,
+                error=error,
+            )
+        )
 
 
 def _without_rollouts(learner: Learner) -> tuple[Any, ...]:

@@ -90,11 +90,11 @@ class Shown(NamedTuple):
     """What the policies have shown in the rollouts of an iteration.
 
     Attributes:
-      mean_return: discounted, of the first half: the greedy policy's, or that of the guide.
+      returns: discounted, of the first half [B / 2]: the greedy policy's, or those of the guide.
       is_finite: whether all that was learnt is; else the learner is what it was.
     """
 
-    mean_return: Array
+    returns: Array
     is_finite: Array
 
 
@@ -102,6 +102,7 @@ class PolicyIteration:
     """Learns the value of the greedy policy.
 
     Attributes:
+      rollouts: of an iteration.
       iterate: of a learner, a random key, parameters of the guide, Adam's step size, and whether
         it is the first iteration, in which half of the rollouts are the guide's and the others
         random: the next learner, and what has been shown; compiled.
@@ -119,6 +120,7 @@ class PolicyIteration:
         """
         assert isinstance(planner.plan, GreedyPlan)
         self._learning = learning = learning or Learning()
+        self.rollouts = learning.rollouts
         self._planner, self._values = planner, planner.plan.values
         self._steps = jnp.arange(planner.horizon)
         self._discount = float(planner.rddl.discount)
@@ -162,7 +164,7 @@ class PolicyIteration:
         is_finite = _is_finite((learnt.weights, learnt.moments, learnt.kept.targets))
         learner = jax.tree.map(lambda new, old: jnp.where(is_finite, new, old), learnt, learner)
         returns = jnp.sum(played.rewards * self._discount**self._steps, axis=1)
-        return learner, Shown(jnp.sum(returns * half) / jnp.sum(half), is_finite)
+        return learner, Shown(returns[: self._learning.rollouts // 2], is_finite)
 
     def _observed(self, learner: Learner, played: Explored, is_first: Array) -> Learner:
         """The learner with these rollouts, what they return at each step, and the scale of that."""
