@@ -50,13 +50,16 @@ class PolicyIterationArm(CompilingArm):
           until: when the first part ends, by the clock.
         """
         super().__init__(GREEDY, arena)
-        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 4)
-        self._first_key, self._iteration_key, self._trial_key, self._judged_key = keys
+        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 3)
+        self._first_key, self._iteration_key, self._trial_key = keys
+        self._judged_key = jax.random.fold_in(self._trial_key, 1)
         self._first_until = until
         self._part = (0.0, 0.0)
         self._parents: tuple[str, ...] = ()
         self._learner: Learner | None = None
         self._means: list[float] = []
+        # the policy of the slice whose rollouts returned most: weights, and their scale
+        self._best: tuple[float, Any, Any] = (-math.inf, None, None)
         self._lost = 0
         self._iteration_seconds = 0.0
         self._resumed: State | None = None
@@ -152,10 +155,10 @@ class PolicyIterationArm(CompilingArm):
 
     def _learn(self, until: float) -> None:
         assert self._learner is not None
-        self._means = []
+        self._means, self._best = [], (-math.inf, None, None)
         while True:
             self._arena.pulse()
-            started = self._clock()
+            started, played = self._clock(), self._learner
             key = jax.random.fold_in(self._iteration_key, self._log.iterations)
             self._learner, shown = self._iterated(self._learner, key, self._step(started))
             self._log.iterations += 1
@@ -166,6 +169,8 @@ class PolicyIterationArm(CompilingArm):
                 break
             if not is_lost:
                 self._means.append(mean)
+                if mean > self._best[0]:
+                    self._best = mean, played.weights, played.scale
             if self._clock() + self._iteration_seconds > until:
                 break
 
@@ -191,29 +196,37 @@ class PolicyIterationArm(CompilingArm):
         return bool(cause)
 
     def _offer_learnt(self) -> None:
-        """Hands in the latest policy, with what it returns in rollouts that it did not learn from.
+        """Hands in the latest policy, and the one whose rollouts in the slice returned most.
 
-        They are the arm's own, of the exact model as the judge's are, and the same for all of its
-        policies: what the judge would play them with takes as long to compile as the arm's program.
+        What they return is told by other rollouts, which are the arm's own, of the exact model as
+        the judge's are, and the same for all: what the judge would play them with takes as long
+        to compile as the arm's program.
         """
-        if self._learner is None or not self._means:
+        learner = self._learner
+        if learner is None or not self._means:
             return  # nothing was learnt in this slice
+        _, weights, scale = self._best
+        for policy in (learner, learner._replace(weights=weights, scale=scale)):
+            mean, error = self._returned(policy)
+            self._offer(
+                Candidate(
+                    arm=GREEDY,
+                    label=f"{GREEDY}, iteration {self._log.iterations:,}",
+                    config=greedy(self._arena.config),
+                    planner=self._planner,
+                    params=jax.tree.map(np.asarray, self._iteration.policy(policy)),
+                    parents=self._parents,
+                    mean=mean,
+                    error=error,
+                )
+            )
+
+    def _returned(self, learner: Learner) -> tuple[float, float]:
+        """The mean return of a learner's policy, and its standard error."""
         count = math.ceil(_JUDGED_ROLLOUTS / (self._iteration.rollouts // 2))
         keys = jax.random.split(self._judged_key, count)
-        shown = [self._iterated(self._learner, key, 0.0)[1].returns for key in keys]
-        mean, error = mean_and_error(np.concatenate(shown))
-        self._offer(
-            Candidate(
-                arm=GREEDY,
-                label=f"{GREEDY}, iteration {self._log.iterations:,}",
-                config=greedy(self._arena.config),
-                planner=self._planner,
-                params=jax.tree.map(np.asarray, self._iteration.policy(self._learner)),
-                parents=self._parents,
-                mean=mean,
-                error=error,
-            )
-        )
+        shown = [self._iterated(learner, key, 0.0)[1].returns for key in keys]
+        return mean_and_error(np.concatenate(shown))
 
 
 def _without_rollouts(learner: Learner) -> tuple[Any, ...]:
