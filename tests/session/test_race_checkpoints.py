@@ -2,15 +2,14 @@
 
 import dataclasses
 import json
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
 from helpers.problems import assert_same_bits
+from helpers.race_checkpoints import CONFIG, FORMAT, PARAMS, arena, judged, kept, state, terms
 
 from mdpo_rddl.auto import curve as curves
 from mdpo_rddl.auto.arm_log import ArmLog
@@ -18,54 +17,10 @@ from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.curve import candidate_figures
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.race_state import RaceState
-from mdpo_rddl.auto.state import State
-from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.table import Estimate, table_tensors
 from mdpo_rddl.session import race_checkpoints
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
-
-FORMAT = "mdpo-rddl race 4"
-CONFIG = PRESETS["paper"]("tanks")
-PARAMS = {"rule": {"w": np.arange(6.0).reshape(2, 3)}, "b": np.ones(2, np.float32)}
-
-
-def terms(**others: Any) -> Any:
-    values = {"digest": "d", "horizon": 7, "seed": 3, **others}
-    problem = SimpleNamespace(digest=values["digest"], horizon=values["horizon"])
-    return SimpleNamespace(problem=problem, seed=values["seed"], config=CONFIG)
-
-
-def judged(mean: float, seconds: float, became_incumbent: bool = True, arm: str = "plan") -> Judged:
-    candidate = Candidate(
-        arm=arm,
-        label="a plan",
-        config=CONFIG,
-        planner=None,
-        params={**PARAMS, "b": np.full(2, mean, np.float32)},
-        parents=("rules",),
-        uses_noise=True,
-        mean=mean,
-        error=0.5,
-    )
-    return Judged(candidate, seconds, became_incumbent)
-
-
-def arena(config: Any, shapes: Any) -> Any:
-    structure = {
-        "rule": {"w": SimpleNamespace(shape=shapes[0])},
-        "b": SimpleNamespace(shape=shapes[1]),
-    }
-    planner = SimpleNamespace(params_structure=lambda hyperparams: structure)
-    probe = SimpleNamespace(policy_seconds=None)
-    return SimpleNamespace(config=config, planner=planner, probe=probe)
-
-
-def kept(folder: Path, *found: Judged, seconds: float = 60.0) -> Any:
-    checkpoints = RaceCheckpoints(folder, terms(), seconds)
-    for each in found:
-        checkpoints.judged(each)
-    return RaceCheckpoints(folder, terms(), seconds).start
 
 
 def test_nothing_is_there_before_the_first_candidate(tmp_path):
@@ -145,23 +100,6 @@ def test_a_long_curve_keeps_its_incumbents(monkeypatch):
         curves.read_curve(points[:4], 100.0)
 
 
-def test_a_checkpoint_is_written_before_another_process_is_waited_for(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
-    checkpoints.begun(state)
-    checkpoints.judged(judged(-5.0, 1.0))
-    checkpoints._ends = 0.0  # the race's own time is over
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 1.0
-    checkpoints.waits()
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 9.0
-
-
-def state(seconds: float = 9.0) -> RaceState:
-    log = ArmLog("plan", slices=2, seconds=3.0, iterations=7, best_return=-5.0)
-    flat = State({"elites": np.ones((2, 3))}, {"number": 1})
-    return RaceState(seconds, logs={"plan": log}, states={"plan": flat})
-
-
 def test_where_the_race_is_comes_back_with_its_policies(tmp_path):
     checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
     checkpoints.begun(state)
@@ -173,66 +111,6 @@ def test_where_the_race_is_comes_back_with_its_policies(tmp_path):
     np.testing.assert_array_equal(start.state.states["plan"].tensors["elites"], np.ones((2, 3)))
     assert start.state.states["plan"].values == {"number": 1}
     assert_same_bits(start.incumbent.params, {**PARAMS, "b": np.full(2, -5.0, np.float32)})
-
-
-def test_it_is_kept_between_two_iterations_too(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
-    checkpoints.begun(state)
-    checkpoints.pulse()  # there is no policy yet
-    assert list(tmp_path.iterdir()) == []
-    checkpoints.judged(judged(-5.0, 1.0))
-    checkpoints.pulse()
-    again = RaceCheckpoints(tmp_path, terms(), 0.0)
-    assert again.start.seconds == 9.0
-    # a race that goes on keeps what it began with before anything is judged
-    again.begun(lambda: state(11.0))
-    again.pulse()
-    start = RaceCheckpoints(tmp_path, terms(), 0.0).start
-    assert (start.seconds, start.incumbent.mean) == (11.0, -5.0)
-
-
-def test_checkpoints_that_take_long_are_not_written_with_each_incumbent(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
-    checkpoints.judged(judged(-5.0, 1.0))
-    checkpoints._cost = 1.0  # as if it had taken a second
-    checkpoints.judged(judged(-4.0, 2.0))
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.incumbent.mean == -5.0
-    checkpoints._saved_at -= 20.0
-    checkpoints.begun(state)
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.incumbent.mean == -4.0
-    # nothing is new
-    checkpoints._saved_at -= 20.0
-    checkpoints.begun(lambda: state(30.0))
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 60.0).start.seconds == 9.0
-
-
-def test_checkpoints_that_take_long_are_not_written_each_time_either(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
-    checkpoints.begun(state)
-    checkpoints.judged(judged(-5.0, 1.0))
-    checkpoints._cost = 1.0
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 1.0
-    checkpoints._saved_at -= 20.0
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 9.0
-
-
-def test_nothing_is_written_that_the_end_of_the_race_would_meet(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
-    checkpoints.judged(judged(-5.0, CONFIG.budget().seconds - 2.0))
-    again = RaceCheckpoints(tmp_path, terms(), 0.0)
-    again.begun(state)  # two seconds are left
-    again._cost = 3.0
-    later = judged(-4.0, CONFIG.budget().seconds - 1.0)
-    again.judged(later)
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.incumbent.mean == -5.0
-    again._cost = 1.0
-    again.judged(later)
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.incumbent.mean == -4.0
 
 
 def test_a_damaged_state_costs_the_state_only(tmp_path, caplog):
