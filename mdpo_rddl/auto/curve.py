@@ -21,8 +21,8 @@ def candidate_figures(judged: Judged) -> dict[str, Any]:
         "seconds": round(judged.seconds, 3),
         "arm": candidate.arm,
         "candidate": candidate.label,
-        "mean_return": _finite(candidate.mean),
-        "error": _finite(candidate.error),
+        "mean_return": finite_or_none(candidate.mean),
+        "error": finite_or_none(candidate.error),
         "became_incumbent": judged.became_incumbent,
     }
 
@@ -81,6 +81,6 @@ def _number_or_none(value: Any) -> float | None:
     return None if value is None else _number(value)
 
 
-def _finite(value: float | None) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """None for what JSON has no number for."""
     return value if value is not None and math.isfinite(value) else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.curve import Curve, candidate_figures
+from mdpo_rddl.auto.curve import Curve, candidate_figures, finite_or_none
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -83,8 +83,8 @@ class RaceOutcome:
             "seconds": round(self.seconds, 3),
             "arm": self.chosen.arm,
             "parents": list(self.chosen.parents),
-            "noop_return": _finite(self.noop_return),
-            "random_return": _finite(self.random_return),
+            "noop_return": finite_or_none(self.noop_return),
+            "random_return": finite_or_none(self.random_return),
             "arms": {log.name: _arm(log) for log in self.arms},
             "candidates": list(self.curve),
             "units": probe.units if probe else {},
@@ -122,11 +122,6 @@ def _arm(log: ArmLog) -> dict[str, Any]:
         "seconds": round(log.seconds, 3),
         "compile_seconds": round(log.compile_seconds, 3),
         "iterations": log.iterations,
-        "best_return": _finite(log.best_return),
+        "best_return": finite_or_none(log.best_return),
         **log.details,
     }
-
-
-def _finite(value: float | None) -> float | None:
-    """None for what JSON has no number for."""
-    return value if value is not None and np.isfinite(value) else None
