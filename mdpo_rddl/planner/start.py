@@ -1,5 +1,7 @@
 """What a training and its rollouts begin with: initial values, hyperparameters, parameters."""
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from jax import random
@@ -39,6 +41,26 @@ def initial_parameters(planner: JaxBackpropPlanner, key: Any) -> Any:
     """
     fluents = initial_values(planner).training.fluents
     return planner.initialize(random.split(key)[1], unit_hyperparams(planner), fluents)[0]
+
+
+@contextlib.contextmanager
+def other_start(planner: JaxBackpropPlanner, stream: int) -> Iterator[None]:
+    """Has trainings begin with other parameters than their key says; all else is the key's.
+
+    Args:
+      planner: a compiled one.
+      stream: of initial parameters; in stream 0 they are JaxPlan's.
+    """
+    initialize = planner.initialize
+
+    def initialize_in_stream(key: Any, *arguments: Any) -> Any:
+        return initialize(random.fold_in(key, stream) if stream else key, *arguments)
+
+    planner.initialize = initialize_in_stream
+    try:
+        yield
+    finally:
+        planner.initialize = initialize
 
 
 def unit_hyperparams(planner: JaxBackpropPlanner) -> dict[str, Any]:

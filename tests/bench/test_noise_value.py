@@ -22,7 +22,7 @@ from mdpo_rddl.bench.noise_value.lanes import (
     best_of,
     train_lanes,
 )
-from mdpo_rddl.bench.noise_value.methods import LANES, METHODS, has_pgpe, task_config
+from mdpo_rddl.bench.noise_value.methods import DEFAULT, LANES, METHODS, has_pgpe, task_config
 from mdpo_rddl.bench.noise_value.report import write_report
 from mdpo_rddl.bench.noise_value.rule import Case, find_rule
 from mdpo_rddl.bench.noise_value.run import all_cells, common_unit
@@ -74,7 +74,7 @@ def test_the_rules_of_all_trainings_are_one_program():
     np.testing.assert_allclose(profile["none"], [0.0, 0.0])
     np.testing.assert_allclose(profile["constant"], [0.1, 0.1])
     np.testing.assert_allclose(profile["adaptive"], [0.1, 0.0], rtol=1e-6)
-    np.testing.assert_allclose(profile["companion"], [0.3, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(profile["annealed companion"], [0.3, 0.0], rtol=1e-6)
     in_range = LANES["paper"].in_range_units(4.0)
     np.testing.assert_allclose(in_range.profile(gradients, 0.0, 2)[0].sigma, [2.5, 0.0])
 
@@ -106,7 +106,7 @@ def test_cells_are_trained_once_and_reported(tmp_path, monkeypatch, capsys):
     found = kept["methods"]
     assert {len(found[name]["returns"]) for name in METHODS} == {2}
     assert len(found["none"]["curves"][0]) == len(kept["curve_iterations"]) == 4
-    assert (np.array(found["default"]["tested"]) >= found["none"]["tested"]).all()
+    assert (np.array(found[DEFAULT]["tested"]) >= found["none"]["tested"]).all()
     assert found["paper"]["returns"] != found["none"]["returns"]
 
     # without noise it is JaxPlan's training
@@ -170,25 +170,25 @@ def test_the_report_says_where_noise_is_better_and_worse(tmp_path):
     for problem, lead in (("Gains", 5.0), ("Loses", -5.0), ("Same", 0.0)):
         base = np.array([10.0, 11.0, 12.0])
         ours = base + lead + np.array([0.0, 0.01, -0.01]) * bool(lead)
-        kept = result({"none": base.tolist(), "default": ours.tolist()})
+        kept = result({"none": base.tolist(), DEFAULT: ours.tolist()})
         save(cell(tmp_path, problem, seeds=3), kept)
     text = write_report(tmp_path)
     assert (tmp_path / "table.md").read_text() == text
     assert (tmp_path / "strips.png").stat().st_size > 0
     assert (tmp_path / "curves.png").stat().st_size > 0
     lines = text.splitlines()
-    row = next(line for line in lines if line.startswith("| default"))
+    row = next(line for line in lines if line.startswith(f"| {DEFAULT}"))
     assert row.split("|")[2].strip() == "3"
     assert [part.strip() for part in row.split("|")[4:8]] == ["1", "1", "1", "1"]
-    assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 16 \\* | 11 | 11 |" in lines
+    assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 16 \\* | 11 | 11 | 11 |" in lines
     assert "Costs: not measured." in lines
 
 
 def test_beside_an_update_without_noise_a_seed_keeps_the_better_tested_one():
-    kept = result({"none": [10.0, 10.0], "constant": [20.0, 5.0]})
-    np.testing.assert_array_equal(returns_of(kept, "constant beside"), [20.0, 10.0])
-    kept["methods"]["constant"]["tested"] = [0.0, 30.0]  # the test need not be right
-    np.testing.assert_array_equal(returns_of(kept, "constant beside"), [10.0, 5.0])
+    kept = result({"none": [10.0, 10.0], "adaptive": [20.0, 5.0]})
+    np.testing.assert_array_equal(returns_of(kept, "adaptive beside"), [20.0, 10.0])
+    kept["methods"]["adaptive"]["tested"] = [0.0, 30.0]  # the test need not be right
+    np.testing.assert_array_equal(returns_of(kept, "adaptive beside"), [10.0, 5.0])
 
 
 def test_costs_are_ratios_to_no_noise(tmp_path):

@@ -11,7 +11,7 @@ from mdpo_rddl.bench.noise_value.methods import LANES, task_config
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.machine.versions import versions
-from mdpo_rddl.noise import default_noise
+from mdpo_rddl.noise import AnnealedNoise
 
 OK = "ok"
 
@@ -61,7 +61,7 @@ class Cell:
         values = {name: value for name, value in asdict(self).items() if name not in _NOT_RESULTS}
         config = task_config(self.problem, self.plan, self.configuration, self.seeds)
         lanes = {name: asdict(lane) for name, lane in LANES.items()}
-        rules = {"trainings": lanes, "default": repr(default_noise())}
+        rules = {"trainings": lanes, "annealed": repr(AnnealedNoise())}
         return {**values, "text": config.to_text(), **rules, "versions": versions("optax")}
 
 

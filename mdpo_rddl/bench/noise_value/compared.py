@@ -11,7 +11,7 @@ from mdpo_rddl.bench.noise_value.methods import METHODS, NONE, TWICE
 from mdpo_rddl.bench.noise_value.rule import Case
 from mdpo_rddl.bench.noise_value.statistics import LEVEL, holm, normalised, paired_p
 
-BESIDE = {f"{name} beside": name for name in ("constant", "adaptive", "paper")}
+BESIDE = {f"{name} beside": name for name in ("adaptive", "paper")}
 """Other companions for an update without noise: of each seed the better one by JaxPlan's test."""
 
 COMPARED = (*METHODS, *BESIDE)

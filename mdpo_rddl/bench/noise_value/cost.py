@@ -12,7 +12,7 @@ import numpy as np
 from jax import random
 
 from mdpo_rddl.bench.noise_value.cells import Cell
-from mdpo_rddl.bench.noise_value.methods import DEFAULT, NONE, task_config
+from mdpo_rddl.bench.noise_value.methods import NONE, task_config
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.planner.build import build_planner
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 SECTIONS: Mapping[str, dict[str, Any] | None] = {
     NONE: {"method": "NoNoise"},
     "constant": {"method": "ConstantNoise"},
-    DEFAULT: None,
+    "default": None,
     "adaptive": {"method": "AdaptiveNoise"},
 }
 """Per method its section `[Noise]`; None for none, which is the planner's default."""

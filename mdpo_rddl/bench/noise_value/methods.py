@@ -6,11 +6,15 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from mdpo_rddl.noise import AnnealedNoise, default_noise
+from mdpo_rddl.noise import AnnealedNoise
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
-NONE, TWICE, DEFAULT = "none", "none-twice", "default"
+NONE, TWICE = "none", "none-twice"
+
+DEFAULT = "annealed beside"
+"""The planner's own rule where it is given none."""
+
 ABSOLUTE, RANGE = "absolute", "range"
 
 # a cycle of the annealed rule that no training sees the end of: its scale stays
@@ -25,7 +29,8 @@ class Lane:
       sigma_min, sigma_max: of the adaptive rule; where they are the same, the noise is constant.
       anneals: whether the scale falls in the default's cycles.
       unit: of the two.
-      stream: which random key and initial parameters: trainings of one stream are paired by seed.
+      stream: which initial parameters. The random numbers of the rollouts are the same for all, so
+        that the test returns of two trainings differ by their parameters alone.
     """
 
     sigma_min: float = 0.0
@@ -36,7 +41,7 @@ class Lane:
 
     def rule(self) -> AnnealedNoise:
         """The rule, with arrays for numbers, so that a sigma of 0 is the same program."""
-        annealed = default_noise()
+        annealed = AnnealedNoise()
         rule = AnnealedNoise(
             sigma_min=self.sigma_min,
             sigma_max=annealed.sigma_max if self.anneals else self.sigma_max,
@@ -59,7 +64,8 @@ LANES = {
     NONE: Lane(),
     "constant": Lane(0.1, 0.1),
     "adaptive": Lane(0.0, 0.1),
-    "companion": Lane(anneals=True, stream=1),
+    "annealed companion": Lane(anneals=True, stream=1),
+    "constant companion": Lane(0.1, 0.1, stream=1),
     "second": Lane(stream=1),
     "paper": Lane(0.0, 10.0, unit=ABSOLUTE),
 }
@@ -69,15 +75,16 @@ METHODS = {
     NONE: (NONE,),
     TWICE: (NONE, "second"),
     "constant": ("constant",),
-    DEFAULT: (NONE, "companion"),
+    "annealed beside": (NONE, "annealed companion"),
+    "constant beside": (NONE, "constant companion"),
     "adaptive": ("adaptive",),
     "paper": ("paper",),
 }
 """Per method its trainings, of which a seed keeps the best iterate by JaxPlan's own test.
 
-`none` is JaxPlan's planner. The planner's default trains a companion with noise beside each of
-JaxPlan's parallel updates. `none-twice` has a second update without noise instead, so that what the
-default's noise adds can be told from what a second update adds.
+`none` is JaxPlan's planner. Those beside it train a companion with noise for each of JaxPlan's
+parallel updates, as the planner's default does. `none-twice` has a second update without noise
+instead, so that what the noise adds can be told from what a second update adds.
 """
 
 

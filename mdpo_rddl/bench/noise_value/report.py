@@ -37,7 +37,7 @@ def write_report(out: Path) -> str:
     scores = {task: scores_of(kept) for task, kept in results.items()}
     leads = {name: compare(results, name) for name in COMPARED if name != NONE}
     lines = [*_summary(scores, leads), "", *_pairs(results)]
-    for method in (DEFAULT, "constant beside"):
+    for method in ("annealed beside", "constant beside"):
         lines += [*_rule(method, cases(results, scores, method)), ""]
     lines += [*_costs(read_costs(out)), "", *_details(results, leads)]
     if failed:

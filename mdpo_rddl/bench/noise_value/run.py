@@ -39,6 +39,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import other_start
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
@@ -115,9 +116,9 @@ def _measure(cell: Cell) -> dict[str, Any]:
     for name, lane in LANES.items():
         built, rule = _prepared(planners, lane)
         built.planner.noise = rule
-        key = random.PRNGKey(lane.stream)
         sizes = cell.iterations, cell.seeds, cell.most_seconds
-        trained[name] = train_lanes(built, key, *sizes)
+        with other_start(built.planner, lane.stream):
+            trained[name] = train_lanes(built, random.PRNGKey(0), *sizes)
         returns[name] = mean_returns(planners[RANGE].planner, trained[name].params, cell.rollouts)
     points = _curve_points(cell.iterations)
     planner = planners[RANGE].planner
