@@ -11,7 +11,7 @@ from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.search.trials.backward import Greedy
 from mdpo_rddl.auto.search.trials.explored import Explored
-from mdpo_rddl.auto.search.trials.playing import play, runs
+from mdpo_rddl.auto.search.trials.playing import Play, play, runs
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.auto.tables import action_table
@@ -101,9 +101,7 @@ class TrialsArm(Arm):
             if (search := self._begun(until, closing)) is None:
                 return
             search.work(until - closing, self._pulse)
-            started = self._clock()
-            self._close(search)
-            self._closing = self._clock() - started
+            self._close(search, until, closing)
         except NotEnumerableError as error:
             self._give_up(str(error))
         except Exception as error:  # the other arms need no ground model
@@ -136,19 +134,23 @@ class TrialsArm(Arm):
                 return
         self._resumed = None
 
-    def _close(self, search: TrialSearch) -> None:
-        """Offers what was found if it is better than before, and sees whether to go on."""
-        explored, missed = search.explored, 1.0
-        before = self._best
-        found: list[tuple[float, Greedy]] = []
-        for trust in _TRUSTS:
-            greedy = search.found(trust)
-            played = play(explored, greedy, _EPISODES, self._seed)
-            missed = min(missed, played.missed)
-            found.append((mean_and_error(played.returns)[0], greedy))
-        _, best = max(found, key=lambda pair: pair[0])
-        # the episodes it was chosen by were kind to it
-        played = play(explored, best, _EPISODES, self._seed, fresh=True)
+    def _close(self, search: TrialSearch, until: float, closing: float) -> None:
+        """Offers what was found if it is better than before, and sees whether to go on.
+
+        Args:
+          search: what has explored.
+          until: when it has to be over.
+          closing: seconds that were left for it.
+        """
+        started, before, explored = self._clock(), self._best, search.explored
+        limits = EnumerationLimits(until - started, clock=self._clock)
+        try:
+            best, played, missed = self._found(search, limits.check_time)
+        except NotEnumerableError:
+            self._closing = 2.0 * closing
+            self._note_no_gain("there is too little time to see what was found")
+            return
+        self._closing = self._clock() - started
         mean, error = mean_and_error(played.returns)
         if mean > self._best:
             self._best = mean
@@ -164,6 +166,22 @@ class TrialsArm(Arm):
             self._give_up("no room for more states")
         elif missed > _MOST_MISSED:
             self._give_up("most states are never seen again")
+
+    def _found(
+        self, search: TrialSearch, check_time: Callable[[], None]
+    ) -> tuple[Greedy, Play, float]:
+        """The best policy, fresh episodes of it, and the share of unknown states in trying it."""
+        found: list[tuple[float, Greedy]] = []
+        missed = 1.0
+        for trust in _TRUSTS:
+            greedy = search.found(trust, check_time)
+            played = play(search.explored, greedy, _EPISODES, self._seed, check_time=check_time)
+            missed = min(missed, played.missed)
+            found.append((mean_and_error(played.returns)[0], greedy))
+        _, best = max(found, key=lambda pair: pair[0])
+        # the episodes it was chosen by were kind to it
+        fresh = play(search.explored, best, _EPISODES, self._seed, True, check_time)
+        return best, fresh, missed
 
     def _offer_table(self, explored: Explored, greedy: Greedy, estimate: Estimate) -> None:
         states, changes = explored.index.states, runs(explored, greedy)

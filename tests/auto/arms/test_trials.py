@@ -15,6 +15,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.search.trials import backward
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
@@ -242,10 +243,22 @@ def test_its_state_can_be_asked_for_between_two_batches(problem, model):
     assert len(states) > 3
 
 
+def test_what_takes_too_long_to_look_at_costs_the_slice_only(arm, monkeypatch):
+    monkeypatch.setattr(backward, "_ROWS_UNTIMED", 0)
+    arm.work(100.0)  # an induction asks the clock more often than a quarter of that allows
+    assert not arm.take_candidates()
+    assert not arm.is_exhausted
+    first = arm.state().values["closing"]
+    monkeypatch.setattr(backward, "_ROWS_UNTIMED", 10**9)
+    arm.work(400.0)
+    assert arm.take_candidates()
+    assert arm.state().values["closing"] < first
+
+
 def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, monkeypatch):
     played = []
 
-    def noted(explored, greedy, episodes, seed, fresh=False):
+    def noted(explored, greedy, episodes, seed, fresh=False, check_time=None):
         played.append((fresh, greedy, play(explored, greedy, episodes, seed, fresh)))
         return played[-1][2]
 

@@ -9,6 +9,7 @@ mean of what was seen, and of the default action's reward there in every step th
 discounted.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ import numpy as np
 from mdpo_rddl.auto.search.trials.explored import Explored
 
 _TIE = 1e-9
+# rows that are gone through from one look at the clock to the next: some hundredths of a second
+_ROWS_UNTIMED = 1_000_000
 
 
 class Greedy(NamedTuple):
@@ -33,7 +36,11 @@ class Greedy(NamedTuple):
     popularity: np.ndarray
 
 
-def induct(explored: Explored, trust: float) -> Greedy:
+def _ignore() -> None:
+    pass
+
+
+def induct(explored: Explored, trust: float, check_time: Callable[[], None] = _ignore) -> Greedy:
     """The best policy.
 
     Args:
@@ -41,6 +48,7 @@ def induct(explored: Explored, trust: float) -> Greedy:
       trust: that what was not seen is like what was, rather than like the no-op: 0 gives a
         value that is not too large where no reward is below the default action's, 1 leads
         trials to what is new.
+      check_time: called now and then; what it raises ends the induction.
     """
     horizon, discount = explored.model.horizon, explored.model.discount
     decided = np.flatnonzero(explored.row_count.values)
@@ -54,7 +62,10 @@ def induct(explored: Explored, trust: float) -> Greedy:
     everything = np.arange(len(reward))
     values, at_depth = np.zeros((2, explored.size))
     future = _Future(explored, trust)
+    timed_steps = 1 + _ROWS_UNTIMED // len(reward)
     for step in reversed(range(horizon)):
+        if (horizon - step) % timed_steps == 0:
+            check_time()
         q = reward + discount * future.values(values, horizon - 1 - step)[afterstate]
         best = np.maximum.reduceat(q, starts)
         # rounding shall not choose

@@ -1,5 +1,6 @@
 """What a table returns: fresh episodes on the ground model, many side by side."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,22 @@ class Play(NamedTuple):
     missed: float
 
 
-def play(explored: Explored, greedy: Greedy, episodes: int, seed: int, fresh: bool = False) -> Play:
+# from one look at the clock to the next
+_STEPS_UNTIMED = 32
+
+
+def _ignore() -> None:
+    pass
+
+
+def play(
+    explored: Explored,
+    greedy: Greedy,
+    episodes: int,
+    seed: int,
+    fresh: bool = False,
+    check_time: Callable[[], None] = _ignore,
+) -> Play:
     """Plays a policy; where it knows nothing, the default action or else one that is legal.
 
     Args:
@@ -31,6 +47,7 @@ def play(explored: Explored, greedy: Greedy, episodes: int, seed: int, fresh: bo
       episodes: number of them, N.
       seed: of all draws, which the search does not use.
       fresh: whether to draw others, for a policy that was chosen by those.
+      check_time: called now and then; what it raises ends the episodes.
 
     Raises:
       NotEnumerableError: if a state has no legal action, or a probability is none.
@@ -40,6 +57,8 @@ def play(explored: Explored, greedy: Greedy, episodes: int, seed: int, fresh: bo
     states = np.repeat(model.initial[np.newaxis], episodes, axis=0)
     missed, decisions = 0, 0
     for step in range(model.horizon):
+        if (step + 1) % _STEPS_UNTIMED == 0:
+            check_time()
         turn = _turn(explored, greedy, merged(states, explored.merges), step)
         running = running[turn.playing]
         if not len(running):

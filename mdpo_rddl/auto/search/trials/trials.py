@@ -7,6 +7,7 @@ policy knows no state, a trial plays the actions that this policy uses elsewhere
 trials begin at a state that has a rare value of some variable, and prefer what was rarely tried.
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator
 
@@ -89,15 +90,16 @@ class TrialSearch:
             self._searching += self._clock() - started
             self.batches += 1
             if self._clock() < until:
-                self._induct_if_grown()
+                self._induct_if_grown(until)
 
-    def found(self, trust: float) -> Greedy:
+    def found(self, trust: float, check_time: Callable[[], None] = _ignore) -> Greedy:
         """The best policy on what was seen.
 
         Args:
           trust: in what was not, see `induct`.
+          check_time: see `induct`.
         """
-        return induct(self.explored, trust)
+        return induct(self.explored, trust, check_time)
 
     def state(self) -> State:
         """All that another search of the same model needs to go on as this one would."""
@@ -150,16 +152,19 @@ class TrialSearch:
         self.is_full = bool(values["is_full"])
         set_generator(self._random, values["generator"])
 
-    def _induct_if_grown(self) -> None:
+    def _induct_if_grown(self, until: float) -> None:
         grown = self.explored.size > _GROWTH * self._greedy.rows.shape[1]
         if self._inducting > _INDUCTION_SHARE * self._searching or not (
             grown or self.batches % len(_DEVIATIONS) == 0
         ):
             return
         started = self._clock()
-        self._inductions += 1
-        self._greedy = induct(self.explored, _TRUSTS[self._inductions % len(_TRUSTS)])
-        self._rarity = _rarity(self.explored, self.explored.size)
+        trust = _TRUSTS[(self._inductions + 1) % len(_TRUSTS)]
+        limits = EnumerationLimits(until - started, clock=self._clock)
+        with contextlib.suppress(NotEnumerableError):  # the policy before is followed on
+            self._greedy = induct(self.explored, trust, limits.check_time)
+            self._rarity = _rarity(self.explored, self.explored.size)
+            self._inductions += 1
         self._inducting += self._clock() - started
 
     @property
