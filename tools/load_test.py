@@ -1,11 +1,13 @@
 """Planners side by side with one cache: the same results, deadlines kept, no trouble with locks.
 
     python tools/load_test.py --planners 8 --cores 2 --seconds 600 --out results/load
+    python tools/load_test.py --other FOLDER
 
 In turn, until the seconds are over: a wave of trainings for a given number of iterations, of which
 some are killed (writers of the cache among them), and whose policies must be those of a run on its
 own; the same with a cache on a full disk, where one can be mounted; and a wave of races, whose
-seconds must be kept.
+seconds must be kept. With the folder of another version of this project half of the planners are of
+that one, and must find what it finds on its own.
 """
 
 import argparse
@@ -26,10 +28,12 @@ from typing import Any
 
 from shelves import same, write_problem
 
+# planner n has seed n modulo 2; where there are two versions, n divided by 2 says which
 _SEEDS = 2
 # a run that takes longer than that hangs
 _LONGEST = 900.0
 _FULL_DISK = "256k"
+_OURS = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Load:
       planners: how many at a time.
       memory_gb: that each may have.
       chance: which ones are killed, and when.
+      versions: folders of the program's versions, this one's first.
     """
 
     folder: Path
@@ -49,14 +54,21 @@ class Load:
     planners: int
     memory_gb: float
     chance: random.Random
+    versions: tuple[Path, ...]
 
-    def start(self, out: str, options: str, cache: Path) -> subprocess.Popen[str]:
+    def kind_of(self, number: int) -> tuple[int, int]:
+        """Seed and version of a planner."""
+        return number % _SEEDS, number // _SEEDS % len(self.versions)
+
+    def start(self, out: str, options: str, cache: Path, number: int) -> subprocess.Popen[str]:
         """A planner."""
-        memory = ["--memory-gb", str(self.memory_gb), "--quiet", "--out", str(self.folder / out)]
+        seed, version = self.kind_of(number)
+        more = ["--memory-gb", str(self.memory_gb), "--quiet", "--out", str(self.folder / out)]
+        more += ["--seed", str(seed)]
         command = [sys.executable, "-m", "mdpo_rddl.cli.plan", *self.files, *options.split()]
-        variables = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)}
+        own = {"PYTHONPATH": str(self.versions[version]), "JAX_COMPILATION_CACHE_DIR": str(cache)}
         return subprocess.Popen(
-            [*command, *memory], env=variables, stderr=subprocess.PIPE, text=True
+            [*command, *more], env={**os.environ, **own}, stderr=subprocess.PIPE, text=True
         )
 
     def wave(self, label: str, options: str, cache: Path, kills: int = 0) -> dict[str, Any]:
@@ -67,8 +79,7 @@ class Load:
         """
         names = [f"{label}-{number}" for number in range(self.planners)]
         running = {
-            name: self.start(name, f"{options} --seed {number % _SEEDS}", cache)
-            for number, name in enumerate(names)
+            name: self.start(name, options, cache, number) for number, name in enumerate(names)
         }
         began, ends = time.monotonic(), {}
         victims = {name: self.chance.uniform(2.0, 30.0) for name in names[:kills]}
@@ -129,8 +140,8 @@ class Figures:
     def compare(self, load: Load, names: list[str]) -> None:
         """Counts which runs have found what a run on its own finds."""
         for name in names:
-            reference = f"alone-{int(name.rpartition('-')[2]) % _SEEDS}"
-            equal = same(load.folder / reference, load.folder / name)
+            seed, version = load.kind_of(int(name.rpartition("-")[2]))
+            equal = same(load.folder / f"alone-{seed}-{version}", load.folder / name)
             self.counts["same" if equal else "other"] += 1
 
     def time(self, load: Load, names: list[str], seconds: float) -> None:
@@ -161,6 +172,7 @@ def main() -> int:
     parser.add_argument("--race-seconds", type=float, default=30.0)
     parser.add_argument("--memory-gb", type=float, default=2.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--other", type=Path, help="folder of another version of this project")
     parser.add_argument("--out", type=Path, help="a folder for the figures")
     options = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
@@ -170,9 +182,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name, full_disk(Path(name) / "full") as is_full:
         folder, chance = Path(name), random.Random(options.seed)
         files = write_problem(folder)
-        load = Load(folder, files, options.planners, options.memory_gb, chance)
-        for seed in range(_SEEDS):
-            alone = load.start(f"alone-{seed}", f"{training} --seed {seed}", folder / "own")
+        versions = (_OURS,) if options.other is None else (_OURS, options.other.resolve())
+        load = Load(folder, files, options.planners, options.memory_gb, chance, versions)
+        for number in range(_SEEDS * len(versions)):
+            seed, version = load.kind_of(number)
+            own = folder / f"own-{version}"
+            alone = load.start(f"alone-{seed}-{version}", training, own, number)
             if alone.wait():
                 raise SystemExit(f"a run on its own fails: {alone.communicate()[1]}")
         for number in itertools.count():
@@ -189,8 +204,8 @@ def main() -> int:
                 break
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        given = {name: value for name, value in vars(options).items() if name != "out"}
-        found = {**given, "full disk": is_full, **figures.to_json()}
+        given = {n: v for n, v in vars(options).items() if n not in ("out", "other")}
+        found = {**given, "versions": len(versions), "full disk": is_full, **figures.to_json()}
         (options.out / "figures.json").write_text(json.dumps(found, indent=1) + "\n")
     return int(not figures.is_good)
 
