@@ -97,6 +97,11 @@ class Shown(NamedTuple):
     returns: Array
     is_finite: Array
 
+    @property
+    def mean_return(self) -> Array:
+        """Of the returns."""
+        return jnp.mean(self.returns)
+
 
 class PolicyIteration:
     """Learns the value of the greedy policy.

@@ -1,0 +1,81 @@
+"""Arms that learn from exact rollouts, on one toy problem, whose programs are compiled once."""
+
+import functools
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from helpers.clocks import Ticking
+from helpers.lakes import preset
+from helpers.toys import toy
+from mdpo_rddl.auto import RaceOptions, race
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.learning import LearningArm
+from mdpo_rddl.auto.arms.policy_gradient import PolicyGradientArm
+from mdpo_rddl.auto.arms.policy_iteration import PolicyIterationArm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import Judge
+
+SECONDS = 300.0
+# 3 for the best of three arms, of which one may be pulled, at each of 4 steps
+BEST = 3.0 * 0.75 * 4
+# what `_build` makes
+_PROGRAMS = {
+    PolicyGradientArm: ("_gradient",),
+    PolicyIterationArm: ("_planner", "_iteration"),
+}
+KINDS = list(_PROGRAMS)
+
+
+def ticking_arena() -> Arena:
+    """One whose judge knows the no-op only, and whose clock ticks."""
+    clock, compiled = Ticking(), _compiled_arena()
+    judge = Judge(128, 0, clock, 0.0)
+    judge._players = compiled.judge._players
+    arena = replace(compiled, judge=judge, clock=clock, began=0.0, deadline=SECONDS)
+    judge.record(arena.candidate("", "no-op", arena.noop))
+    return arena
+
+
+def compiled_arm(kind: type[LearningArm], arena: Arena, until: float = 120.0) -> LearningArm:
+    """An arm whose programs are compiled already, so that its thread is not waited for."""
+    arm, (built, begun) = kind(arena, until), _built(kind)
+    for name in _PROGRAMS[kind]:
+        setattr(arm, name, getattr(built, name))
+    arm._build = lambda: begun
+    arm._is_compiled = lambda until: True
+    return arm
+
+
+def known(arena: Arena) -> Candidate:
+    """The best policy, with large odds, as another arm has found it."""
+    bias = np.array([-9.0, -9.0, 9.0], np.float32)
+    own = {"pull": {**arena.noop["own"]["pull"], "bias": bias}}
+    return arena.candidate("other", "known", {**arena.noop, "own": own})
+
+
+def taken(arm: LearningArm, judge: Judge) -> list[Candidate]:
+    """The candidates of a slice, as the judge sees them."""
+    found = []
+    for candidate in arm.take_candidates():
+        judge.record(candidate)
+        found.append(judge.judged[-1].candidate)
+        arm.judged(found[-1])
+    return found
+
+
+@functools.cache
+def _compiled_arena() -> Arena:
+    words = {"LIKELIHOOD": "0.75", "DISCOUNT": "1.0", "TERMINATION": "false", "MOST": "1"}
+    problem = toy("lever", RULES="forall_{?a : arm} [pull(?a) => true];", **words)
+    arena = race._arena(problem, preset(SECONDS), 0, time.monotonic(), RaceOptions())
+    arena.judge.record(arena.candidate("", "no-op", arena.noop))
+    return arena
+
+
+@functools.cache
+def _built(kind: type[LearningArm]) -> tuple[LearningArm, object]:
+    """An arm that has compiled what learns, and a learner that has begun."""
+    arm = kind(_compiled_arena(), 0.0)
+    return arm, arm._build()
