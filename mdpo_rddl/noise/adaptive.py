@@ -9,7 +9,7 @@ import jax
 from jax import Array
 
 from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
-from mdpo_rddl.noise.checks import floats_only, require_number
+from mdpo_rddl.noise.checks import floats_only, require_bool, require_number
 from mdpo_rddl.noise.sensitivity import normalised_sensitivity, step_sensitivity
 from mdpo_rddl.noise.units import RANGE, require_unit
 
@@ -40,6 +40,7 @@ class AdaptiveNoise(ActionNoise):
         takes one. With 0 the update of the iteration before stands in for the analysis, where
         the plan can say how its return answered to each action (`FeedbackPlan` with a plan).
       unit: "range" or "absolute", see `ActionNoise.unit`; sensitivities are in return per unit.
+      paired: see `ActionNoise.paired`.
 
     Raises:
       ValueError: if a number is out of range.
@@ -52,6 +53,7 @@ class AdaptiveNoise(ActionNoise):
     regularization: float = 1e-8
     analysis_samples: int = field(default=1, metadata={"static": True})
     unit: str = field(default=RANGE, metadata={"static": True})
+    paired: bool = field(default=False, metadata={"static": True})
 
     def __post_init__(self) -> None:
         require_number("sigma_min", self.sigma_min, at_least=0.0)
@@ -60,6 +62,7 @@ class AdaptiveNoise(ActionNoise):
         require_number("alpha", self.alpha, above=0.0)
         require_number("quantile", self.quantile, above=0.0, at_most=1.0)
         require_number("regularization", self.regularization, above=0.0)
+        require_bool("paired", self.paired)
         floats_only(self, but=("analysis_samples", "paired"))
         require_unit(self.unit)
         if not isinstance(self.analysis_samples, int) or isinstance(self.analysis_samples, bool):

@@ -1,4 +1,4 @@
-"""The default noise: adaptive, in cycles that end without any, beside an update without noise."""
+"""Adaptive noise in cycles that end without any, beside an update without noise."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ class AnnealedNoise(AdaptiveNoise):
     Attributes:
       cycle: iterations of the first cycle, at least 1.
       power: how fast the noise falls, above 0.
-      paired: see `ActionNoise.paired`; the update without noise is JaxPlan's.
+      paired: see `ActionNoise.paired`.
 
     The other attributes are those of `AdaptiveNoise`.
 
@@ -44,8 +44,6 @@ class AnnealedNoise(AdaptiveNoise):
     def __post_init__(self) -> None:
         require_number("cycle", self.cycle, at_least=1.0)
         require_number("power", self.power, above=0.0)
-        if not isinstance(self.paired, bool):
-            raise ValueError(f"paired must be True or False, got {self.paired!r}")
         super().__post_init__()
 
     def initial_state(self, horizon: int) -> Any:
@@ -71,8 +69,3 @@ class AnnealedNoise(AdaptiveNoise):
         done = (state - (length - self.cycle)) / length
         decay = jnp.clip(1.0 - done, 0.0, 1.0) ** self.power
         return profile._replace(sigma=decay * profile.sigma), state + 1.0
-
-
-def default_noise() -> AnnealedNoise:
-    """The rule of a planner that is given none."""
-    return AnnealedNoise()

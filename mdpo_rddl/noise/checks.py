@@ -37,6 +37,16 @@ def require_number(
         raise ValueError(f"{name} must be at most {at_most:g}, got {number:g}")
 
 
+def require_bool(name: str, value: object) -> None:
+    """Checks one flag.
+
+    Raises:
+      ValueError: if it is not True or False.
+    """
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, got {value!r}")
+
+
 def floats_only(rule: Any, but: tuple[str, ...] = ()) -> None:
     """Makes the numbers of a frozen rule floats, so that 1 and 1.5 are the same type to JAX."""
     for field in dataclasses.fields(rule):

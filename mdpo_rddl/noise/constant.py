@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from mdpo_rddl.noise.base import ActionNoise, NoiseProfile
-from mdpo_rddl.noise.checks import floats_only, require_number
+from mdpo_rddl.noise.checks import floats_only, require_bool, require_number
 from mdpo_rddl.noise.units import RANGE, require_unit
 
 
@@ -40,6 +40,7 @@ class ConstantNoise(ActionNoise):
     Attributes:
       sigma: standard deviation, in `unit`; at least 0.
       unit: "range" or "absolute", see `ActionNoise.unit`.
+      paired: see `ActionNoise.paired`.
 
     Raises:
       ValueError: if a value is out of range.
@@ -47,11 +48,13 @@ class ConstantNoise(ActionNoise):
 
     sigma: float = 0.1
     unit: str = field(default=RANGE, metadata={"static": True})
+    paired: bool = field(default=False, metadata={"static": True})
 
     def __post_init__(self) -> None:
         require_unit(self.unit)
         require_number("sigma", self.sigma, at_least=0.0)
-        floats_only(self)
+        require_bool("paired", self.paired)
+        floats_only(self, but=("paired",))
 
     @property
     def silent(self) -> bool:

@@ -180,7 +180,7 @@ def test_the_report_says_where_noise_is_better_and_worse(tmp_path):
     row = next(line for line in lines if line.startswith(f"| {DEFAULT}"))
     assert row.split("|")[2].strip() == "3"
     assert [part.strip() for part in row.split("|")[4:8]] == ["1", "1", "1", "1"]
-    assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 16 \\* | 11 | 11 | 11 |" in lines
+    assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 11 | 16 \\* | 11 | 11 |" in lines
     assert "Costs: not measured." in lines
 
 

@@ -12,7 +12,7 @@ from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 NONE, TWICE = "none", "none-twice"
 
-DEFAULT = "annealed beside"
+DEFAULT = "constant beside"
 """The planner's own rule where it is given none."""
 
 ABSOLUTE, RANGE = "absolute", "range"

@@ -12,7 +12,7 @@ from helpers.files import changed
 from helpers.problems import JAXPLAN_EXAMPLES
 
 from mdpo_rddl import AdaptiveNoise, ConstantNoise, InputError, NoNoise, load_config
-from mdpo_rddl.noise import AnnealedNoise
+from mdpo_rddl.noise import AnnealedNoise, default_noise
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig, load_config_from_string
@@ -110,7 +110,7 @@ def test_the_noise_that_a_section_describes(section: str, noise: object) -> None
 def test_without_the_section_the_planner_is_left_its_default() -> None:
     planner_args, _, _ = load_config_from_string(TEXT)
     assert "noise" not in planner_args
-    assert PlannerConfig.from_text(TEXT).noise() == AnnealedNoise()
+    assert PlannerConfig.from_text(TEXT).noise() == default_noise()
 
 
 def test_a_string_gives_what_jaxplan_reads_from_it() -> None:

@@ -75,7 +75,7 @@ def test_an_unknown_key_among_the_plans_arguments() -> None:
 
 def test_keys_of_another_noise_are_unknown() -> None:
     said = complaint(edited("'AdaptiveNoise'", "'ConstantNoise'"))
-    assert said == " [Noise] unknown key 'sigma_max', known are method, sigma, unit"
+    assert said == " [Noise] unknown key 'sigma_max', known are method, paired, sigma, unit"
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from helpers.problems import make_plan, make_planner, optimize, tiny_files
 
 from mdpo_rddl import MDPOPlanner, load_problem
-from mdpo_rddl.noise import AnnealedNoise
+from mdpo_rddl.noise import default_noise
 from mdpo_rddl.planner.update.pairs import finite_test_loss, folded
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
@@ -40,8 +40,7 @@ def test_the_best_is_at_least_jaxplans_and_the_shapes_are_its_own(tmp_path, upda
 def test_jaxplans_own_updates_are_among_the_lanes(tmp_path):
     problem = load_problem(*tiny_files(tmp_path, spread=0.2))
     theirs = optimize(make_planner(JaxBackpropPlanner, problem, make_plan("slp")), 6)
-    noise = AnnealedNoise(sigma_max=0.3)
-    planner = make_planner(MDPOPlanner, problem, make_plan("slp"), noise=noise)
+    planner = make_planner(MDPOPlanner, problem, make_plan("slp"), noise=default_noise())
     lanes = []
     update = planner.update
 
