@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from mdpo_rddl.planner.acting import ActingPlanner
+from mdpo_rddl.planner.update.callback_rule import CallbackRule
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
@@ -155,6 +156,14 @@ class CallingPlanner(ActingPlanner):
         """The test loss [parallel updates] by which JaxPlan's loop compares the updates."""
         return test_loss
 
+    def _complete(self, callback: dict[str, Any]) -> None:
+        """Adds to JaxPlan's callback what its stopping rule should see."""
+        if self.in_calls:
+            callback.update(self._calls.callback_entries())
+
+    def _finish(self, callback: dict[str, Any]) -> None:
+        """Changes what is shown of a callback, after the stopping rule has seen it."""
+
     @functools.wraps(JaxBackpropPlanner.optimize_generator, assigned=())
     def optimize_generator(
         self, *args: Any, **kwargs: Any
@@ -167,12 +176,12 @@ class CallingPlanner(ActingPlanner):
         if self.in_calls:
             self._calls.begin(given.arguments)
             epochs = given.arguments["epochs"] = -(-epochs // self.iterations_per_call)
+        rule = given.arguments["stopping_rule"]
+        given.arguments["stopping_rule"] = CallbackRule(self._complete, rule, self._finish)
         once = epochs == 1
         if once:  # JaxPlan divides by epochs - 1
             given.arguments["epochs"] = 2
         for callback in super().optimize_generator(*given.args[1:], **given.kwargs):
-            if self.in_calls:
-                callback.update(self._calls.callback_entries())
             if once and not callback["status"].is_terminal():
                 budget = JaxPlannerStatus.ITER_BUDGET_REACHED
                 callback.update(status=budget, progress=100.0)

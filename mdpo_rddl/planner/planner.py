@@ -26,7 +26,13 @@ from mdpo_rddl.planner.update.analysis import (
     mean_loss,
 )
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
-from mdpo_rddl.planner.update.pairs import finite_test_loss, folded, half_the_lanes, side_by_side
+from mdpo_rddl.planner.update.pairs import (
+    PlainUpdatesRule,
+    finite_test_loss,
+    folded,
+    half_the_lanes,
+    side_by_side,
+)
 from mdpo_rddl.planner.update.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -60,6 +66,7 @@ class MDPOPlanner(CallingPlanner):
         self,
         *args: Any,
         noise: ActionNoise | None = None,
+        configured_noise: ActionNoise | None = None,
         stop_at_termination: bool = False,
         keep_group_limits: bool = True,
         **kwargs: Any,
@@ -67,7 +74,9 @@ class MDPOPlanner(CallingPlanner):
         """Takes every argument of `JaxBackpropPlanner` and of `CallingPlanner`, and:
 
         Args:
-          noise: the rule for the action noise; `default_noise()` if None.
+          noise: the rule for the action noise.
+          configured_noise: the rule where `noise` is None, as `load_config` gives it;
+            `default_noise()` if that is None too.
           stop_at_termination: whether rewards after a termination condition do not count, as
             in the exact environment; JaxPlan counts them.
           keep_group_limits: whether preconditions of the form "at most k of these bools" hold
@@ -76,6 +85,7 @@ class MDPOPlanner(CallingPlanner):
         Raises:
           TypeError: if `noise` is not an `ActionNoise`.
         """
+        noise = configured_noise if noise is None else noise
         noise = default_noise() if noise is None else noise
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
@@ -121,10 +131,15 @@ class MDPOPlanner(CallingPlanner):
           ValueError: if there are not as many as parallel updates, or a rule is of another kind.
         """
         lay_out = functools.partial(shard, sharding=self._sharding)
-        if self.noise.paired:  # the update without noise has its companion's values
+        if self.is_paired:  # the update without noise has its companion's values
             noise = None if noise is None else [*noise, *noise]
             hyperparams = {name: [*values, *values] for name, values in hyperparams.items()}
         self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
+
+    @property
+    def is_paired(self) -> bool:
+        """Whether each update has a companion: the rule is paired, and not silent."""
+        return self.noise.paired and not self.noise.silent
 
     @property
     def restarts(self) -> int:
@@ -132,18 +147,18 @@ class MDPOPlanner(CallingPlanner):
 
         `parallel_updates` counts those too: one with noise beside each, where no rule was given.
         """
-        return self.parallel_updates // (2 if self.noise.paired else 1)
+        return self.parallel_updates // (2 if self.is_paired else 1)
 
     @functools.wraps(JaxBackpropPlanner.as_optimization_problem)
     def as_optimization_problem(self, *args: Any, **kwargs: Any) -> Any:
         """JaxPlan's, without noise: a companion is no part of it."""
-        with half_the_lanes(self, self.noise.paired):
+        with half_the_lanes(self, self.is_paired):
             return super().as_optimization_problem(*args, **kwargs)
 
     # JaxPlan's compilation hooks, in the order in which it calls them
 
     def _jax_compile_graph(self) -> None:
-        self.parallel_updates *= 2 if self.noise.paired else 1
+        self.parallel_updates *= 2 if self.is_paired else 1
         super()._jax_compile_graph()
 
     def _jax_compile_policy(self) -> None:
@@ -200,8 +215,12 @@ class MDPOPlanner(CallingPlanner):
         plain_rollouts = self.train_rollouts
 
         def rollouts(key, params, hyperparams, fluents, nonfluents, model):
-            chosen = perturbed_rollouts if isinstance(model, PerturbedModel) else plain_rollouts
-            return chosen(key, params, hyperparams, fluents, nonfluents, model)
+            given = key, params, hyperparams, fluents, nonfluents, model
+            if not isinstance(model, PerturbedModel):
+                return plain_rollouts(*given)
+            log, after = perturbed_rollouts(*given)
+            # JaxPlan's line search tries its steps in the model that the rollouts have left
+            return log, PerturbedModel(after, model.perturbation)
 
         self.train_rollouts = rollouts
 
@@ -252,7 +271,7 @@ class MDPOPlanner(CallingPlanner):
         return update_and_remember
 
     def _jax_update(self, loss: Callable) -> Callable:
-        is_paired = self.is_noisy and self.noise.paired
+        is_paired = self.is_noisy and self.is_paired
         with half_the_lanes(self, is_paired):
             plain_update = super()._jax_update(loss)
             if not self.is_noisy:
@@ -268,14 +287,14 @@ class MDPOPlanner(CallingPlanner):
         return side_by_side(plain_update, update, self.horizon) if is_paired else update
 
     def _broadcast_pytree(self, pytree: Any) -> Any:
-        if type(pytree) is PerRestart and self.noise.paired:
+        if type(pytree) is PerRestart and self.is_paired:
             pytree = PerRestart(
                 jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), pytree.params)
             )
         return super()._broadcast_pytree(pytree)
 
     def _comparable(self, test_loss: Callable) -> Callable:
-        return finite_test_loss(test_loss) if self.noise.paired else test_loss
+        return finite_test_loss(test_loss) if self.is_paired else test_loss
 
     def compile_analysis(self) -> Callable[[Array, LossArguments], dict[str, Array]]:
         """The pass that differentiates the return by the actions, as an iteration makes it."""
@@ -302,7 +321,8 @@ class MDPOPlanner(CallingPlanner):
         """JaxPlan's generator; each callback also holds the noise's own figures.
 
         `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`, of
-        the same shape, the return's sensitivity behind it (zeros without an analysis).
+        the same shape, the return's sensitivity behind it (zeros without an analysis). Paired
+        noise shows the better one of each pair; a stopping rule watches JaxPlan's own updates.
         """
         signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
         given = signature.bind(self, *args, **kwargs)
@@ -313,11 +333,18 @@ class MDPOPlanner(CallingPlanner):
         if guess is not self._guess:
             # JaxPlan's online controller tries the same guess again if compiling took all its time
             self._guess, self._noise_state_at_guess = guess, self._noise_state
-        silence = jnp.zeros((self.parallel_updates, self.horizon))
-        for callback in super().optimize_generator(*given.args[1:], **given.kwargs):
-            log = callback["train_log"]
-            callback["sigma"] = log.get("sigma", silence)
-            callback["sensitivity"] = log.get("sensitivity", silence)
-            if self.noise.paired:
-                callback.update(folded(callback))
-            yield callback
+        rule = given.arguments.get("stopping_rule")
+        if rule is not None and self.is_paired:
+            given.arguments["stopping_rule"] = PlainUpdatesRule(rule)
+        yield from super().optimize_generator(*given.args[1:], **given.kwargs)
+
+    def _complete(self, callback: dict[str, Any]) -> None:
+        super()._complete(callback)
+        log, shape = callback["train_log"], (self.parallel_updates, self.horizon)
+        for name in ("sigma", "sensitivity"):
+            callback[name] = log[name] if name in log else jnp.zeros(shape)
+
+    def _finish(self, callback: dict[str, Any]) -> None:
+        super()._finish(callback)
+        if self.is_paired:
+            callback.update(folded(callback))

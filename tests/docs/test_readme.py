@@ -87,7 +87,7 @@ def test_the_documented_configuration_loads_with_the_documented_defaults():
     page = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```ini\n(.*?)```", page, flags=re.DOTALL)
     planner_args, _, _ = mdpo_rddl.load_config_from_string(example)
-    assert planner_args["noise"] == mdpo_rddl.AdaptiveNoise(sigma_max=0.2, alpha=2.0)
+    assert planner_args["configured_noise"] == mdpo_rddl.AdaptiveNoise(sigma_max=0.2, alpha=2.0)
     assert planner_args["stop_at_termination"] is True
     for rule in (mdpo_rddl.AdaptiveNoise(), mdpo_rddl.ConstantNoise(), mdpo_rddl.AnnealedNoise()):
         for field in dataclasses.fields(rule):

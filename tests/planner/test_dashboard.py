@@ -58,6 +58,16 @@ def test_the_dashboard_is_told_of_every_iteration_and_sees_the_noise_in_it(probl
         np.testing.assert_allclose(log["reward"][..., 1:], -rest(x), rtol=1e-4, atol=1e-5)
 
 
+def test_without_a_rule_the_dashboard_is_told_what_is_shown(problem):
+    dashboard = Recorder()
+    planner = make_planner(MDPOPlanner, problem, make_plan("slp"), dashboard=dashboard)
+    last = optimize(planner, 4)
+    for _, callback in dashboard.updates:
+        assert callback["test_return"].shape == (1,)
+        assert callback["test_log"]["fluents"]["push"].shape[0] == 1
+    assert dashboard.updates[-1][1] is last
+
+
 def rest(x):
     """The cost of all states but the first, which no action has reached."""
     return np.sum((np.asarray(x)[..., :-1, :] - 0.5) ** 2, axis=-1)

@@ -11,6 +11,7 @@ from helpers.problems import make_plan, make_planner, optimize, shipped
 from helpers.x64 import enable_x64
 
 from mdpo_rddl.noise import ActionNoise, AdaptiveNoise, ConstantNoise, NoiseProfile, NoNoise
+from mdpo_rddl.planner.config.config import load_config_from_string
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
@@ -185,6 +186,45 @@ def test_noise_works_with_line_search_gradient_noise_utility_and_symlog():
     callback = optimize(planner, 4)
     assert np.all(np.isfinite(callback["train_return"]))
     assert np.any(callback["sigma"] > 0.0)
+
+
+class NotingModels(MDPOPlanner):
+    """Notes which model each trace of the training rollouts is given."""
+
+    def _jax_compile_rollouts(self):
+        super()._jax_compile_rollouts()
+        rollouts, self.models = self.train_rollouts, []
+
+        def noting(*arguments):
+            self.models.append(type(arguments[-1]))
+            return rollouts(*arguments)
+
+        self.train_rollouts = noting
+
+
+def test_a_line_search_compares_rollouts_with_the_same_noise():
+    problem = shipped("reservoir15", horizon=2)
+    search = {"optimizer": optax.sgd, "line_search_kwargs": {"max_linesearch_steps": 2}}
+    planner = make_planner(
+        NotingModels, problem, make_plan("slp"), noise=ConstantNoise(0.1), **search
+    )
+    optimize(planner, 1)
+    assert len(planner.models) > 1
+    assert set(planner.models) == {PerturbedModel}
+
+
+def test_a_rule_that_is_given_wins_over_a_configurations():
+    problem = shipped("reservoir15", horizon=2)
+    text = "[Compiler]\n[Planner]\nmethod='JaxStraightLinePlan'\n[Optimize]\n"
+    text += "[Noise]\nmethod='AdaptiveNoise'\n"
+    planner_args, _, _ = load_config_from_string(text)
+    planner_args |= {"pgpe": None, "batch_size_train": 1, "batch_size_test": 1}
+    assert MDPOPlanner(problem.model, **planner_args).noise == AdaptiveNoise(
+        sigma_max=10.0, unit="absolute"
+    )
+    planner_args["plan"] = make_plan("slp")
+    planner = MDPOPlanner(problem.model, **planner_args, noise=NoNoise())
+    assert planner.noise == NoNoise()
 
 
 def test_noise_must_be_a_rule():

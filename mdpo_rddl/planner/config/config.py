@@ -180,7 +180,7 @@ class PlannerConfig:
 
     def mdpo_arguments(self) -> dict[str, Any]:
         """What `MDPOPlanner` takes beside JaxPlan's arguments: the switches and any noise."""
-        noise = {"noise": self.noise()} if "Noise" in self.sections else {}
+        noise = {"configured_noise": self.noise()} if "Noise" in self.sections else {}
         return {**noise, **self.section("MDPO")}
 
     def compiler_class(self) -> type:
@@ -192,8 +192,8 @@ def load_config(path: str | Path) -> JaxPlanArguments:
     """JaxPlan's `load_config`, with `[Noise]` and `[MDPO]` read into the planner's arguments.
 
     Returns:
-      The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`. There is a `noise`
-      only where the file has a section `[Noise]`.
+      The keyword arguments of `MDPOPlanner`, of its plan, and of `optimize`. The rule of a section
+      `[Noise]` is `configured_noise`, over which a `noise` wins.
 
     Raises:
       InputError: naming file, section and key.

@@ -69,11 +69,11 @@ def noisy_update(
         opt_aux = {**opt_aux, "noise": noise_and_state}
         perturbed = given._replace(model=PerturbedModel(given.model, perturbation))
         result = plain_update(key, *perturbed, opt_state, opt_aux)
-        opt_aux, aux, log = result[3:6]
+        opt_aux, aux, log, model = result[3:7]
         if sensed is not None:
             opt_aux = {**opt_aux, "sensed": sensed(log["grad"])}
         log = {**log, "sigma": profile.sigma, "sensitivity": profile.sensitivity}
-        return (*result[:3], opt_aux, aux, log, *result[6:])
+        return (*result[:3], opt_aux, aux, log, model.params, *result[7:])
 
     return update
 

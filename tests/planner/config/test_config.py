@@ -68,7 +68,9 @@ def test_a_noise_section_changes_nothing_for_jaxplan(path: Path, tmp_path: Path)
     assert_same(planner.load_config(str(with_noise)), planner.load_config(str(path)))
 
     planner_args, plan_args, train_args = load_config(str(with_noise))
-    assert planner_args.pop("noise") == AdaptiveNoise(sigma_max=3, alpha=0.5, unit="absolute")
+    assert planner_args.pop("configured_noise") == AdaptiveNoise(
+        sigma_max=3, alpha=0.5, unit="absolute"
+    )
     assert_same((planner_args, plan_args, train_args), planner.load_config(str(path)))
 
 
@@ -104,18 +106,18 @@ def test_the_first_placeholder_of_a_template_is_named_with_its_line(path: Path) 
     ],
 )
 def test_the_noise_that_a_section_describes(section: str, noise: object) -> None:
-    assert load_config_from_string(TEXT + section)[0]["noise"] == noise
+    assert load_config_from_string(TEXT + section)[0]["configured_noise"] == noise
 
 
 def test_without_the_section_the_planner_is_left_its_default() -> None:
     planner_args, _, _ = load_config_from_string(TEXT)
-    assert "noise" not in planner_args
+    assert "configured_noise" not in planner_args
     assert PlannerConfig.from_text(TEXT).noise() == default_noise()
 
 
 def test_a_string_gives_what_jaxplan_reads_from_it() -> None:
     planner_args, plan_args, train_args = load_config_from_string(TEXT + NOISE)
-    del planner_args["noise"]
+    del planner_args["configured_noise"]
     expected = planner.load_config_from_string(TEXT)
     assert_same((planner_args, plan_args, train_args), expected)
     assert plan_args["topology"] == [8]
@@ -155,7 +157,7 @@ def test_none_where_jaxplan_takes_it() -> None:
     values = "batch_size_test=None\nrollout_horizon=None\nclip_grad=None\npgpe=None"
     text = changed(TEXT + NOISE, "pgpe=None", values).replace("key=42", "key=None")
     planner_args, _, train_args = load_config_from_string(text)
-    del planner_args["noise"]
+    del planner_args["configured_noise"]
     expected = planner.load_config_from_string(text)
     assert_same((planner_args, train_args), (expected[0], expected[2]))
 

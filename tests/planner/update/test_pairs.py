@@ -7,9 +7,10 @@ import pytest
 from helpers.problems import make_plan, make_planner, optimize, tiny_files
 
 from mdpo_rddl import MDPOPlanner, load_problem
-from mdpo_rddl.noise import default_noise
+from mdpo_rddl.noise import ConstantNoise, default_noise
 from mdpo_rddl.planner.update.pairs import finite_test_loss, folded
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+from mdpo_rddl.planner.upstream import planner as jaxplan
 
 
 def trained(planner_class, folder, **arguments):
@@ -54,6 +55,45 @@ def test_jaxplans_own_updates_are_among_the_lanes(tmp_path):
     np.testing.assert_allclose(lanes[-1]["push"][0], theirs["params"]["push"][0], rtol=1e-5)
     assert lanes[-1]["push"].shape[0] == 2
     assert not np.allclose(lanes[-1]["push"][1], lanes[-1]["push"][0])
+
+
+class Noting(jaxplan.NoImprovementStoppingRule):
+    """Stops after one iteration without a gain, and keeps what it was shown."""
+
+    def __init__(self):
+        super().__init__(patience=1)
+        self.seen = []
+
+    def monitor(self, callback):
+        self.seen.append(callback)
+        return super().monitor(callback)
+
+
+@pytest.mark.parametrize("updates", [1, 2])
+def test_a_stopping_rule_watches_jaxplans_own_updates(tmp_path, updates):
+    problem = load_problem(*tiny_files(tmp_path, spread=0.2))
+    rules = []
+    for planner_class in (JaxBackpropPlanner, MDPOPlanner):
+        plan, rule = make_plan("slp"), Noting()
+        planner = make_planner(planner_class, problem, plan, parallel_updates=updates)
+        callback = optimize(planner, 60, stopping_rule=rule)
+        rules.append((rule, callback["iteration"]))
+    (theirs, their_last), (ours, our_last) = rules
+    assert our_last == their_last < 59
+    for mine, other in zip(ours.seen, theirs.seen, strict=True):
+        assert mine["best_index"] == other["best_index"]
+        np.testing.assert_allclose(mine["best_return"], other["best_return"], rtol=1e-4)
+        np.testing.assert_allclose(mine["test_return"], other["test_return"], rtol=1e-4)
+        np.testing.assert_allclose(
+            mine["params"]["push"], other["params"]["push"], rtol=1e-3, atol=1e-6
+        )
+
+
+def test_a_silent_rule_has_no_companions(tmp_path):
+    silent = ConstantNoise(0.0, paired=True)
+    planner, callbacks = trained(MDPOPlanner, tmp_path, noise=silent)
+    assert planner.parallel_updates == planner.restarts == 1
+    assert callbacks[-1]["test_return"].shape == (1,)
 
 
 def test_a_lane_that_diverged_does_not_hide_the_others():
