@@ -182,6 +182,15 @@ def test_the_report_says_where_noise_is_better_and_worse(tmp_path):
     assert [part.strip() for part in row.split("|")[4:8]] == ["1", "1", "1", "1"]
     assert "| Gains | 1 | slp | no-pgpe | 0 | 11 | 11 | 11 | 11 | 16 \\* | 11 | 11 |" in lines
     assert "Costs: not measured." in lines
+    assert "by less than a thousandth" not in text
+
+
+def test_the_report_says_which_differences_are_too_small_to_matter(tmp_path):
+    base = np.array([1000.0, 1001.0, 1002.0])
+    ours = base - np.array([0.5, 0.501, 0.499])
+    save(cell(tmp_path, "Near", seeds=3), result({"none": base.tolist(), DEFAULT: ours.tolist()}))
+    text = write_report(tmp_path)
+    assert f"Of these, by less than a thousandth of the return: `{DEFAULT}` 1 of 1." in text
 
 
 def test_beside_an_update_without_noise_a_seed_keeps_the_better_tested_one():
@@ -234,6 +243,7 @@ def test_the_paired_test_is_student_s():
     ours, theirs = np.array([1.0, 2.0, 4.0, 3.5]), np.array([0.5, 2.1, 3.0, 3.0])
     assert paired_p(ours, theirs) == pytest.approx(stats.ttest_rel(ours, theirs).pvalue)
     assert paired_p(ours, ours) == 1.0
+    assert paired_p(ours, ours * (1.0 + 2e-7)) == 1.0  # rounding, the same for all seeds
     assert paired_p(ours, ours - 1.0) == 0.0
 
 

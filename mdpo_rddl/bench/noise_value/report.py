@@ -24,6 +24,9 @@ from mdpo_rddl.bench.noise_value.rule import MARGIN, Case, constant_rule, find_r
 from mdpo_rddl.bench.noise_value.statistics import LEVEL, mean_interval
 from mdpo_rddl.machine.files import write_atomically
 
+# of the return: a difference that may be significant and yet matters to nobody
+_SMALL = 1e-3
+
 Leads = Mapping[str, Mapping[Task, Lead]]
 
 
@@ -36,7 +39,7 @@ def write_report(out: Path) -> str:
     results, failed = load_results(out)
     scores = {task: scores_of(kept) for task, kept in results.items()}
     leads = {name: compare(results, name) for name in COMPARED if name != NONE}
-    lines = [*_summary(scores, leads), "", *_pairs(results)]
+    lines = [*_summary(scores, leads), "", *_small(results, leads), *_pairs(results)]
     for method in ("annealed beside", "constant beside"):
         lines += [*_rule(method, cases(results, scores, method)), ""]
     lines += [*_costs(read_costs(out)), "", *_details(results, leads)]
@@ -75,6 +78,23 @@ def _counts(leads: Any) -> list[int]:
         found.append(sum(mean > 0 and p < LEVEL for mean, p in pairs))
         found.append(sum(mean < 0 and p < LEVEL for mean, p in pairs))
     return found
+
+
+def _small(results: Mapping[Task, Mapping[str, Any]], leads: Leads) -> list[str]:
+    """How many of the significant differences are too small to matter."""
+    found = []
+    for method, of_method in leads.items():
+        significant = {task: lead for task, lead in of_method.items() if lead.is_significant}
+        small = [
+            task
+            for task, lead in significant.items()
+            if abs(lead.mean) < _SMALL * abs(float(np.mean(returns_of(results[task], NONE))))
+        ]
+        if small:
+            found.append(f"`{method}` {len(small)} of {len(significant)}")
+    if not found:
+        return []
+    return [f"Of these, by less than a thousandth of the return: {', '.join(found)}.", ""]
 
 
 def _pairs(results: Mapping[Task, Mapping[str, Any]]) -> list[str]:
