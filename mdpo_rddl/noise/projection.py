@@ -48,10 +48,11 @@ def squashing_slope(raw: Array, spec: ActionSpec) -> Array:
     """Derivative [*shape] of `squash_to_box` at `raw`, but at least a tenth of its largest.
 
     In a saturated component the slope goes to 0, and no shift of the raw value could be called
-    small any more.
+    small any more. A component that can only be one value counts as 1 wide, as its unit does.
     """
     has_lower, has_upper = jnp.isfinite(spec.lower), jnp.isfinite(spec.upper)
-    width = jnp.where(has_lower & has_upper, spec.upper - spec.lower, 1.0).astype(raw.dtype)
+    is_wide = has_lower & has_upper & (spec.upper > spec.lower)
+    width = jnp.where(is_wide, spec.upper - spec.lower, 1.0).astype(raw.dtype)
     rising, falling = jax.nn.sigmoid(raw), jax.nn.sigmoid(-raw)
     two_sided = width * jnp.maximum(rising * falling, _LEAST_SLOPE / 4.0)
     one_sided = jnp.maximum(jnp.where(has_lower, rising, falling), _LEAST_SLOPE)

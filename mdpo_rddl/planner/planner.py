@@ -40,7 +40,7 @@ from mdpo_rddl.planner.update.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
-from mdpo_rddl.planner.update.restarts import PerRestart, Restarts
+from mdpo_rddl.planner.update.restarts import PerRestart, Restarts, require_one_each
 from mdpo_rddl.planner.update.sharding import shard
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.limits import group_limits
@@ -128,13 +128,14 @@ class MDPOPlanner(CallingPlanner):
             `learning_rate`.
 
         Raises:
-          ValueError: if there are not as many as parallel updates, or a rule is of another kind.
+          ValueError: if there are not as many as `restarts`, or a rule is of another kind.
         """
+        require_one_each(self.restarts, noise, hyperparams)
         lay_out = functools.partial(shard, sharding=self._sharding)
         if self.is_paired:  # the update without noise has its companion's values
             noise = None if noise is None else [*noise, *noise]
             hyperparams = {name: [*values, *values] for name, values in hyperparams.items()}
-        self._restarts.vary(self.parallel_updates, noise, hyperparams, lay_out)
+        self._restarts.vary(noise, hyperparams, lay_out)
 
     @property
     def is_paired(self) -> bool:
@@ -174,7 +175,8 @@ class MDPOPlanner(CallingPlanner):
         plain, exact = self.plan.test_policy, self.test_compiled
         self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
         self.test_policy = jax.jit(self.legal_policy)
-        self.action_specs = specs_in_unit(self, action_specs(self.plan, self.compiled))
+        specs = action_specs(self.plan, self.compiled, self._action_bounds)
+        self.action_specs = specs_in_unit(self, specs)
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
             self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb

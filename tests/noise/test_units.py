@@ -72,6 +72,21 @@ def test_a_saturated_component_has_a_tenth_of_the_largest_slope(name, least):
     np.testing.assert_allclose(squashing_slope(far, squashed), least, rtol=1e-6)
 
 
+def test_a_squashed_action_that_can_only_be_one_value_stays_it():
+    fixed = in_range(spec([2.0, 0.0], [2.0, 20.0], squashed=True))
+
+    def action(raw, shift):
+        return perturb_and_project({"a": raw}, {"a": shift}, {"a": fixed})["a"]
+
+    raw, shift = jnp.array([0.7, 0.7]), jnp.array([0.3, 0.3])
+    assert action(raw, shift)[0] == 2.0
+    assert action(raw, 0.0 * shift)[0] == 2.0
+    for argument in (0, 1):
+        slopes = jnp.diag(jax.jacobian(action, argument)(raw, shift))
+        assert slopes[0] == 0.0
+        assert 0.0 < slopes[1] < np.inf
+
+
 def test_a_small_perturbation_of_a_squashed_action_has_the_size_that_was_asked_for():
     squashed = in_range(spec([0.0], [20.0], squashed=True))
     raw = {"a": jnp.array([0.7])}

@@ -107,6 +107,45 @@ def test_arguments_may_be_given_by_position(tiny):
     assert by_name[-1]["sigma"].shape == by_name[-1]["sensitivity"].shape == (2, 4)
 
 
+class OwnPlan(jaxplan.JaxPlan):
+    """A straight-line plan that tells nobody its bounds."""
+
+    def compile(self, compiled, _bounds, horizon, preprocessor=None):
+        shape = (horizon, *np.shape(compiled.init_values["push"]))
+        self.projection = lambda params, hyperparams: (params, jnp.array(True))
+        self.initializer = lambda key, hyperparams, fluents: {"w": jax.random.normal(key, shape)}
+        self.train_policy = lambda key, params, hyperparams, step, fluents, history: {
+            "push": params["w"][step]
+        }
+        self.test_policy = lambda *arguments: {
+            "push": jnp.clip(self.train_policy(*arguments)["push"], -1.0, 1.0)
+        }
+
+    def guess_next_epoch(self, params):
+        return params
+
+
+@pytest.mark.long
+def test_a_plan_of_one_s_own_trains_to_jaxplan_s_bits(windy):
+    theirs, ours = (
+        optimize(make_planner(planner_class, windy, OwnPlan(), **extra), 3)
+        for planner_class, extra in (
+            (JaxBackpropPlanner, {}),
+            (MDPOPlanner, {"noise": NoNoise()}),
+        )
+    )
+    assert_same_bits(ours["params"], theirs["params"])
+
+
+def test_noise_on_a_plan_of_one_s_own_keeps_to_the_boxes(windy):
+    box = np.full(2, -1.0), np.array([1.0, 0.25])
+    arguments = {"noise": ConstantNoise(0.5), "action_bounds": {"push": box}}
+    planner = make_planner(MDPOPlanner, windy, OwnPlan(), **arguments)
+    spec = planner.action_specs["push"]
+    assert (spec.lower.tolist(), spec.upper.tolist()) == ([-1.0, -1.0], [1.0, 0.25])
+    assert np.all(np.isfinite(optimize(planner, 2)["params"]["w"]))
+
+
 # --- iterations and keys ---------------------------------------------------------------------
 
 

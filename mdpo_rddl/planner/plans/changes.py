@@ -21,6 +21,7 @@ class Changes:
     Attributes:
       size: number of components D.
       noop: the no-op [D].
+      is_real: which components are reals [D].
     """
 
     def __init__(self, compiled: Any) -> None:
@@ -42,11 +43,12 @@ class Changes:
         self.size = ends[-1]
         self.noop = np.concatenate([np.ravel(noop[n]).astype(np.float32) for n in self._kinds])
         self._widths = np.ones(self.size, np.float32)
-        self._is_bool = np.zeros(self.size, bool)
+        self._is_bool, self.is_real = np.zeros(self.size, bool), np.zeros(self.size, bool)
         places, values = [], []
         for name, part in self._parts.items():
             values_of = choices(compiled, name)
             self._is_bool[part] = self._kinds[name] == "bool"
+            self.is_real[part] = self._kinds[name] == "real"
             self._widths[part] = max(1.0, float(np.ptp(values_of))) if len(values_of) else 1.0
             for place in range(part.start, part.stop):
                 rest = [value for value in values_of if value != self.noop[place]]

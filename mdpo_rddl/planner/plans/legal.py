@@ -6,8 +6,9 @@ action near it, as a pure function of the policy's probabilities and of the stat
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
 3. if that is still illegal, the no-op takes its changes one by one, the most probable first, each
-   only if the action stays legal; where the no-op itself is illegal, the most probable legal change
-   of it comes first, and after the single ones a change of all bools of a fluent.
+   only if the action stays legal; of a real's change it takes as large a share as is legal, found
+   by bisection to 1/256; where the no-op itself is illegal, the most probable legal change of it
+   comes first, and after the single ones a change of all bools of a fluent.
 
 Where no legal action is found like that, the proposal stands.
 """
@@ -30,6 +31,8 @@ Actions = dict[str, Array]
 
 # what a search tries next
 _PROPOSAL, _NOOP, _START, _ADDITION, _ENDED = range(5)
+# the last step of a bisection, as a share of the way from the no-op to the proposal
+_LEAST_STEP = 2.0**-8
 
 
 class _Search(NamedTuple):
@@ -40,12 +43,16 @@ class _Search(NamedTuple):
       base: the best so far [D].
       starts: ranks of the changes of an illegal no-op that were not tried yet [K].
       additions: scores of the proposed changes that were not tried yet [D].
+      share: of the change that is added next; below 1 while it is bisected.
+      step: what a bisection takes off the share where it is illegal, or adds to it.
     """
 
     mode: Array
     base: Array
     starts: Array
     additions: Array
+    share: Array
+    step: Array
 
 
 class LegalActions:
@@ -185,7 +192,9 @@ class LegalActions:
 
         def try_next(search: _Search) -> _Search:
             start, addition = jnp.argmax(search.starts), jnp.argmax(search.additions)
-            more = search.base.at[addition].set(proposed[addition])
+            way = idle[addition] + search.share * (proposed[addition] - idle[addition])
+            value = jnp.where(search.share < 1.0, way, proposed[addition])
+            more = search.base.at[addition].set(value)
             options = jnp.stack([proposed, idle, candidates[start], more])
             tried = options[search.mode]
             few = changes.count(tried) <= most
@@ -194,15 +203,24 @@ class LegalActions:
             exhausted = (search.mode == _START) & ~jnp.any(starts > -jnp.inf)
             adding = search.mode == _ADDITION
             base = jnp.where(legal, tried, jnp.where(exhausted, proposed, search.base))
-            left = search.additions.at[addition].set(-jnp.inf)
+            bisected = adding & jnp.asarray(changes.is_real)[addition]
+            bisected &= (~legal | (search.share < 1.0)) & (search.step >= _LEAST_STEP)
+            left = search.additions.at[addition].set(
+                jnp.where(bisected, scores[addition], -jnp.inf)
+            )
             additions = jnp.where(adding, left, jnp.where(proposed != base, scores, -jnp.inf))
             full = ~jnp.any(additions > -jnp.inf) | (changes.count(base) >= most)
+            full &= ~bisected
             ended = exhausted | ((legal | adding) & (full | (search.mode == _PROPOSAL)))
             mode = jnp.where(legal | adding, _ADDITION, jnp.minimum(search.mode + 1, _START))
-            return _Search(jnp.where(ended, _ENDED, mode), base, starts, additions)
+            nearer = search.share + jnp.where(legal, search.step, -search.step)
+            share = jnp.where(bisected, nearer, 1.0)
+            step = jnp.where(bisected, search.step / 2.0, 0.5)
+            return _Search(jnp.where(ended, _ENDED, mode), base, starts, additions, share, step)
 
         nowhere = jnp.full(changes.size, -jnp.inf, jnp.float32)
-        first = _Search(jnp.array(_PROPOSAL), proposed, ranks, nowhere)
+        whole, half = jnp.float32(1.0), jnp.float32(0.5)
+        first = _Search(jnp.array(_PROPOSAL), proposed, ranks, nowhere, whole, half)
         found = lax.while_loop(lambda search: search.mode != _ENDED, try_next, first)
         return changes.tree(found.base, actions)
 

@@ -38,27 +38,27 @@ def specs_in_unit(planner: Any, specs: Mapping[str, ActionSpec]) -> dict[str, Ac
     """
     if planner.noise.unit != RANGE:
         return dict(specs)
-    unbounded = [name for name, spec in specs.items() if not has_box(spec)]
+    unbounded = [spec for spec in specs.values() if not has_box(spec)]
     return in_range_units(specs, _scales(planner, unbounded))
 
 
-def _scales(planner: Any, names: Sequence[str]) -> dict[str, float]:
+def _scales(planner: Any, specs: Sequence[ActionSpec]) -> dict[str, float]:
     """Per fluent the best constant action's size, or the largest that does no harm.
 
     The exact model is played from the initial state with one fluent constant, all its
     components the same, and the others at their no-op.
     """
-    if not names:
+    if not specs:
         return {}
     play = _constant_play(planner)
     values = planner.test_compiled.init_values
     noop = {name: jnp.asarray(values[name]) for name in planner.rddl.action_fluents}
     scales = {}
-    for name in names:
+    for spec in specs:
+        name = spec.name
         actions = {key: jnp.stack([value] * len(SIZES)) for key, value in noop.items()}
         shape = (-1,) + (1,) * noop[name].ndim
-        lower, upper = planner.plan.bounds[name]
-        constant = np.clip(noop[name] + SIZES.reshape(shape), lower, upper)
+        constant = np.clip(noop[name] + SIZES.reshape(shape), spec.lower, spec.upper)
         actions[name] = jnp.asarray(constant, noop[name].dtype)
         returns = np.asarray(play(random.PRNGKey(0), actions), np.float64)
         scales[name] = answering_size(SIZES, np.where(np.isfinite(returns), returns, -np.inf))

@@ -1,8 +1,9 @@
 """A JaxPlan plan, opened up so that a perturbation can enter ahead of its projection."""
 
+import contextlib
 import copy
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,23 @@ logger = logging.getLogger(__name__)
 PerturbedPolicy = Callable[..., dict[str, Array]]
 
 
-def action_specs(plan: JaxPlan, compiled: Any) -> dict[str, ActionSpec]:
+def action_specs(
+    plan: JaxPlan, compiled: Any, user_bounds: Mapping[str, Any]
+) -> dict[str, ActionSpec]:
     """The action fluents that take noise, as a compiled plan bounds them.
 
     Bools whose number `max-nondef-actions` limits take none under a plan that is neither of
     JaxPlan's own, since only those say where their logits are.
+
+    Args:
+      plan: the compiled plan; one that does not tell its bounds has the model's boxes.
+      compiled: JaxPlan's compiled relaxed model.
+      user_bounds: boxes that replace those of the model, by the action fluent's name.
     """
-    rddl = compiled.rddl
+    rddl, bounds = compiled.rddl, getattr(plan, "bounds", None)
+    if bounds is None:
+        with _without_warnings(compiled):
+            _, bounds, *_ = plan._calculate_action_info(compiled, user_bounds, 1)
     limited, opened = limited_bools(rddl), open_plan(plan)
     specs = {}
     for name in rddl.action_fluents:
@@ -44,7 +55,7 @@ def action_specs(plan: JaxPlan, compiled: Any) -> dict[str, ActionSpec]:
             specs[name] = ActionSpec(name, shape, kind, no_box, no_box)
             continue
         kind = ActionKind.REAL if prange == "real" else ActionKind.INTEGER
-        lower, upper = (np.broadcast_to(bound, shape) for bound in plan.bounds[name])
+        lower, upper = (np.broadcast_to(bound, shape) for bound in bounds[name])
         unit = np.asarray(opened.units.get(name, 1.0))
         specs[name] = ActionSpec(name, shape, kind, lower, upper, opened.squashes, unit)
     return specs
@@ -79,12 +90,19 @@ def compile_raw_policy(
         if rddl.variable_ranges[name] != "bool":
             shape = np.shape(compiled.init_values[name])
             unbounded[name] = (np.full(shape, -np.inf), np.full(shape, np.inf))
+    with _without_warnings(compiled):
+        plan.compile(compiled, _bounds=unbounded, horizon=horizon, preprocessor=preprocessor)
+    return plan.train_policy
+
+
+@contextlib.contextmanager
+def _without_warnings(compiled: Any) -> Iterator[None]:
+    """JaxPlan prints an action's bounds whenever it works them out."""
     warned, compiled.print_warnings = compiled.print_warnings, False
     try:
-        plan.compile(compiled, _bounds=unbounded, horizon=horizon, preprocessor=preprocessor)
+        yield
     finally:
         compiled.print_warnings = warned
-    return plan.train_policy
 
 
 def perturbed_policy(

@@ -28,6 +28,21 @@ class AllLanes(PerRestart):
     """The same with the companions of paired noise among them, each leaf [lanes, ...]."""
 
 
+def require_one_each(
+    count: int,
+    noise: Sequence[ActionNoise] | None,
+    hyperparams: Mapping[str, Sequence[float]],
+) -> None:
+    """Checks that there is one value for each of `count` restarts.
+
+    Raises:
+      ValueError: if there are more or fewer.
+    """
+    for name, values in {"noise": noise, **hyperparams}.items():
+        if values is not None and len(values) != count:
+            raise ValueError(f"{name}: {count} needed, got {len(values)}")
+
+
 class Restarts:
     """The noise rule and the optimiser's hyperparameters of each parallel update.
 
@@ -51,7 +66,6 @@ class Restarts:
 
     def vary(
         self,
-        count: int,
         noise: Sequence[ActionNoise] | None,
         hyperparams: Mapping[str, Sequence[float]],
         lay_out: Callable[[Any], Any],
@@ -59,17 +73,13 @@ class Restarts:
         """Gives each its own values.
 
         Args:
-          count: number of parallel updates.
-          noise: their rules; all have `noise` if None.
-          hyperparams: their values, by the names that optax injects them under.
+          noise: the parallel updates' rules; all have `noise` if None.
+          hyperparams: the parallel updates' values, by the names that optax injects them under.
           lay_out: puts arrays with a leading axis of restarts on the devices.
 
         Raises:
-          ValueError: if there are not `count` values, or a rule is of another kind.
+          ValueError: if a rule is of another kind.
         """
-        for name, values in {"noise": noise, **hyperparams}.items():
-            if values is not None and len(values) != count:
-                raise ValueError(f"{name}: {count} needed, got {len(values)}")
         for rule in noise or ():
             self._require_same_kind(rule)
         self._rules = None

@@ -4,8 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.problems import make_plan, make_planner
 from helpers.toys import problem_from
 
+from mdpo_rddl.noise import NoNoise
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import FeedbackShape
@@ -164,6 +166,75 @@ def test_a_repair_stays_in_the_box_of_each_whole_number():
     repaired = LegalActions(make(problem).test_compiled, [])({"take": jnp.array([5, 0])}, {}, {})
     assert repaired["take"].tolist() == [0, 4]
     assert not Referee(started(problem)).rule({"take": np.asarray(repaired["take"])}).illegal
+
+
+PUSHES = """
+domain pushes {
+    types { unit : object; };
+    pvariables {
+        x(unit) : { state-fluent, real, default = 0.0 };
+        push(unit) : { action-fluent, real, default = 0.0 };
+        light : { action-fluent, bool, default = false };
+    };
+    cpfs { x'(?u) = x(?u) + push(?u); };
+    reward = -(sum_{?u : unit} [pow[x(?u) - 0.5, 2]]);
+    action-preconditions {
+        forall_{?u : unit} [push(?u) >= -1.0]; forall_{?u : unit} [push(?u) <= 1.0]; RULES
+    };
+}
+non-fluents nf { domain = pushes; objects { unit : {u1, u2}; }; }
+instance one {
+    domain = pushes; non-fluents = nf; max-nondef-actions = MOST; horizon = 4; discount = 1.0;
+}
+"""
+AHEAD = "forall_{?u : unit} [push(?u) <= 0.2 + x(?u)];"
+SHARED = "(sum_{?u : unit} [push(?u)]) <= 0.3 + (sum_{?u : unit} [x(?u)]);"
+
+
+def pushes(rules=AHEAD, most="pos-inf"):
+    return problem_from(PUSHES.replace("RULES", rules).replace("MOST", most))
+
+
+@pytest.mark.parametrize(
+    ("rules", "most", "proposed", "expected"),
+    [
+        # each real up to its own bound, or as proposed
+        (AHEAD, "pos-inf", [1.0, 0.9], [0.2, 0.5]),
+        (AHEAD, "pos-inf", [0.3, -0.7], [0.2, -0.7]),
+        (AHEAD, "pos-inf", [-1.0, 0.25], [-1.0, 0.25]),
+        # of a common bound the larger change takes what it needs, the other one what is left
+        (SHARED, "pos-inf", [0.5, 0.4], [0.5, 0.1]),
+        # beside what counts as a change, no more than there may be
+        (AHEAD, "1", [0.8, 0.9], [0.0, 0.5]),
+    ],
+)
+def test_a_real_goes_as_far_as_is_legal(rules, most, proposed, expected):
+    problem = pushes(rules, most)
+    legal = LegalActions(make(problem).test_compiled, [])
+    state, light = {"x": np.array([0.0, 0.3], np.float32)}, {"light": jnp.array(False)}
+    off = {"light": jnp.array(0.0)}
+    repaired = legal({"push": jnp.array(proposed), **light}, off, state)
+    np.testing.assert_allclose(repaired["push"], expected, atol=1.0 / 128.0)
+    assert legal.is_legal(repaired, state)
+
+
+def test_a_bool_stays_what_it_is_beside_a_real_that_is_shortened():
+    legal = LegalActions(make(pushes()).test_compiled, [])
+    proposal = {"push": jnp.array([1.0, 0.1]), "light": jnp.array(True)}
+    repaired = legal(proposal, {"light": jnp.array(0.6)}, {"x": np.zeros(2, np.float32)})
+    assert bool(repaired["light"])
+    assert repaired["push"][1] == proposal["push"][1]
+    assert repaired["push"][0] == pytest.approx(0.2, abs=1.0 / 128.0)
+
+
+def test_a_planner_without_noise_plays_the_bound():
+    problem, weights = pushes(), {"light": 1.0}
+    planner = make_planner(MDPOPlanner, problem, make_plan("slp"), noise=NoNoise())
+    params = planner.plan.initializer(jax.random.PRNGKey(0), weights, None)
+    params = {**params, "push": jnp.ones_like(params["push"])}
+    state, _ = make_environment(problem).reset(seed=0)
+    action = planner.get_action(jax.random.PRNGKey(1), params, 0, state, weights)
+    np.testing.assert_allclose(action["push"], [0.2, 0.2], atol=1.0 / 128.0)
 
 
 def test_nothing_is_computed_where_the_policy_is_legal_as_it_is(tmp_path):

@@ -257,3 +257,12 @@ def test_a_sweep_needs_one_value_for_each_restart(problem, arguments, message):
     planner = tiny_planner(problem, parallel_updates=3)
     with pytest.raises(ValueError, match=message):
         planner.vary_restarts(**arguments)
+
+
+def test_a_sweep_is_counted_without_companions(problem):
+    planner = tiny_planner(problem, noise=None)
+    assert planner.parallel_updates == 2 * planner.restarts == 2
+    for given in (3, 2):
+        with pytest.raises(ValueError, match=f"learning_rate: 1 needed, got {given}"):
+            planner.vary_restarts(learning_rate=RATES[:given])
+    planner.vary_restarts(learning_rate=RATES[:1])
