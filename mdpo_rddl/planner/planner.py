@@ -85,8 +85,8 @@ class MDPOPlanner(CallingPlanner):
         Raises:
           TypeError: if `noise` is not an `ActionNoise`.
         """
-        noise = configured_noise if noise is None else noise
-        noise = default_noise() if noise is None else noise
+        if noise is None:
+            noise = default_noise() if configured_noise is None else configured_noise
         if not isinstance(noise, ActionNoise):
             raise TypeError(f"noise must be an ActionNoise, got {type(noise).__name__}")
         self._restarts = Restarts(noise)
@@ -104,10 +104,8 @@ class MDPOPlanner(CallingPlanner):
     def noise(self) -> ActionNoise:
         """The rule for the action noise.
 
-        A rule of the same kind with other numbers takes effect at the next `optimize`.
-
-        Raises:
-          ValueError: on assignment of a rule that the planner was not compiled for.
+        A rule of the same kind with other numbers takes effect at the next `optimize`; one that
+        the planner was not compiled for raises ValueError.
         """
         return self._restarts.noise
 
@@ -175,8 +173,8 @@ class MDPOPlanner(CallingPlanner):
         plain, exact = self.plan.test_policy, self.test_compiled
         self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
         self.test_policy = jax.jit(self.legal_policy)
-        specs = action_specs(self.plan, self.compiled, self._action_bounds)
-        self.action_specs = specs_in_unit(self, specs)
+        bounded = action_specs(self.plan, self.compiled, self._action_bounds)
+        self.action_specs = specs_in_unit(self, bounded)
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)
         self._perturbed_policy = perturbed_policy(
             self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
@@ -328,14 +326,13 @@ class MDPOPlanner(CallingPlanner):
         """
         signature = inspect.signature(JaxBackpropPlanner.optimize_generator)
         given = signature.bind(self, *args, **kwargs)
-        hyperparams = given.arguments.get("policy_hyperparams")
+        names = ("policy_hyperparams", "guess", "stopping_rule")
+        hyperparams, guess, rule = (given.arguments.get(name) for name in names)
         if isinstance(hyperparams, dict):
             given.arguments["policy_hyperparams"] = dict(hyperparams)
-        guess = given.arguments.get("guess")
         if guess is not self._guess:
             # JaxPlan's online controller tries the same guess again if compiling took all its time
             self._guess, self._noise_state_at_guess = guess, self._noise_state
-        rule = given.arguments.get("stopping_rule")
         if rule is not None and self.is_paired:
             given.arguments["stopping_rule"] = PlainUpdatesRule(rule)
         yield from super().optimize_generator(*given.args[1:], **given.kwargs)
