@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from mdpo_rddl.bench.noise_value.methods import DEFAULT, NONE, TWICE
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart
-_COLOURS = ("#000000", "#999999", "#56b4e9", "#009e73", "#e69f00", "#d55e00")
+_COLOURS = ("#000000", "#999999", "#56b4e9", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
 _SHOWN = 3
 
 Scores = Mapping[Any, Mapping[str, np.ndarray]]
