@@ -368,6 +368,18 @@ def test_no_file_is_opened_to_be_read_but_at_the_one_door():
     assert found == named
 
 
+def test_pictures_are_drawn_into_memory_or_a_run_that_is_not_there_yet():
+    # `write_picture` puts them at their place in one step
+    drawing = {
+        "mdpo_rddl.machine.pictures",
+        "mdpo_rddl.ipc.figures",
+        "mdpo_rddl.session.report.figures",
+        "mdpo_rddl.session.report.race_figure",
+        "mdpo_rddl.session.report.page.style",
+    }
+    assert {module_name(path) for path in FILES if "savefig" in calls(path)} == drawing
+
+
 def test_no_file_chooses_how_a_notebook_draws():
     # pyplot picks a backend for the whole process; `Figure` objects do not
     assert violations(FILES, "matplotlib.pyplot", "matplotlib.use", "pylab") == []
