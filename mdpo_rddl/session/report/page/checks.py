@@ -102,6 +102,8 @@ def check_summary(summary: Any) -> None:
     _SUMMARY(summary, "")
     if "train_seconds" in summary:
         fields({"compile_seconds": number})(summary, "")
+    if summary["illegal_actions"]:
+        fields({"fallback_actions": count})(summary, "")
     race = summary.get("auto")
     # before version 0.2 it had no arms, and is not shown
     if race and (not isinstance(race, Mapping) or "arms" in race):
