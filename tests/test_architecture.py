@@ -315,6 +315,71 @@ def test_files_from_anybody_are_read_through_the_one_door():
     assert {module_name(path) for path in FILES if calls(path) & reading} <= own
 
 
+def opens_to_read(node: ast.AST) -> bool:
+    """Whether a file may be opened to be read: unless a mode is given that only writes."""
+    if not isinstance(node, ast.Call):
+        return False
+    name = ast.unparse(node.func)
+    if name.rpartition(".")[2] not in ("open", "fdopen"):
+        return False
+    # of a path the first word, of a name or a handle the second
+    given = node.args[name in ("open", "io.open", "os.open", "os.fdopen") :]
+    modes = [word.value for word in node.keywords if word.arg == "mode"] or given
+    if not modes or not isinstance(modes[0], ast.Constant):
+        return True
+    return not {"w", "a", "x"} & set(str(modes[0].value)) or "+" in str(modes[0].value)
+
+
+def test_opening_to_read_is_seen_in_every_form():
+    found = {
+        text: any(opens_to_read(node) for node in ast.walk(ast.parse(text)))
+        for text in (
+            "path.open()",
+            "path.open(encoding='utf-8')",
+            "(folder / 'a').open('rb')",
+            "path.open(mode='r+b')",
+            "open(path)",
+            "io.open(path, mode)",
+            "os.open(path, os.O_RDONLY)",
+            "os.fdopen(handle, 'rb')",
+            "path.open('a+b')",
+            "path.open('w', newline='')",
+            "open(path, 'ab')",
+            "os.fdopen(handle, 'wb')",
+            "path.open(mode='x')",
+        )
+    }
+    assert list(found.values()) == [True] * 9 + [False] * 4
+
+
+def test_no_file_is_opened_to_be_read_but_at_the_one_door():
+    named = {
+        "mdpo_rddl.machine.files",  # the door itself
+        "mdpo_rddl.machine.child",  # a child's log, in a folder of its own
+        "mdpo_rddl.machine.locks",  # a lock, nothing of which is read
+        "mdpo_rddl.bench.common.records",  # says whether rows can be added, and reads none
+        "mdpo_rddl.session.report.run_folder",  # puts on the disk what was written
+    }
+    found = {
+        module_name(path)
+        for path in FILES
+        if any(opens_to_read(node) for node in ast.walk(tree(path)))
+    }
+    assert found == named
+
+
+def test_pictures_are_drawn_into_memory_or_a_run_that_is_not_there_yet():
+    # `write_picture` puts them at their place in one step
+    drawing = {
+        "mdpo_rddl.machine.pictures",
+        "mdpo_rddl.ipc.figures",
+        "mdpo_rddl.session.report.figures",
+        "mdpo_rddl.session.report.race_figure",
+        "mdpo_rddl.session.report.page.style",
+    }
+    assert {module_name(path) for path in FILES if "savefig" in calls(path)} == drawing
+
+
 def test_no_file_chooses_how_a_notebook_draws():
     # pyplot picks a backend for the whole process; `Figure` objects do not
     assert violations(FILES, "matplotlib.pyplot", "matplotlib.use", "pylab") == []

@@ -21,13 +21,14 @@ from helpers.fuzzing_commands import CommandFuzzer
 
 # of a hundred
 SHARES = {
-    "configuration": 34,
+    "configuration": 33,
     "command line": 30,
     "policy file": 16,
     "policy contents": 8,
     "race checkpoint": 4,
     "run of mdpo-ipc": 4,
     "RDDL": 4,
+    "run folder": 1,
 }
 COMMAND_SHARES = {
     "configuration": 25,

@@ -84,12 +84,17 @@ def parse_fluents(text: str) -> tuple[Fluent, ...]:
       ValueError: if it is something else.
     """
     try:
-        return tuple(
+        fluents = tuple(
             Fluent(**{**each, "objects": tuple(each["objects"]), "values": tuple(each["values"])})
             for each in json.loads(text)
         )
-    except (TypeError, KeyError) as error:
+    except (TypeError, KeyError, RecursionError) as error:
         raise ValueError(f"no descriptions of fluents: {error}") from error
+    for fluent in fluents:
+        words = (fluent.kind, fluent.name, fluent.range, *fluent.objects, *fluent.values)
+        if type(fluent.count) is not int or not all(isinstance(word, str) for word in words):
+            raise ValueError("no descriptions of fluents: one has a value of another kind")
+    return fluents
 
 
 class TrajectoriesRecorder:

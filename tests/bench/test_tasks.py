@@ -1,18 +1,20 @@
 """Planners on many tasks: the rows of real trials, the scores and tables worked by hand."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from helpers.clocks import Stopped
 from helpers.levers import NONE, lever_policy
+from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks import everywhere, trial
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
-from mdpo_rddl.bench.tasks.published import published, published_table, score
+from mdpo_rddl.bench.tasks.published import published, published_table, read_published, score
 from mdpo_rddl.bench.tasks.published_figure import OURS, published_scores
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
 from mdpo_rddl.cli import bench
@@ -161,6 +163,17 @@ def test_the_published_tasks():
     for task, row in rows.items():
         others = [row[name] for name in row if name.endswith(("_1", "_3", "_5", "_ippc2014"))]
         assert float(row["best"]) == max(float(value) for value in others if value), task
+
+
+def test_published_rows_are_read_from_regular_files_of_a_bounded_size(tmp_path, monkeypatch):
+    pipe, large = tmp_path / "pipe", tmp_path / "large.csv"
+    os.mkfifo(pipe)
+    assert one_line(lambda: read_published(pipe)) == f"{pipe}: is not a regular file"
+    zero = Path("/dev/zero")
+    assert one_line(lambda: read_published(zero)) == "/dev/zero: is not a regular file"
+    large.write_bytes(b"x" * 1001)
+    monkeypatch.setattr("mdpo_rddl.bench.tasks.published.MOST_BYTES", 1000)
+    assert "large.csv: is larger than 1,000 bytes" in one_line(lambda: read_published(large))
 
 
 def test_the_published_table_counts_what_reaches_the_best(tmp_path):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from helpers import fuzzing_races
+from helpers import fuzzing_races, fuzzing_runs
 from helpers.config_texts import NOISE, TEXT
 from helpers.plan_command import DOMAIN, INSTANCE
 from mdpo_rddl.cli.option_checks import check_plan_options
@@ -123,6 +123,7 @@ class Fuzzer:
             "run of mdpo-ipc": self.results,
             "RDDL": self.rddl,
             "race checkpoint": self.race_checkpoint,
+            "run folder": self.run_folder,
         }
 
     def run(self, kind: str) -> None:
@@ -213,6 +214,10 @@ class Fuzzer:
         folder.mkdir(exist_ok=True)
         fuzzing_races.read(folder, self.chance, mutated)
         return folder
+
+    def run_folder(self) -> object:
+        """A run folder, of which the report is written."""
+        return fuzzing_runs.read(self.folder / "report", self.chance, mutated)
 
 
 @cache

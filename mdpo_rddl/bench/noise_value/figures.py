@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mdpo_rddl.bench.noise_value.methods import DEFAULT, NONE, TWICE
+from mdpo_rddl.machine.pictures import write_picture
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 _COLOURS = ("#000000", "#999999", "#56b4e9", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
@@ -37,7 +38,7 @@ def draw_strips(path: Path, scores: Scores, methods: Sequence[str]) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     axes.set_xticks(range(len(methods)), methods)
     axes.set(ylabel="normalised score minus that without noise", title="a dot a task, line: mean")
-    figure.savefig(path, dpi=110)
+    write_picture(figure, path, dpi=110)
 
 
 def draw_curves(path: Path, results: Mapping[Any, Mapping[str, Any]], scores: Scores) -> None:
@@ -63,7 +64,7 @@ def draw_curves(path: Path, results: Mapping[Any, Mapping[str, Any]], scores: Sc
             lead = f"{title} {leads[task]:+.2f}"
             axes.set_title(f"{lead}: {task[0]} {task[1]}\n{task[2]}, {task[3]}", fontsize=9)
     panels[0][0].legend(fontsize=7)
-    figure.savefig(path, dpi=110)
+    write_picture(figure, path, dpi=110)
 
 
 def _draw_task(axes: Axes, found: Mapping[str, Any]) -> None:

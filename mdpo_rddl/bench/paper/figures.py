@@ -12,6 +12,7 @@ from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.paper.landscape import Landscape
 from mdpo_rddl.bench.paper.names import ADAPTIVE, METHODS
 from mdpo_rddl.bench.paper.tables import Key, Measured
+from mdpo_rddl.machine.pictures import write_picture
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 STYLES: dict[str, tuple[str, str]] = {
@@ -132,4 +133,4 @@ def _draw_profile(axes: Axes, sigma: np.ndarray, title: str) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=130)
+    write_picture(figure, path, dpi=130)

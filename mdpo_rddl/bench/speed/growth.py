@@ -19,6 +19,7 @@ from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.jax_setup import use_all_cores
 from mdpo_rddl.machine.memory import peak_mb
+from mdpo_rddl.machine.pictures import write_picture
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
@@ -192,4 +193,4 @@ def draw_growth(records: Records, path: Path) -> None:
             if column == 0:
                 ax.set_ylabel(label)
                 ax.legend()
-    figure.savefig(path, dpi=130)
+    write_picture(figure, path, dpi=130)

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mdpo_rddl.bench.tasks.anytime import Returns
+from mdpo_rddl.machine.pictures import write_picture
 
 _COLUMNS = 4
 _COLOUR = "#0072b2"
@@ -41,4 +42,4 @@ def draw_anytime(path: Path, returns: Returns) -> None:
         axes.spines[["top", "right"]].set_visible(False)
     figure.supxlabel("seconds of preparation", fontsize=9)
     figure.supylabel("mean return", fontsize=9)
-    figure.savefig(path, dpi=110)
+    write_picture(figure, path, dpi=110)

@@ -24,6 +24,7 @@ from mdpo_rddl.bench.tasks.trial import (
     run_tasks,
 )
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import MOST_BYTES, decoded, read_bounded
 
 AT_THE_BEST = 0.99
 OTHERS = {
@@ -80,8 +81,7 @@ def read_published(path: Path) -> Records:
       InputError: naming the file, if it holds anything else.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            header = file.readline().rstrip("\n").split(",")
+        header = decoded(read_bounded(path, MOST_BYTES)).partition("\n")[0].split(",")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: no such results; mdpo-bench published makes them") from error
     is_thinking = tuple(header) == THINKING_COLUMNS

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.published import mean_returns, published, score
 from mdpo_rddl.bench.tasks.trial import Task
+from mdpo_rddl.machine.pictures import write_picture
 
 OURS = "this package"
 PLANNERS = {
@@ -67,7 +68,7 @@ def draw_published(path: Path, records: Records) -> None:
     _draw_profiles(right, others, f"continuous and mixed, {len(others)} tasks")
     left.set_ylabel("share of tasks")
     figure.suptitle(f"{len(scores)} of {len(published())} tasks measured", fontsize=10)
-    figure.savefig(path, dpi=130)
+    write_picture(figure, path, dpi=130)
 
 
 def _draw_profiles(axes: Axes, scores: Scores, title: str) -> None:

@@ -3,8 +3,8 @@
 import contextlib
 import csv
 import io
-import zipfile
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json, size_text
+from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json
 from mdpo_rddl.problem.trajectories import Trajectories, fluents_text, parse_fluents
+from mdpo_rddl.session.report.page.arrays import read_arrays
+from mdpo_rddl.session.report.page.checks import check_config, check_summary
 from mdpo_rddl.session.report.run_folder import SUMMARY, TRAJECTORIES
 
 _FLUENTS, _SECONDS = "fluents", "decision_seconds"
-_MOST_BYTES, _MOST_UNPACKED_BYTES = 2**26, 2**29
-_NEEDED = ("label", "domain", "instance", "horizon", "policy", "returns", "mean_return", "seed")
+# kinds of NumPy's types
+_NUMBERS = "fiub"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +55,7 @@ def read_run(folder: Path) -> RunRecord:
     path = folder / SUMMARY
     if not path.is_file():
         raise InputError(f"{folder}: no run folder: it has no {SUMMARY}")
-    summary = _json(path)
-    lacking = [name for name in _NEEDED if name not in summary]
-    if lacking:
-        raise InputError(f"{path}: not a run's summary: it has no {lacking[0]!r}")
+    summary = _json(path, check_summary, "summary")
     config = folder / "config.json"
     plays, seconds = read_play(folder / TRAJECTORIES)
     names = ("learning_curve.png", "noise.png")
@@ -64,7 +63,7 @@ def read_run(folder: Path) -> RunRecord:
         folder=folder,
         name=folder.resolve().name,
         summary=summary,
-        config=_json(config) if config.is_file() else None,
+        config=_json(config, check_config, "configuration") if config.is_file() else None,
         plays=plays,
         decision_seconds=_replanned(folder) if seconds is None else seconds,
         pictures={
@@ -101,23 +100,44 @@ def read_play(path: Path) -> tuple[dict[str, Trajectories], np.ndarray | None]:
     """
     if not path.is_file():
         return {}, None
+    arrays = read_arrays(path)
     try:
-        content = io.BytesIO(read_bounded(path, _MOST_BYTES, path.parent))
-        with zipfile.ZipFile(content) as packed:
-            unpacked = sum(member.file_size for member in packed.infolist())
-        if unpacked > _MOST_UNPACKED_BYTES:
-            raise InputError(f"{path}: would unpack to {size_text(unpacked)}, which is too much")
-        with np.load(content, allow_pickle=False) as file:
-            fluents = parse_fluents(str(file[_FLUENTS]))
-            names = [n.removesuffix("/steps") for n in file.files if n.endswith("/steps")]
-            # each is uncompressed once
-            arrays = {name: file[name] for name in file.files}
-            played = [name for name in names if len(arrays[f"{name}/reward"])]
-            plays = {name: Trajectories.from_arrays(fluents, arrays, name) for name in played}
-            seconds = arrays[_SECONDS]
-            return plays, seconds if len(seconds) else None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: damaged: {' '.join(str(error).split())}") from error
+        fluents = parse_fluents(str(arrays[_FLUENTS]))
+        # a fluent may have the name too
+        names = [n.removesuffix("/steps") for n in arrays if re.fullmatch("[^/]+/steps", n)]
+        plays = {name: Trajectories.from_arrays(fluents, arrays, name) for name in names}
+        for name, played in plays.items():
+            _check_play(name, played)
+        seconds = arrays[_SECONDS]
+        _check_seconds(seconds)
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{path}: damaged: {' '.join(str(error).split())[:240]}") from error
+    plays = {name: played for name, played in plays.items() if len(played.rewards)}
+    return plays, seconds if len(seconds) else None
+
+
+def _check_play(name: str, play: Trajectories) -> None:
+    """Raises ValueError for arrays that are not numbers or do not fit each other."""
+    if play.rewards.ndim != 2:
+        raise ValueError(f"{name[:80]!r} has no rewards of episodes and steps")
+    episodes, steps = play.rewards.shape
+    shapes = {"reward": (play.rewards, (episodes, steps)), "steps": (play.steps, (steps,))}
+    for fluent in play.fluents:
+        values = play.values[fluent.kind, fluent.name]
+        # of no episode at all, the objects are not known
+        shape = (episodes, steps, len(fluent.objects)) if episodes else values.shape
+        shapes[f"{fluent.kind}/{fluent.name}"] = values, shape
+    for what, (array, shape) in shapes.items():
+        if array.dtype.kind not in _NUMBERS or array.shape != shape:
+            found = f"{array.dtype} of shape {array.shape}"
+            raise ValueError(f"{f'{name}/{what}'[:80]!r} is {found}, not numbers of shape {shape}")
+
+
+def _check_seconds(seconds: np.ndarray) -> None:
+    """Raises ValueError unless these are the seconds of decisions."""
+    is_row = seconds.ndim == 1 and seconds.dtype.kind in _NUMBERS
+    if not is_row or not np.all(np.isfinite(seconds) & (seconds >= 0.0)):
+        raise ValueError(f"{_SECONDS} is no row of seconds")
 
 
 def _replanned(folder: Path) -> np.ndarray | None:
@@ -125,15 +145,23 @@ def _replanned(folder: Path) -> np.ndarray | None:
     path = folder / "decisions.csv"
     if not path.is_file():
         return None
-    with contextlib.suppress(KeyError, ValueError):
+    # a stopped run may have left half of a row, and then has no such picture
+    with contextlib.suppress(KeyError, TypeError, ValueError, csv.Error):
         text = read_bounded(path, MOST_BYTES, folder).decode()
         rows = csv.DictReader(io.StringIO(text, newline=""))
-        return np.array([float(row["seconds"]) for row in rows])
+        seconds = np.array([float(row["seconds"]) for row in rows])
+        _check_seconds(seconds)
+        return seconds if len(seconds) else None
     return None
 
 
-def _json(path: Path) -> Any:
+def _json(path: Path, check: Callable[[Any], None], what: str) -> Any:
     try:
-        return read_json(path, path.parent)
+        found = read_json(path, path.parent)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: damaged: {' '.join(str(error).split())}") from error
+    try:
+        check(found)
+    except ValueError as error:
+        raise InputError(f"{path}: not a run's {what}: {error}") from error
+    return found

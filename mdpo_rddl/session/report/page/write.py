@@ -1,11 +1,11 @@
 """Writes the page into a run folder, or one that compares several."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.session.report.page.record import read_run
 from mdpo_rddl.session.report.page.render import comparison_page, run_page
@@ -37,7 +37,7 @@ def write_page(folder: Path, out: Path | None = None) -> Path:
       InputError: if the folder is no run folder or damaged, or the page cannot be written.
     """
     page = out or folder / PAGE
-    write_atomically(page, run_page(read_run(folder)))
+    write_atomically(page, _made([folder], lambda: run_page(read_run(folder))))
     return page
 
 
@@ -52,8 +52,28 @@ def write_comparison(folders: Sequence[Path], out: Path) -> Path:
     """
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise InputError(f"{folders[0]}: compared with itself: name each run folder once")
-    runs = [read_run(folder) for folder in folders]
-    if len({run.name for run in runs}) < len(runs):
-        runs = [replace(run, name=str(path)) for run, path in zip(runs, folders, strict=True)]
-    write_atomically(out, comparison_page(runs))
+
+    def compared() -> str:
+        runs = [read_run(folder) for folder in folders]
+        if len({run.name for run in runs}) < len(runs):
+            runs = [replace(run, name=str(path)) for run, path in zip(runs, folders, strict=True)]
+        return comparison_page(runs)
+
+    write_atomically(out, _made(folders, compared))
     return out
+
+
+def _made(folders: Sequence[Path], make: Callable[[], str]) -> bytes:
+    """A page of folders that anybody may have filled, as a file holds it.
+
+    Raises:
+      InputError: naming the folders, for whatever cannot be shown.
+    """
+    try:
+        return make().encode()
+    except InputError:
+        raise
+    except Exception as error:
+        names = ", ".join(map(str, folders))
+        cause = f"{type(error).__name__}: {one_line_cause(error)}"
+        raise InputError(f"{names}: no page can be made of it: {cause}") from error
