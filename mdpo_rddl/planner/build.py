@@ -6,6 +6,7 @@ from typing import Any
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.built import Built
+from mdpo_rddl.planner.config.bounds import too_large_for
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.values import optimize_parameters
 from mdpo_rddl.planner.missing import missing_package
@@ -34,9 +35,10 @@ def build_planner(
       planner_class: what to make of it.
 
     Raises:
-      InputError: if JaxPlan refuses the problem or the configuration.
+      InputError: if JaxPlan refuses the problem or the configuration, or the latter makes too
+        large a planner of the former.
     """
-    planner_args, optimize_args = _arguments(config)
+    planner_args, optimize_args = _arguments(problem, config)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what is no box, as when the problem was loaded
@@ -60,14 +62,20 @@ def build_baseline(problem: Problem, config: PlannerConfig) -> Built[JaxBackprop
     Args:
       problem: the parsed problem.
       config: a configuration; sections that JaxPlan does not know have no effect.
+
+    Raises:
+      InputError: if it makes too large a planner of the problem.
     """
-    planner_args, optimize_args = _arguments(config)
+    planner_args, optimize_args = _arguments(problem, config)
     planner = JaxBackpropPlanner(problem.model, **planner_args)
     return Built(planner, config.budget(), optimize_args)
 
 
-def _arguments(config: PlannerConfig) -> tuple[dict[str, Any], dict[str, Any]]:
+def _arguments(problem: Problem, config: PlannerConfig) -> tuple[dict[str, Any], dict[str, Any]]:
     """The keyword arguments of JaxPlan's planner, and of its `optimize`."""
+    too_large = too_large_for(problem, config.sections)
+    if too_large is not None:
+        raise InputError(f"{config.source}: {too_large}")
     quiet = config.with_values("Compiler", print_warnings=False)
     planner_args, _, train_args = quiet.jaxplan_arguments()
     # the rest of the section is for JaxPlan's controllers

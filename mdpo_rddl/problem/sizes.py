@@ -10,6 +10,9 @@ from pyRDDLGym.core.parser.rddl import RDDL
 MOST_GROUND_FLUENTS = 2_000_000
 """Of all kinds together; pyRDDLGym gives each of them a name."""
 
+MOST_PLAYED_FLUENTS = 500_000
+"""Of state, observation and action; a rollout carries them all, and its gradient once more."""
+
 MOST_STEPS = 100_000
 """Of an episode; a rollout holds something of each of them."""
 
@@ -19,7 +22,15 @@ MOST_STEP_FLUENTS = 1_000_000_000
 MOST_VALUES = 50_000_000
 """Of one expression: a value for each combination of the objects that it ranges over."""
 
+MOST_PART_VALUES = 200_000_000
+"""Of all expressions with all their parts: what is computed at each step."""
+
+MOST_STEP_VALUES = 20_000_000_000
+"""Steps times these."""
+
+_PLAYED = ("state-fluent", "observ-fluent", "action-fluent")
 _MANY = 10**15
+_BYTES = 4  # of a value of the compiled model
 
 
 def oversize(ast: RDDL) -> str | None:
@@ -31,26 +42,65 @@ def oversize(ast: RDDL) -> str | None:
       ast: both files, parsed.
     """
     counts = _object_counts(ast)
-    ground = 0
+    ground = played = 0
     params: dict[str, list[str]] = {}
     for variable in ast.domain.pvariables:
         params[variable.name] = list(variable.param_types or ())
-        ground += math.prod(counts.get(name, 1) for name in params[variable.name])
+        count = math.prod(counts.get(name, 1) for name in params[variable.name])
+        ground += count
+        played += count if variable.fluent_type in _PLAYED else 0
     if ground > MOST_GROUND_FLUENTS:
         return f"{ground:,} ground fluents, at most {MOST_GROUND_FLUENTS:,} can be planned for"
+    if played > MOST_PLAYED_FLUENTS:
+        return (
+            f"{played:,} ground fluents of state, observation and action, "
+            f"at most {MOST_PLAYED_FLUENTS:,} can be planned for"
+        )
     horizon = ast.instance.horizon
     most_steps = min(MOST_STEPS, MOST_STEP_FLUENTS // max(ground, 1))
     if horizon > most_steps:
         steps = f"{horizon:,}" if horizon < _MANY else f"over {_MANY:,}"
         return f"the horizon is {steps}, at most {most_steps:,} steps can be planned for"
+    return _too_many_values(ast, params, counts)
+
+
+def _too_many_values(ast: RDDL, params: dict[str, list[str]], counts: dict[str, int]) -> str | None:
+    """What of the expressions is too large, in words; None if nothing is.
+
+    Args:
+      ast: both files, parsed.
+      params: per fluent, the types of its parameters.
+      counts: objects per type.
+    """
+    total = 0
     for name, scope, expression in _expressions(ast, params):
-        values = _most_values(expression, math.prod(counts.get(each, 1) for each in scope), counts)
+        around = math.prod(counts.get(each, 1) for each in scope)
+        values, of_parts = _values(expression, around, counts)
+        total += of_parts
         if values > MOST_VALUES:
             return (
                 f"{name} ranges over {values:,} combinations of objects, "
                 f"at most {MOST_VALUES:,} can be planned for"
             )
+        if of_parts > MOST_PART_VALUES:
+            return _too_much(name, of_parts)
+    if total > MOST_PART_VALUES:
+        return _too_much("the domain", total)
+    most_steps = MOST_STEP_VALUES // max(total, 1)
+    if ast.instance.horizon > most_steps:
+        return (
+            f"the horizon is {ast.instance.horizon:,}, at most {most_steps:,} steps "
+            f"of {total:,} values can be planned for"
+        )
     return None
+
+
+def _too_much(name: str, values: int) -> str:
+    return (
+        f"{name} has {values:,} values with all its parts, "
+        f"about {values * _BYTES / 2**30:.1f} GiB at each step; "
+        f"at most {MOST_PART_VALUES:,} can be planned for"
+    )
 
 
 def _object_counts(ast: RDDL) -> dict[str, int]:
@@ -81,27 +131,28 @@ def _expressions(ast: RDDL, params: dict[str, list[str]]) -> Iterator[tuple[str,
             yield what, [], expression
 
 
-def _most_values(expression: Any, values: int, counts: dict[str, int]) -> int:
-    """The largest number of values of an expression and its parts.
+def _values(expression: Any, values: int, counts: dict[str, int]) -> tuple[int, int]:
+    """The largest number of values of an expression and its parts, and the sum of them all.
 
     Args:
       expression: pyRDDLGym's.
       values: of whatever stands around it, at least 1.
       counts: objects per type.
     """
-    most, waiting = values, [(expression, values)]
+    most, total, waiting = values, 0, [(expression, values)]
     while waiting:  # no recursion: expressions may be nested as deep as anybody likes
         node, around = waiting.pop()
         parts = node
         while isinstance(parts, Expression):  # one inside the other where there are parentheses
             parts = parts._expr
+        total += around if isinstance(node, Expression) else 0
         if not isinstance(parts, tuple | list):
             continue
         ranges = [part[1][1] for part in parts if _is_quantifier(part)]
         around *= math.prod(counts.get(name, 1) for name in ranges)
         most = max(most, around)
         waiting += [(part, around) for part in parts if not _is_quantifier(part)]
-    return most
+    return most, total
 
 
 def _is_quantifier(part: Any) -> bool:

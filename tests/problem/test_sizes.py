@@ -9,7 +9,12 @@ from helpers.mistakes import one_line
 from helpers.plan_command import DOMAIN, INSTANCE
 
 from mdpo_rddl.problem.load import load_problem
-from mdpo_rddl.problem.sizes import MOST_GROUND_FLUENTS, MOST_VALUES
+from mdpo_rddl.problem.sizes import (
+    MOST_GROUND_FLUENTS,
+    MOST_PART_VALUES,
+    MOST_PLAYED_FLUENTS,
+    MOST_VALUES,
+)
 
 SUM = "sum_{?t : tank} [-abs[volume(?t) - LEVEL(?t)]]"
 
@@ -51,6 +56,36 @@ def test_too_many_combinations_of_objects(tmp_path: Path, nested: bool) -> None:
         f"{tmp_path}/i.rddl: the cpf of volume' ranges over {10**9:,} combinations of objects, "
         f"at most {MOST_VALUES:,} can be planned for"
     )
+
+
+def test_too_many_values_of_the_parts_together(tmp_path: Path) -> None:
+    product = "volume(?a) * volume(?b) * volume(?c)"
+    reward = f"sum_{{?a : tank, ?b : tank, ?c : tank}} [{product} + sin[{product}]]"
+    said = refused(tmp_path, changed(DOMAIN, SUM, reward), tanks(368))
+    # three fluents and two products in each of two terms, the sine and the sum; around them one
+    values = 12 * 368**3 + 1
+    assert said == (
+        f"{tmp_path}/i.rddl: the reward has {values:,} values with all its parts, "
+        f"about 2.2 GiB at each step; at most {MOST_PART_VALUES:,} can be planned for"
+    )
+
+
+def test_too_many_fluents_that_a_rollout_carries(tmp_path: Path) -> None:
+    leak = "LEAK(tank, tank) : { state-fluent, real, default = 0.0 };\n volume(tank) :"
+    domain = changed(DOMAIN, "volume(tank) :", leak)
+    said = refused(tmp_path, domain, tanks(1000))
+    assert said == (
+        f"{tmp_path}/i.rddl: {1000**2 + 2 * 1000:,} ground fluents of state, observation and "
+        f"action, at most {MOST_PLAYED_FLUENTS:,} can be planned for"
+    )
+
+
+def test_too_many_values_in_all_steps(tmp_path: Path) -> None:
+    domain = changed(DOMAIN, SUM, "sum_{?a : tank, ?b : tank, ?c : tank} [volume(?a)]")
+    instance = changed(tanks(100), "horizon = 7;", "horizon = 100000;")
+    said = refused(tmp_path, domain, instance)
+    assert said.startswith(f"{tmp_path}/i.rddl: the horizon is 100,000, at most ")
+    assert said.endswith(" values can be planned for")
 
 
 def test_the_reward_and_the_preconditions_are_looked_at_too(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import optax
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise import ActionNoise
+from mdpo_rddl.planner.config.bounds import out_of_bounds
 from mdpo_rddl.planner.config.extensions import OPTIMIZERS, PLANS
 from mdpo_rddl.planner.config.noise_section import NOT_NUMBERS, rule_values
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
@@ -89,10 +90,10 @@ class _Checks:
             self._check_positive(section, *keys)
         self._check_sizes()
         self._check_search()
-        for section, values in self.sections.items():
-            for key, value in values.items():
-                if key.endswith("_kwargs") and not isinstance(value, dict | None):
-                    raise self._error(f"[{section}] {key}: must be a dictionary, got {value!r}")
+        self._check_kwargs()
+        beyond = out_of_bounds(self.sections)
+        if beyond is not None:
+            raise self._error(beyond)
 
     def _check_compiler(self) -> None:
         method = self._section("Compiler").get("method", DEFAULT_COMPILER)
@@ -216,6 +217,12 @@ class _Checks:
             read_search(self.sections)
         except (TypeError, ValueError) as error:
             raise self._error(f"[{SEARCH}] {error}") from error
+
+    def _check_kwargs(self) -> None:
+        for section, values in self.sections.items():
+            for key, value in values.items():
+                if key.endswith("_kwargs") and not isinstance(value, dict | None):
+                    raise self._error(f"[{section}] {key}: must be a dictionary, got {value!r}")
 
     def _check_keys(self, section: str, known: set[str]) -> None:
         for key in self._section(section):

@@ -58,7 +58,7 @@ CONFIGS = st.fixed_dictionaries(
             ),
             some(
                 batch_size_train=COUNT,
-                rollout_horizon=COUNT | st.none(),
+                rollout_horizon=st.integers(1, 10**5) | st.none(),
                 clip_grad=POSITIVE,
                 utility=st.sampled_from(["mean", "cvar"]),
                 utility_kwargs=some(alpha=POSITIVE),
@@ -68,7 +68,8 @@ CONFIGS = st.fixed_dictionaries(
             key=st.integers(0, 2**31 - 1),
             epochs=COUNT,
             train_seconds=POSITIVE,
-            policy_hyperparams=LITERALS,
+            policy_hyperparams=st.floats(-1e9, 1e9) | st.dictionaries(TEXT, st.integers()),
+            guess=LITERALS,
         ),
     },
     optional={
