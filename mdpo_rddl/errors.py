@@ -27,3 +27,8 @@ def one_line_cause(error: Exception) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     text = _FOLDER.sub("", text)
     return text if len(text) <= _CAUSE_LENGTH else text[: _CAUSE_LENGTH - 1] + "…"
+
+
+def printable(text: str) -> str:
+    """A text from a file with its control characters escaped, which a terminal would obey."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -1,11 +1,16 @@
 """Kills runs of mdpo-plan at random moments, resumes them, and compares with an unbroken run.
 
     python tools/kill_runs.py --kills 100
+    python tools/kill_runs.py --seconds 3 --kills 30
     python tools/kill_runs.py --races --kills 30
 
 A toy problem is trained with a checkpoint every twentieth of a second, so that many of the kills
 fall into the writing of one. What is compared: the policy's parameters, the history and the noise,
 bit for bit.
+
+Trainings that seconds bound end where the clock says, and are not compared. They are killed at any
+time, the evaluation among it, which takes longer than the training: what is looked at is that they
+can be resumed and finished, with no fewer iterations than the checkpoint had.
 
 Of races, what is looked at after each kill is the checkpoint: neither the incumbent's return nor
 the seconds, the slices of the arms and the parts that are over may be less than after the kill
@@ -29,12 +34,23 @@ from shelves import same, write_problem
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.container import read_container
 
+# of a training that seconds bound: more of them take longer than the training
+_EPISODES = 500
+
 
 def command(folder: Path, out: str, iterations: int) -> list[str]:
     """A run that leaves a checkpoint twenty times a second."""
     files = [str(folder / "shelves.rddl"), str(folder / "three.rddl")]
     options = f"--preset paper --iterations {iterations} --episodes 1 --quiet --resume"
     where = ["--out", str(folder / out), "--checkpoint-seconds", "0.05"]
+    return [sys.executable, "-m", "mdpo_rddl.cli.plan", *files, *options.split(), *where]
+
+
+def bounded_command(folder: Path, out: str, seconds: float) -> list[str]:
+    """A training that the seconds end, with a long evaluation."""
+    files = [str(folder / "shelves.rddl"), str(folder / "three.rddl")]
+    options = f"--preset paper --iterations 100000000 --seconds {seconds} --episodes {_EPISODES}"
+    where = ["--out", str(folder / out), "--checkpoint-seconds", "0.2", "--quiet", "--resume"]
     return [sys.executable, "-m", "mdpo_rddl.cli.plan", *files, *options.split(), *where]
 
 
@@ -76,8 +92,21 @@ def kill_once(
             if until == float("inf") and newest(unfinished) > before:
                 until = time.monotonic() + chance.uniform(0.0, longest)
             time.sleep(0.002)
-        process.kill()
-        error = process.communicate()[1]
+        return killed(process)
+
+
+def kill_within(arguments: list[str], seconds: float) -> str:
+    """Starts the run and kills it after so many seconds; "finished" if that came too late."""
+    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as process:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(seconds)
+        return killed(process)
+
+
+def killed(process: subprocess.Popen[str]) -> str:
+    """Kills a run, unless it has ended: how it did."""
+    process.kill()
+    error = process.communicate()[1]
     if process.returncode == -signal.SIGKILL:
         return "killed"
     return "finished" if process.returncode == 0 else f"status {process.returncode}: {error}"
@@ -146,6 +175,44 @@ def kill_races(folder: Path, kills: int, seconds: float, chance: random.Random) 
     return not failures
 
 
+def used(folder: Path) -> tuple[float, int]:
+    """The seconds and the iterations in the newest checkpoint of a training; 0 without any."""
+    found = [(0.0, 0)]
+    for path in folder.glob("checkpoint-?.safetensors"):
+        with contextlib.suppress(InputError):  # its writing was killed
+            text, _ = read_container(path, ("mdpo-rddl checkpoint 2",))
+            numbers = json.loads(text["numbers"])
+            found.append((numbers["seconds"], numbers["iterations"]))
+    return max(found)
+
+
+def kill_bounded(folder: Path, kills: int, seconds: float, chance: random.Random) -> bool:
+    """Kills trainings that seconds bound, each up to three times; whether all could be finished."""
+    began = time.monotonic()
+    subprocess.run(bounded_command(folder, "whole", seconds), check=True)
+    longest = time.monotonic() - began
+    figures = {"kills": 0, "time used up": 0, "runs": 0, "failures": []}
+    while figures["kills"] < kills:
+        out, before, end = f"bounded{figures['runs']}", 0, "killed"
+        arguments = bounded_command(folder, out, seconds)
+        for _ in range(min(3, kills - figures["kills"])):
+            end = kill_within(arguments, chance.uniform(0.0, longest))
+            if end != "killed":
+                break
+            now, before = used(folder / f"{out}.unfinished")
+            figures["kills"] += 1
+            figures["time used up"] += now >= seconds
+        if end == "killed":
+            end = "finished" if subprocess.run(arguments).returncode == 0 else "failed"
+        if end != "finished":
+            figures["failures"].append(end)
+        elif json.loads((folder / out / "summary.json").read_text())["iterations"] < before:
+            figures["failures"].append(f"fewer iterations than {before}")
+        figures["runs"] += 1
+        print(json.dumps(figures), flush=True)
+    return not figures["failures"]
+
+
 def main() -> int:
     """Runs the campaign; the exit status is 0 if nothing was lost."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -153,7 +220,7 @@ def main() -> int:
     parser.add_argument("--iterations", type=int, default=6_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--races", action="store_true")
-    parser.add_argument("--seconds", type=float, default=40.0, help="of a race")
+    parser.add_argument("--seconds", type=float, help="of a race, 40 by default; of a training")
     options = parser.parse_args()
     chance = random.Random(options.seed)
     figures = {"kills": 0, "runs": 0, "same": 0, "failures": []}
@@ -161,7 +228,9 @@ def main() -> int:
         folder = Path(name)
         write_problem(folder)
         if options.races:
-            return int(not kill_races(folder, options.kills, options.seconds, chance))
+            return int(not kill_races(folder, options.kills, options.seconds or 40.0, chance))
+        if options.seconds is not None:
+            return int(not kill_bounded(folder, options.kills, options.seconds, chance))
         subprocess.run(command(folder, "whole", options.iterations), check=True)
         while figures["kills"] < options.kills:
             out = f"run{figures['runs']}"

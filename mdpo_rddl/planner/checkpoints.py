@@ -1,5 +1,6 @@
 """Checkpoints: the state of a training between two iterations, with which it goes on."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +14,9 @@ from mdpo_rddl.planner.found import Found
 from mdpo_rddl.planner.loop_state import LoopState, WatchedLoop
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
+
+LEAST_SECONDS = 1e-6
+"""What is left of a time that is used up: one call."""
 
 _LOOP, _FOUND = "loop/", "found/"
 
@@ -39,6 +43,29 @@ class TrainingState:
     def seconds(self) -> float:
         """Seconds of training used."""
         return float(self.numbers["seconds"])
+
+    def require_numbers(self, most_iterations: int, longest_call: tuple[int, int]) -> None:
+        """Raises an error unless a training can have left these numbers.
+
+        Args:
+          most_iterations: of its budget.
+          longest_call: the planner's iterations of a call, and from one test to the next.
+
+        Raises:
+          KeyError, ValueError: if one is missing, or none of such a training.
+        """
+        iterations, seconds, call, rule = (
+            self.numbers[name] for name in ("iterations", "seconds", "call", "rule")
+        )
+        if not _is_count(iterations, most_iterations - 1):
+            raise ValueError(f"its iterations are {_shown(iterations)} of {most_iterations}")
+        if not _is_real(seconds) or not 0.0 <= seconds < math.inf:
+            raise ValueError(f"its seconds are {_shown(seconds)}")
+        is_pair = isinstance(call, list | tuple) and len(call) == 2
+        if not is_pair or not all(map(_is_count, call, longest_call)) or call[0] % call[1]:
+            raise ValueError(f"its call is {_shown(call)}, of at most {list(longest_call)}")
+        if not isinstance(rule, Mapping) or not all(map(_is_real, rule.values())):
+            raise ValueError(f"its rule is {_shown(rule)}")
 
 
 @dataclass(frozen=True)
@@ -107,7 +134,8 @@ class CheckpointedLoop:
         built = self._built.with_arguments(**self._loop.arguments())
         if state is not None:
             key = self._loop.key
-            left = max(budget.seconds - self._seconds, 0.0)
+            # killed in the evaluation: JaxPlan's loop divides by the seconds
+            left = max(budget.seconds - self._seconds, LEAST_SECONDS)
             self._loop.progress = self._progress(budget)
             budget = replace(budget, iterations=budget.iterations - self._before, seconds=left)
         self._saved_at = self._began = time.monotonic()
@@ -169,3 +197,15 @@ def _part(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
         for name, value in tensors.items()
         if name.startswith(prefix)
     }
+
+
+def _is_count(value: Any, most: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _shown(value: Any) -> str:
+    return f"{value!r:.40}"

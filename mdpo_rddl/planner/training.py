@@ -13,6 +13,7 @@ import numpy as np
 from mdpo_rddl.errors import Cancelled, InputError, one_line_cause
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import (
+    LEAST_SECONDS,
     CheckpointedLoop,
     Checkpoints,
     PlainLoop,
@@ -25,9 +26,6 @@ from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
-
-# what is left of a time that compilation has used up: one call
-_LEAST_SECONDS = 1e-3
 
 
 class Record(NamedTuple):
@@ -129,7 +127,7 @@ def train(
     training.compile()
     if counts_compilation:
         left = training.budget.seconds - training.compile_seconds
-        training.limit(max(left, _LEAST_SECONDS))
+        training.limit(max(left, LEAST_SECONDS))
     training.advance()
     return training.result()
 
@@ -159,7 +157,7 @@ class Training:
         """
         self._built, self._key = built, key
         self.budget, self._on_progress = budget or built.budget, on_progress
-        self._loop = _loop(built, checkpoints)
+        self._loop = _loop(built, self.budget, checkpoints)
         self._resumed = None if checkpoints is None else checkpoints.resumed
         self._callbacks: Iterator[dict[str, Any]] | None = None
         self._sizes: tuple[int, int] | None = None
@@ -178,7 +176,7 @@ class Training:
         with planner.call_sizes():  # the calls become shorter only for this training
             force_compilation(self._built, self._key, self.budget)
             if self._resumed is not None and isinstance(self._loop, CheckpointedLoop):
-                planner.set_call_sizes(*map(int, self._resumed.numbers["call"]))
+                planner.set_call_sizes(*self._resumed.numbers["call"])
             if planner.in_calls:
                 self._sizes = planner.iterations_per_call, planner.test_every
         self.compile_seconds = time.perf_counter() - started
@@ -279,7 +277,7 @@ class Training:
 
 
 def _loop(
-    built: Built[MDPOPlanner], checkpoints: Checkpoints | None
+    built: Built[MDPOPlanner], budget: Budget, checkpoints: Checkpoints | None
 ) -> PlainLoop | CheckpointedLoop:
     """The loop of a training, with the state of an earlier one if there is any.
 
@@ -290,7 +288,9 @@ def _loop(
         return PlainLoop(built)
     try:
         if checkpoints.resumed is not None:
-            _ = [int(size) for size in checkpoints.resumed.numbers["call"]]
+            planner = built.planner
+            longest = planner.iterations_per_call, planner.test_every
+            checkpoints.resumed.require_numbers(budget.iterations, longest)
         return CheckpointedLoop(built, checkpoints)
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"the checkpoint does not fit the planner: {error}") from error

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import InputError, one_line_cause, printable
 from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
 from mdpo_rddl.policy.table import (
     ActionTable,
@@ -28,6 +28,7 @@ TABLE_FORMAT = "mdpo-rddl table 2"
 ESTIMATE_FORMAT = "mdpo-rddl table 3"
 """Of a table whose return is estimated rather than proven."""
 _SEEDS = 2**31
+_MOST_PARTS = 64
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,8 @@ def _identity(metadata: Metadata) -> dict[str, Any]:
     _require(_is_count(identity.get("horizon", 1)), "horizon")
     for name in ("domain", "instance", "label", "digest"):
         _require(isinstance(identity.get(name, ""), str), name)
-    return identity
+    shown = {"domain", "instance", "label"} & identity.keys()
+    return {**identity, **{name: printable(identity[name]) for name in shown}}
 
 
 def _seed(metadata: Metadata) -> int:
@@ -205,7 +207,12 @@ def _source(metadata: Metadata) -> ProblemSource | None:
     for name in ("domain", "instance", "label", "domain_text", "instance_text"):
         value = getattr(source, name)
         _require(isinstance(value, str) and len(value) <= MOST_RDDL_BYTES, name)
-    return source
+    return dataclasses.replace(
+        source,
+        domain=printable(source.domain),
+        instance=printable(source.instance),
+        label=printable(source.label),
+    )
 
 
 def _candidates(metadata: Metadata) -> tuple[Mapping[str, Any], ...]:
@@ -217,7 +224,7 @@ def _candidates(metadata: Metadata) -> tuple[Mapping[str, Any], ...]:
         _require(isinstance(each["mean_return"], int | float | None), "candidates")
         # files of version 0.2.0 have the time
         _require(isinstance(each.get("seconds"), int | float | None), "candidates")
-    return candidates
+    return tuple({**each, "candidate": printable(each["candidate"])} for each in candidates)
 
 
 def _is_count(value: Any) -> bool:
@@ -251,9 +258,15 @@ def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:
 
 
 def unflatten(tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The trees that `flatten` has made tensors of, by their prefixes."""
+    """The trees that `flatten` has made tensors of, by their prefixes.
+
+    Raises:
+      ValueError: if one is deeper than what recursive functions and messages can hold.
+    """
     trees: dict[str, Any] = {}
     for name, value in tensors.items():
+        if name.count("/") >= _MOST_PARTS:
+            raise ValueError(f"its tensor {name:.40}... has more than {_MOST_PARTS} parts")
         *parents, leaf = name.split("/")
         node = trees
         for parent in parents:

@@ -11,11 +11,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import InputError, one_line_cause, printable
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
@@ -214,6 +215,7 @@ def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> No
     damaged = f"{source}: damaged policy file"
     if not isinstance(saved.policy_hyperparams, Mapping) or not isinstance(saved.params, Mapping):
         raise InputError(f"{damaged}: it has no trees of tensors")
+    _require_hyperparams(saved.policy_hyperparams, planner, damaged)
     try:
         expected = planner.params_structure(saved.policy_hyperparams)
     except Exception as error:  # whatever JAX makes of hyperparameters that do not fit
@@ -225,6 +227,24 @@ def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> No
             f"{source}: damaged policy file, or saved for another horizon: its tensors are "
             f"{tensors}, expected {wanted}"
         )
+    types = jax.tree.map(lambda wanted, found: found.dtype == wanted.dtype, expected, saved.params)
+    if not all(jax.tree.leaves(types)):
+        found = sorted({str(leaf.dtype) for leaf in jax.tree.leaves(saved.params)})
+        raise InputError(f"{damaged}: its parameters are {', '.join(found)}, not as the planner's")
     for leaf in jax.tree.leaves((saved.params, saved.policy_hyperparams)):
         if not np.all(np.isfinite(leaf)):
             raise InputError(f"{damaged}: it holds numbers that are not finite")
+
+
+def _require_hyperparams(
+    hyperparams: Mapping[str, Any], planner: MDPOPlanner, damaged: str
+) -> None:
+    """Raises `InputError` unless they are numbers, and a preprocessor's of its own shapes."""
+    units = unit_hyperparams(planner)
+    for name, found in hyperparams.items():
+        fits = jax.tree.map(np.shape, found) == jax.tree.map(np.shape, units.get(name, 1.0))
+        kinds = {np.asarray(leaf).dtype.kind for leaf in jax.tree.leaves(found)}
+        if not fits or not kinds <= set("fiu"):
+            raise InputError(
+                f"{damaged}: its hyperparameter {printable(name)} is not the planner's"
+            )

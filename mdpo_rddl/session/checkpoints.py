@@ -1,9 +1,11 @@
 """The checkpoints of a training, in the folder that is there until its run is finished."""
 
+import functools
 import json
 from pathlib import Path
 
 from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
+from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.container import Metadata, Tensors
 from mdpo_rddl.session.kept import KeptPair
 from mdpo_rddl.session.requests import FindTerms
@@ -24,7 +26,8 @@ def training_checkpoints(folder: Path, terms: FindTerms, seconds: float) -> Chec
       InputError: if there are checkpoints, but none that can be used.
     """
     first, second = TRAINING_FILES
-    kept = KeptPair((folder / first, folder / second), _FORMAT, terms, _state)
+    parse = functools.partial(_state, terms.config)
+    kept = KeptPair((folder / first, folder / second), _FORMAT, terms, parse)
 
     def save(state: TrainingState) -> None:
         kept.write(dict(state.tensors), {"numbers": json.dumps(dict(state.numbers))})
@@ -32,8 +35,10 @@ def training_checkpoints(folder: Path, terms: FindTerms, seconds: float) -> Chec
     return Checkpoints(seconds, save, kept.newest)
 
 
-def _state(text: Metadata, tensors: Tensors) -> TrainingState:
+def _state(config: PlannerConfig, text: Metadata, tensors: Tensors) -> TrainingState:
+    """A state; raises an error if no training of the configuration can have left its numbers."""
     state = TrainingState(tensors, dict(json.loads(text["numbers"])))
-    if state.iterations < 1 or not state.seconds >= 0.0:
-        raise ValueError("its numbers are not those of a training")
+    sizes = config.section("MDPO")
+    call = sizes.get("iterations_per_call", 1)
+    state.require_numbers(config.budget().iterations, (call, sizes.get("test_every", call)))
     return state

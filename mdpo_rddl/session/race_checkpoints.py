@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.errors import one_line_cause, printable
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.container import MOST_POLICY_BYTES, Metadata, Tensors
 from mdpo_rddl.policy.file import flatten, unflatten
@@ -252,7 +252,7 @@ def _policy(about: Mapping[str, Any], tensors: Tensors) -> "EarlierPolicy":
         policy_hyperparams=tree.get("hyperparams", {}),
         table=found,
         arm=str(about["arm"]),
-        label=str(about["label"]),
+        label=printable(str(about["label"])),
         parents=tuple(map(str, about["parents"])),
         uses_noise=bool(about["uses_noise"]),
         mean=float(about["mean"]),

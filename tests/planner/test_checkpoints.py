@@ -94,6 +94,55 @@ def test_a_run_may_be_broken_again_and_again(built):
     assert_same(trained(built, Checkpoints(FOREVER, states.append, state)), whole)
 
 
+def test_a_run_killed_after_its_time_was_used_up_does_its_last_call_again(built):
+    states: list[TrainingState] = []
+    trained(built, Checkpoints(0.0, states.append))
+    state, following = states[1:3]
+    # written while the last call's result was there already, and the evaluation began
+    late = TrainingState(state.tensors, {**state.numbers, "seconds": 2.0})
+    again: list[TrainingState] = []
+    checkpoints = Checkpoints(0.0, again.append, late)
+    resumed = train(built, KEY, Budget(100, 1.0), checkpoints=checkpoints)
+    assert resumed.status == "time_budget_reached"
+    assert resumed.iterations == following.iterations
+    assert again == []  # it may be killed there any number of times
+    if not built.planner.use_pgpe:  # annealed by the time
+        best = {name.partition("/")[2]: value for name, value in following.tensors.items()}
+        assert (resumed.best_return, resumed.best_iteration) == (
+            best["best_return"],
+            best["best_iteration"],
+        )
+        for i, leaf in enumerate(jax.tree.leaves(resumed.best_params)):
+            np.testing.assert_array_equal(leaf, best[f"best_params/{i}"], strict=True)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"iterations": 100},
+        {"iterations": 10**30},
+        {"iterations": 5.5},
+        {"iterations": True},
+        {"seconds": math.inf},
+        {"seconds": math.nan},
+        {"seconds": "1"},
+        {"call": []},
+        {"call": [0, 0]},
+        {"call": [10**9, 1]},
+        {"call": [1, 2]},
+        {"call": None},
+        {"rule": [1]},
+        {"rule": {"callback": "x"}},
+    ],
+    ids=str,
+)
+def test_numbers_that_no_training_leaves_are_refused(changed):
+    numbers = {"iterations": 99, "seconds": 0.0, "call": [50, 10], "rule": {"patience": 3}}
+    TrainingState({}, numbers).require_numbers(100, (50, 10))
+    with pytest.raises(ValueError, match=f"its {next(iter(changed))} "):
+        TrainingState({}, {**numbers, **changed}).require_numbers(100, (50, 10))
+
+
 def test_what_does_not_fit_is_refused(built):
     states: list[TrainingState] = []
     trained(built, Checkpoints(0.0, states.append))

@@ -1,5 +1,6 @@
 """The policy file: read back bit for bit, or refused in one line."""
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mistakes import one_line
+from helpers.problems import tiny_files
 from safetensors.numpy import save
 
-from mdpo_rddl.policy.file import FORMAT, SavedPolicy, load_policy, save_policy
+from mdpo_rddl.policy.container import write_container
+from mdpo_rddl.policy.file import (
+    FORMAT,
+    SavedPolicy,
+    load_policy,
+    require_same_problem,
+    save_policy,
+)
+from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.problem.source import ProblemSource
 
 POLICY = SavedPolicy(
     params={
@@ -213,6 +224,35 @@ def test_a_file_with_something_missing_or_changed_is_refused(
     assert leaves(load_policy(path).params) == leaves(POLICY.params)
     path.write_bytes(rewritten(data, change))
     assert refused(path) == "damaged policy file: its contents do not match their digest"
+
+
+@pytest.mark.parametrize("depth", [63, 20_000])
+def test_a_tree_of_too_many_levels_is_refused(tmp_path: Path, depth: int) -> None:
+    path = tmp_path / "policy.safetensors"
+    name = "params/" + "a/" * depth + "x"
+    metadata = {"format": FORMAT, "config": "", "problem": "{}", "seed": "0"}
+    write_container(path, {name: np.zeros(1, np.float32)}, metadata)
+    assert refused(path).endswith("... has more than 64 parts")
+    write_container(path, {"params/" + "a/" * 62 + "x": np.zeros(1, np.float32)}, metadata)
+    assert len(leaves(load_policy(path).params)) == 1
+
+
+def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:
+    path, other = tmp_path / "policy.safetensors", load_problem(*tiny_files(tmp_path))
+    evil, shown = "\x1b]0;title\x07", r"\x1b]0;title\x07"
+    problem = {"domain": evil, "instance": evil, "label": evil, "digest": "0"}
+    candidate = {"candidate": evil, "became_incumbent": True, "mean_return": 1.0}
+    source = ProblemSource(evil, evil, "", "", evil, 5)
+    save_policy(
+        path,
+        dataclasses.replace(POLICY, problem=problem, candidates=(candidate,), source=source),
+    )
+    saved = load_policy(path)
+    assert isinstance(saved, SavedPolicy)
+    assert saved.candidates[0]["candidate"] == shown
+    assert saved.source == ProblemSource(shown, shown, "", "", shown, 5)
+    said = one_line(lambda: require_same_problem(saved, other, "here"))
+    assert said.startswith(f"here: saved for {shown} ({shown}/{shown}), not for ")
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from helpers.lakes import preset, write_lake
+from helpers.mistakes import one_line
 from helpers.problems import tiny_files
 from helpers.x64 import enable_x64
 
@@ -55,6 +56,24 @@ def test_a_policy_of_another_problem_or_shape_is_refused(policy, tmp_path):
     shorter = jax.tree.map(lambda leaf: leaf[:-1] if leaf.ndim else leaf, saved.params)
     with pytest.raises(InputError, match=r"^here: damaged policy file"):
         Policy.from_saved(replace(saved, params=shorter), policy.problem, "here")
+
+
+@pytest.mark.parametrize("kind", [bool, np.int64, np.float64])
+def test_parameters_of_another_type_are_refused(policy, kind):
+    params = jax.tree.map(lambda leaf: leaf.astype(kind), policy.params)
+    said = one_line(
+        lambda: Policy.from_saved(replace(policy.to_saved(), params=params), policy.problem, "here")
+    )
+    assert said == (
+        f"here: damaged policy file: its parameters are {np.dtype(kind)}, not as the planner's"
+    )
+
+
+@pytest.mark.parametrize("value", [np.zeros(100), np.zeros(1), np.array(True), {"a": np.ones(())}])
+def test_hyperparameters_that_are_no_numbers_are_refused(policy, value):
+    saved = replace(policy.to_saved(), policy_hyperparams={"pump": value})
+    said = one_line(lambda: Policy.from_saved(saved, policy.problem, "here"))
+    assert said == "here: damaged policy file: its hyperparameter pump is not the planner's"
 
 
 def test_a_file_stands_alone_and_plays_the_same_bits(policy, tmp_path):
