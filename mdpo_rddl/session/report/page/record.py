@@ -57,6 +57,8 @@ def read_run(folder: Path) -> RunRecord:
     lacking = [name for name in _NEEDED if name not in summary]
     if lacking:
         raise InputError(f"{path}: not a run's summary: it has no {lacking[0]!r}")
+    if cause := summary.get("not_played"):
+        raise InputError(f"{path}: nothing to show, the policy was not played: {cause}")
     config = folder / "config.json"
     plays, seconds = read_play(folder / TRAJECTORIES)
     names = ("learning_curve.png", "noise.png")
