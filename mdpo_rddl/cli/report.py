@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mdpo_rddl.cli.options import OneLineParser
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import printable
 
 _COMPARISON = Path("comparison.html")
 
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = report_parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="mdpo-report: %(levelname)s: %(message)s")
     try:
-        print(f"written to {_write(options)}")
+        print(f"written to {printable(_write(options))}")
     except InputError as error:
         print("mdpo-report: error:", " ".join(str(error).split()), file=sys.stderr)
         return 2

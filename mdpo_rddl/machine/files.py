@@ -72,6 +72,11 @@ def read_json(path: Path, within: Path | None = None) -> Any:
         raise ValueError("nested too deeply") from error
 
 
+def printable(name: str | Path) -> str:
+    """A file's name as it can be shown and drawn: what is no character becomes U+FFFD."""
+    return "".join(each if each.isprintable() else "\ufffd" for each in str(name))
+
+
 def size_text(count: int) -> str:
     """A number of bytes, in words."""
     return f"{count / 2**20:,.0f} MiB" if count >= 2**20 else f"{count:,} bytes"

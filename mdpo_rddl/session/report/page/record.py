@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json, size_text
+from mdpo_rddl.machine.files import MOST_BYTES, printable, read_bounded, read_json, size_text
 from mdpo_rddl.problem.trajectories import Trajectories, fluents_text, parse_fluents
 from mdpo_rddl.session.report.run_folder import SUMMARY, TRAJECTORIES
 
@@ -64,7 +64,7 @@ def read_run(folder: Path) -> RunRecord:
     names = ("learning_curve.png", "noise.png")
     return RunRecord(
         folder=folder,
-        name=folder.resolve().name,
+        name=printable(folder.resolve().name),
         summary=summary,
         config=_json(config) if config.is_file() else None,
         plays=plays,

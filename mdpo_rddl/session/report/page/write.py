@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.files import write_atomically
+from mdpo_rddl.machine.files import printable, write_atomically
 from mdpo_rddl.session.report.page.record import read_run
 from mdpo_rddl.session.report.page.render import comparison_page, run_page
 from mdpo_rddl.session.report.run_folder import PAGE, RunFolder
@@ -18,7 +18,9 @@ def add_page(folder: RunFolder) -> None:
     """Writes the page of a run under construction; a mistake in it costs the run nothing."""
     try:
         run = read_run(folder.staging)
-        write_atomically(folder.staging / PAGE, run_page(run, folder.target.name))
+        write_atomically(
+            folder.staging / PAGE, _encoded(run_page(run, printable(folder.target.name)))
+        )
     except Exception as error:
         logger.warning("no %s: %s: %s", PAGE, type(error).__name__, error)
 
@@ -37,7 +39,7 @@ def write_page(folder: Path, out: Path | None = None) -> Path:
       InputError: if the folder is no run folder or damaged, or the page cannot be written.
     """
     page = out or folder / PAGE
-    write_atomically(page, run_page(read_run(folder)))
+    write_atomically(page, _encoded(run_page(read_run(folder))))
     return page
 
 
@@ -54,6 +56,11 @@ def write_comparison(folders: Sequence[Path], out: Path) -> Path:
         raise InputError(f"{folders[0]}: compared with itself: name each run folder once")
     runs = [read_run(folder) for folder in folders]
     if len({run.name for run in runs}) < len(runs):
-        runs = [replace(run, name=str(path)) for run, path in zip(runs, folders, strict=True)]
-    write_atomically(out, comparison_page(runs))
+        runs = [replace(run, name=printable(path)) for run, path in zip(runs, folders, strict=True)]
+    write_atomically(out, _encoded(comparison_page(runs)))
     return out
+
+
+def _encoded(page: str) -> bytes:
+    """In UTF-8; the names of files may hold what is none."""
+    return page.encode("utf-8", "replace")
