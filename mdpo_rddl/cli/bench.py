@@ -6,12 +6,13 @@ import warnings
 from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
+from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.markdown import print_markdown
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
 
 
+@ending_in_order("mdpo-bench")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
@@ -29,9 +30,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             table = COMMANDS[options.run](options)
             write_atomically(options.out / "table.md", table)
-    except InputError as error:
-        print(f"mdpo-bench: error: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt as stop:
         how = how_it_ended(stop)
         print(f"mdpo-bench: {how}; the same command goes on from here", file=sys.stderr)

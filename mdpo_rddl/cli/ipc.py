@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
@@ -15,6 +16,7 @@ from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
 from mdpo_rddl.ipc.rules import Rules
 
 
+@ending_in_order("mdpo-ipc")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
@@ -31,9 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from mdpo_rddl.cli.ipc_commands import COMMANDS
 
             return COMMANDS[options.command](options)
-    except InputError as error:
-        print("mdpo-ipc: error:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
     except KeyboardInterrupt as stop:
         how = how_it_ended(stop)
         print(f"mdpo-ipc: {how}; the same command goes on from here", file=sys.stderr)

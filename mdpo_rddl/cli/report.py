@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.options import OneLineParser
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import printable
@@ -30,19 +31,16 @@ def report_parser() -> OneLineParser:
     return parser
 
 
+@ending_in_order("mdpo-report")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
     Returns:
-      The exit status: 0, or 2 for bad input.
+      The exit status: 0, 2 for bad input, 130 after an interrupt.
     """
     options = report_parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="mdpo-report: %(levelname)s: %(message)s")
-    try:
-        print(f"written to {printable(_write(options))}")
-    except InputError as error:
-        print("mdpo-report: error:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
+    print(f"written to {printable(_write(options))}")
     return 0
 
 
