@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.executor_options import add_executor_options
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
@@ -30,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with stopped_in_two_steps("mdpo-ipc"):
             _check_quickly(options)
             # takes long to import, which a mistake in the options need not wait for
-            from mdpo_rddl.cli.ipc_commands import COMMANDS
+            with ended_at_once():
+                from mdpo_rddl.cli.ipc_commands import COMMANDS
 
             return COMMANDS[options.command](options)
     except KeyboardInterrupt as stop:

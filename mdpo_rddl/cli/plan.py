@@ -15,6 +15,7 @@ from typing import NoReturn
 import argcomplete
 
 from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.option_checks import check_plan_options
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
@@ -46,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with stopped_in_two_steps("mdpo-plan") as stop, _bounded(options.memory_gb):
             _check_quickly(options)
             # takes long to import, which what is wrong so far need not wait for
-            from mdpo_rddl.cli import planning
+            with ended_at_once():
+                from mdpo_rddl.cli import planning
 
             command = shlex.join(["mdpo-plan", *given])
             summary, where = planning.run(options, stop, command)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.options import OneLineParser
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import printable
@@ -50,7 +51,8 @@ def _write(options: argparse.Namespace) -> Path:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such run folder")
     # takes long to import, which what is wrong so far need not wait for
-    from mdpo_rddl.session.report.page.write import write_comparison, write_page
+    with ended_at_once():
+        from mdpo_rddl.session.report.page.write import write_comparison, write_page
 
     if len(options.runs) == 1:
         return write_page(options.runs[0], options.out)
