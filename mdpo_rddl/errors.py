@@ -29,6 +29,6 @@ def one_line_cause(error: Exception) -> str:
     return text if len(text) <= _CAUSE_LENGTH else text[: _CAUSE_LENGTH - 1] + "…"
 
 
-def printable(text: str) -> str:
-    """A text from a file with its control characters escaped, which a terminal would obey."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+def printable(text: object) -> str:
+    """A text from a file, or a file's name, with its control characters and broken ones escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text))

@@ -6,12 +6,14 @@ import warnings
 from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
+from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.markdown import print_markdown
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
 
 
+@ending_in_order("mdpo-bench")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
@@ -25,13 +27,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with stopped_in_two_steps("mdpo-bench"):
             # takes long to import, which a mistake in the options need not wait for
-            from mdpo_rddl.cli.bench_commands import COMMANDS
+            with ended_at_once():
+                from mdpo_rddl.cli.bench_commands import COMMANDS
 
             table = COMMANDS[options.run](options)
             write_atomically(options.out / "table.md", table)
-    except InputError as error:
-        print(f"mdpo-bench: error: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt as stop:
         how = how_it_ended(stop)
         print(f"mdpo-bench: {how}; the same command goes on from here", file=sys.stderr)

@@ -6,7 +6,9 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.executor_options import add_executor_options
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
@@ -15,6 +17,7 @@ from mdpo_rddl.ipc.problems import COMPETITION, parse_problems
 from mdpo_rddl.ipc.rules import Rules
 
 
+@ending_in_order("mdpo-ipc")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
@@ -28,12 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with stopped_in_two_steps("mdpo-ipc"):
             _check_quickly(options)
             # takes long to import, which a mistake in the options need not wait for
-            from mdpo_rddl.cli.ipc_commands import COMMANDS
+            with ended_at_once():
+                from mdpo_rddl.cli.ipc_commands import COMMANDS
 
             return COMMANDS[options.command](options)
-    except InputError as error:
-        print("mdpo-ipc: error:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
     except KeyboardInterrupt as stop:
         how = how_it_ended(stop)
         print(f"mdpo-ipc: {how}; the same command goes on from here", file=sys.stderr)

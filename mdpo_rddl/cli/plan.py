@@ -14,6 +14,8 @@ from typing import NoReturn
 
 import argcomplete
 
+from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.option_checks import check_plan_options
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
@@ -23,6 +25,7 @@ from mdpo_rddl.problem.files import list_problems, read_problem
 from mdpo_rddl.session.unfinished import UNFINISHED
 
 
+@ending_in_order("mdpo-plan")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
@@ -44,13 +47,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with stopped_in_two_steps("mdpo-plan") as stop, _bounded(options.memory_gb):
             _check_quickly(options)
             # takes long to import, which what is wrong so far need not wait for
-            from mdpo_rddl.cli import planning
+            with ended_at_once():
+                from mdpo_rddl.cli import planning
 
             command = shlex.join(["mdpo-plan", *given])
             summary, where = planning.run(options, stop, command)
-    except InputError as error:
-        print("mdpo-plan: error:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
     except KeyboardInterrupt as error:
         left = _how_to_go_on(given, options.out) or "nothing was written"
         print(f"mdpo-plan: {how_it_ended(error)}, {left}", file=sys.stderr)

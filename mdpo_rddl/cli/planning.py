@@ -18,7 +18,7 @@ from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import print_summary
 from mdpo_rddl.cli.option_checks import preset_name
 from mdpo_rddl.cli.termination import TERMINATED, Stop, Terminated
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, printable
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
     keep_compiled_programs,
@@ -103,7 +103,7 @@ def run(
 def show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:
     """Prints a summary as the options ask."""
     if not options.quiet:
-        print_summary(Console(), summary, None if where is None else str(where))
+        print_summary(Console(), summary, None if where is None else printable(where))
     if options.json:
         print(json.dumps(summary, allow_nan=False))
 

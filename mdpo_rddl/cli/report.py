@@ -6,8 +6,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.options import OneLineParser
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, printable
 
 _COMPARISON = Path("comparison.html")
 
@@ -29,19 +31,16 @@ def report_parser() -> OneLineParser:
     return parser
 
 
+@ending_in_order("mdpo-report")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
     Returns:
-      The exit status: 0, or 2 for bad input.
+      The exit status: 0, 2 for bad input, 130 after an interrupt.
     """
     options = report_parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="mdpo-report: %(levelname)s: %(message)s")
-    try:
-        print(f"written to {_write(options)}")
-    except InputError as error:
-        print("mdpo-report: error:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
+    print(f"written to {printable(_write(options))}")
     return 0
 
 
@@ -51,7 +50,8 @@ def _write(options: argparse.Namespace) -> Path:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such run folder")
     # takes long to import, which what is wrong so far need not wait for
-    from mdpo_rddl.session.report.page.write import write_comparison, write_page
+    with ended_at_once():
+        from mdpo_rddl.session.report.page.write import write_comparison, write_page
 
     if len(options.runs) == 1:
         return write_page(options.runs[0], options.out)

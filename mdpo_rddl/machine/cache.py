@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from mdpo_rddl.errors import InputError
+
 MOST_BYTES = 2 * 2**30
 """That the folder holds once a command has begun."""
 
@@ -19,10 +21,17 @@ _CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def cache_folder() -> Path:
-    """Where programs are kept: in the user's cache folder, or where JAX was told to."""
+    """Where programs are kept: in the user's cache folder, or where JAX was told to.
+
+    Raises:
+      InputError: if neither is known.
+    """
     if folder := os.environ.get(_CACHE_VARIABLE):
         return Path(folder)
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError as error:  # the user has none
+        raise InputError(f"no folder to keep programs in: set HOME or {_CACHE_VARIABLE}") from error
     return Path(base) / "mdpo-rddl" / "jax"
 
 

@@ -43,6 +43,8 @@ def read_bounded(path: Path, most_bytes: int, within: Path | None = None) -> byt
             raise InputError(f"{path}: is a link that leads out of {within}")
         # a file may be larger than it says, or grow meanwhile
         content = b"" if status.st_size > most_bytes else file.read(most_bytes + 1)
+        if content is None:  # a file of the system's that has nothing to say yet
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
         if max(status.st_size, len(content)) > most_bytes:
             raise InputError(f"{path}: is larger than {size_text(most_bytes)}, the most to be read")
         return content

@@ -5,7 +5,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, printable
 from mdpo_rddl.machine.files import decoded, read_bounded
 from mdpo_rddl.problem.repository import rddl_repository
 from mdpo_rddl.problem.shipped import shipped_files, shipped_names
@@ -60,7 +60,7 @@ def read_problem(domain: str, instance: str | None = None) -> ProblemFiles:
         instance_path=instance_path,
         domain_text=_read_text(domain_path, "domain"),
         instance_text=_read_text(instance_path, "instance"),
-        label=instance_path.stem if is_own else f"{domain}-{instance}",
+        label=printable(instance_path.stem) if is_own else f"{domain}-{instance}",
         is_own=is_own,
     )
 

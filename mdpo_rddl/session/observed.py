@@ -1,11 +1,14 @@
 """What a run shows of how its policy plays, beside the returns."""
 
+import logging
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.problem.episode import Policy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.trajectories import TrajectoriesRecorder
@@ -13,6 +16,8 @@ from mdpo_rddl.session.references import noop_evaluation, random_evaluation
 from mdpo_rddl.session.report.page.record import write_play
 from mdpo_rddl.session.report.summary import return_figures
 from mdpo_rddl.session.requests import EvaluationTerms
+
+logger = logging.getLogger(__name__)
 
 # the no-op may take half as long as the policy did, within limits; random actions half of that
 _SHORTEST, _LONGEST, _SHARE, _RANDOM_SHARE = 0.5, 2.0, 0.5, 0.5
@@ -60,8 +65,10 @@ class Observed:
         references: dict[str, Any] = {"noop": None, "random": None}
         if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
             most = min(max(_SHARE * (self._ended - self._began), _SHORTEST), _LONGEST)
-            references["noop"] = _reference(noop_evaluation(self._terms, most, self._noop))
-            references["random"] = _reference(random_evaluation(self._terms, _RANDOM_SHARE * most))
+            references["noop"] = _reference(lambda: noop_evaluation(self._terms, most, self._noop))
+            references["random"] = _reference(
+                lambda: random_evaluation(self._terms, _RANDOM_SHARE * most)
+            )
         return {"references": references, "decision_times": self._decision_times()}
 
     @property
@@ -87,6 +94,10 @@ class Observed:
         }
 
 
-def _reference(evaluation: Evaluation) -> dict[str, Any]:
-    figures = return_figures(evaluation)
+def _reference(play: Callable[[], Evaluation]) -> dict[str, Any] | None:
+    try:
+        figures = return_figures(play())
+    except Exception as error:  # the environment's, which must not cost the run
+        logger.warning("a reference: %s: %s", type(error).__name__, one_line_cause(error))
+        return None
     return {name: figures[name] for name in _OF_A_REFERENCE}

@@ -14,6 +14,7 @@ from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.rule.explanation import is_compiled
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.played import NotPlayedError
 from mdpo_rddl.session.checkpoints import training_checkpoints
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
@@ -26,6 +27,7 @@ from mdpo_rddl.session.report.race import race_figures, write_race
 from mdpo_rddl.session.report.run_folder import RunFolder, write_summary
 from mdpo_rddl.session.report.summary import (
     identity,
+    not_played_figures,
     policy_figures,
     return_figures,
     training_figures,
@@ -78,7 +80,8 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
 
     Raises:
       InputError: if the problem, the configuration or the folder cannot be used; nothing
-        is left behind then.
+        is left behind then. Also if the environment fails while the policy is played; the run
+        folder has the policy then, and the cause as "not_played" in its summary.
     """
     race = is_race(request.config)
     find, own = (_race, RACE_FILES) if race else (_train_once, TRAINING_FILES)
@@ -87,13 +90,18 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             path = folder.unfinished / other[0]
             raise InputError(f"{path}: cannot be resumed: it is of another configuration")
         found = find(request, reporter, folder.unfinished)
-        figures = {**found.observed.figures(), "warnings": warnings, "command": request.command}
-        summary = found.summary | figures
+        cause = found.summary.get("not_played")
+        shown = {} if cause else found.observed.figures()
+        summary = found.summary | shown | {"warnings": warnings, "command": request.command}
         with folder.writing():
             found.write(folder.staging, summary)
-            found.observed.write(folder.staging)
-        add_page(folder)
+            if not cause:
+                found.observed.write(folder.staging)
+        if not cause:
+            add_page(folder)
         folder.commit(found.is_finished)
+    if cause:
+        raise InputError(f"{cause}; the policy is in {folder.target}, not played")
     if request.movie is not None and found.is_finished:
         reporter.stage("drawing")
         draw_movie(request.movie, found.policy, request.problem, request.seed)
@@ -115,12 +123,12 @@ def _train_once(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _
         evaluator = Evaluator(request, reporter)
         if is_finished:
             second.begin(result.last_params, hyperparams)
-        best = evaluator.run(policy, observed)
-        last = second.result() or evaluator.run(policy.with_params(result.last_params))
+        best = _tried(evaluator, policy, observed)
+        last = second.result() or _tried(evaluator, policy.with_params(result.last_params))
     summary = {
         **_identity(policy, request),
         **_played(policy, best, request, reporter, observed),
-        "last_iterate": return_figures(last),
+        "last_iterate": _figures(last),
         **training_figures(planner, result),
     }
 
@@ -146,7 +154,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
     reporter.stage("evaluating")
     # compiled now, no decision's time has that in it
     policy(0, make_environment(request.problem).reset(seed=0)[0])
-    plain = Evaluator(request, reporter).run(policy, observed)
+    plain = _tried(Evaluator(request, reporter), policy, observed)
     summary = {
         **_identity(policy, request),
         **_played(policy, plain, request, reporter, observed),
@@ -187,18 +195,39 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
     return outcome
 
 
+def _tried(
+    evaluator: Evaluator, policy: AnyPolicy, observed: Observed | None = None
+) -> Evaluation | NotPlayedError:
+    """Plays a policy, which is to be kept even where the environment fails."""
+    try:
+        return evaluator.run(policy, observed)
+    except NotPlayedError as error:
+        return error
+
+
+def _figures(found: Evaluation | NotPlayedError) -> dict[str, Any]:
+    if isinstance(found, NotPlayedError):
+        return not_played_figures(str(found))
+    return return_figures(found)
+
+
 def _played(
     policy: AnyPolicy,
-    plain: Evaluation,
+    plain: Evaluation | NotPlayedError,
     request: PlanRequest,
     reporter: Reporter,
     observed: Observed,
 ) -> dict[str, Any]:
     """The figures of the evaluation, with thinking and hindsight if these were asked for."""
-    figures = return_figures(plain)
+    figures = _figures(plain)
+    if isinstance(plain, NotPlayedError):
+        return figures
     if request.decision_seconds > 0.0:
         times = choice_times(request)
-        figures = think(policy, plain, times, request, reporter, observed)
+        try:
+            figures = think(policy, plain, times, request, reporter, observed)
+        except NotPlayedError as error:
+            logger.warning("no thinking: %s", one_line_cause(error))
     if request.hindsight:
         figures |= hindsight_figures(policy, request, reporter)
     return figures

@@ -173,7 +173,7 @@ def test_a_file_is_refused_untouched(tmp_path: Path) -> None:
 
 def test_a_link_to_nowhere_is_refused_untouched(tmp_path: Path) -> None:
     (tmp_path / "run").symlink_to(tmp_path / "nowhere")
-    assert refused(tmp_path / "run") == "cannot write the run there: it is a file"
+    assert refused(tmp_path / "run") == "cannot write the run there: it is a link"
     assert os.readlink(tmp_path / "run") == str(tmp_path / "nowhere")
     assert not (tmp_path / "nowhere").exists()
 

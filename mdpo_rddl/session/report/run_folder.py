@@ -101,7 +101,7 @@ class RunFolder:
         trace: TracebackType | None,
     ) -> None:
         # an earlier run that could not be put back stays in its place, for the next one to do so
-        shutil.rmtree(self.staging, ignore_errors=True)
+        _remove(self.staging)
         self._leave()
 
     @property
@@ -129,7 +129,7 @@ class RunFolder:
 
     def _replace(self) -> None:
         replaced = self.unfinished / _REPLACED
-        shutil.rmtree(replaced, ignore_errors=True)
+        _remove(replaced)
         try:
             os.replace(self.target, replaced)
             os.replace(self.staging, self.target)
@@ -137,7 +137,7 @@ class RunFolder:
             with contextlib.suppress(OSError):
                 os.replace(replaced, self.target)
             raise
-        shutil.rmtree(replaced, ignore_errors=True)
+        _remove(replaced)
 
     def _move_to_free_name(self) -> None:
         wanted = self.target
@@ -155,6 +155,9 @@ class RunFolder:
 
     def _check_target(self) -> None:
         target = self.target
+        for path in (target, self.unfinished):
+            if path.is_symlink():  # which would be replaced, not what it leads to
+                raise InputError(f"{path}: cannot write the run there: it is a link")
         if not target.is_dir():
             if os.path.lexists(target):
                 raise InputError(f"{target}: cannot write the run there: it is a file")
@@ -182,7 +185,7 @@ class RunFolder:
     def _check_checkpoints(self, resume: bool) -> None:
         # killed between two renames: the earlier run's folder is not lost
         replaced = self.unfinished / _REPLACED
-        if replaced.is_dir() and not os.path.lexists(self.target):
+        if _is_folder(replaced) and not os.path.lexists(self.target):
             os.replace(replaced, self.target)
             self._check_target()
         for path in self.unfinished.iterdir():
@@ -203,7 +206,7 @@ class RunFolder:
 
     def _clear_staging(self) -> None:
         for name in (_STAGING, _REPLACED):
-            shutil.rmtree(self.unfinished / name, ignore_errors=True)
+            _remove(self.unfinished / name)
 
     def _leave(self) -> None:
         with contextlib.suppress(OSError):
@@ -220,6 +223,19 @@ class RunFolder:
         with contextlib.suppress(OSError):  # another run may be in there by now
             for folder in self._made:
                 folder.rmdir()
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
+
+
+def _remove(path: Path) -> None:
+    """Removes what is there, if anything; of a link only itself."""
+    with contextlib.suppress(OSError):
+        if _is_folder(path):
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink()
 
 
 def _was_stopped(folder: Path) -> bool:

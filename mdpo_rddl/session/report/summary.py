@@ -97,6 +97,20 @@ def return_figures(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
+def not_played_figures(cause: str) -> dict[str, Any]:
+    """The entries of `return_figures` where the environment fails, and why."""
+    return {
+        "mean_return": None,
+        "std_return": None,
+        "ci95": None,
+        "returns": [],
+        "episode_lengths": [],
+        "illegal_actions": 0,
+        "fallback_actions": 0,
+        "not_played": cause,
+    }
+
+
 def finite_or_none(value: float) -> float | None:
     """None for what JSON has no number for."""
     return value if math.isfinite(value) else None

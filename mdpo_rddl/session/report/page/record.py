@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, printable
 from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json
 from mdpo_rddl.problem.trajectories import Trajectories, fluents_text, parse_fluents
 from mdpo_rddl.session.report.page.arrays import read_arrays
@@ -55,13 +55,13 @@ def read_run(folder: Path) -> RunRecord:
     path = folder / SUMMARY
     if not path.is_file():
         raise InputError(f"{folder}: no run folder: it has no {SUMMARY}")
-    summary = _json(path, check_summary, "summary")
+    summary = _json(path, lambda found: _check_played(path, found), "summary")
     config = folder / "config.json"
     plays, seconds = read_play(folder / TRAJECTORIES)
     names = ("learning_curve.png", "noise.png")
     return RunRecord(
         folder=folder,
-        name=folder.resolve().name,
+        name=printable(folder.resolve().name),
         summary=summary,
         config=_json(config, check_config, "configuration") if config.is_file() else None,
         plays=plays,
@@ -153,6 +153,13 @@ def _replanned(folder: Path) -> np.ndarray | None:
         _check_seconds(seconds)
         return seconds if len(seconds) else None
     return None
+
+
+def _check_played(path: Path, summary: Any) -> None:
+    """As `check_summary`; of a run whose episodes failed there is nothing to check."""
+    if isinstance(summary, Mapping) and (cause := summary.get("not_played")):
+        raise InputError(f"{path}: nothing to show, the policy was not played: {cause}")
+    check_summary(summary)
 
 
 def _json(path: Path, check: Callable[[Any], None], what: str) -> Any:

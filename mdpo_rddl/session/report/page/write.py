@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import InputError, one_line_cause, printable
 from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.session.report.page.record import read_run
 from mdpo_rddl.session.report.page.render import comparison_page, run_page
@@ -18,7 +18,10 @@ def add_page(folder: RunFolder) -> None:
     """Writes the page of a run under construction; a mistake in it costs the run nothing."""
     try:
         run = read_run(folder.staging)
-        write_atomically(folder.staging / PAGE, run_page(run, folder.target.name))
+        write_atomically(
+            folder.staging / PAGE,
+            run_page(run, printable(folder.target.name)).encode("utf-8", "replace"),
+        )
     except Exception as error:
         logger.warning("no %s: %s: %s", PAGE, type(error).__name__, error)
 
@@ -56,7 +59,9 @@ def write_comparison(folders: Sequence[Path], out: Path) -> Path:
     def compared() -> str:
         runs = [read_run(folder) for folder in folders]
         if len({run.name for run in runs}) < len(runs):
-            runs = [replace(run, name=str(path)) for run, path in zip(runs, folders, strict=True)]
+            runs = [
+                replace(run, name=printable(path)) for run, path in zip(runs, folders, strict=True)
+            ]
         return comparison_page(runs)
 
     write_atomically(out, _made(folders, compared))
@@ -70,7 +75,7 @@ def _made(folders: Sequence[Path], make: Callable[[], str]) -> bytes:
       InputError: naming the folders, for whatever cannot be shown.
     """
     try:
-        return make().encode()
+        return make().encode("utf-8", "replace")
     except InputError:
         raise
     except Exception as error:

@@ -1,0 +1,133 @@
+"""How commands end that are interrupted early, or that the system refuses something."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.plan_command import write_problem
+
+from mdpo_rddl.cli import report
+from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine import cache
+from mdpo_rddl.machine.files import read_bounded
+
+LONG = "x" * 300
+
+
+def started(name: str, arguments: str, folder: Path, **options: object) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", f"mdpo_rddl.cli.{name}", *arguments.split()],
+        cwd=folder,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        **{"stdout": subprocess.DEVNULL, **options},
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("option", ["--load", "--start-from"])
+def test_a_name_that_is_too_long_is_one_line(option: str, tmp_path: Path) -> None:
+    write_problem(tmp_path)
+    said = f"mdpo-plan: error: {LONG}: File name too long\n"
+    assert started("plan", f"tanks.rddl two.rddl {option} {LONG}", tmp_path) == (2, said)
+
+
+def test_a_full_disk_behind_the_output_is_one_line(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        ended = started("plan", "--list", tmp_path, stdout=full)
+    assert ended == (2, "mdpo-plan: error: the output: No space left on device\n")
+
+
+def test_a_pipe_that_nobody_reads_ends_the_command_silently(tmp_path: Path) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    ended = started("plan", "--list", tmp_path, stdout=theirs)
+    os.close(theirs)
+    assert ended == (128 + signal.SIGPIPE, "")
+
+
+BEGIN = """
+import os, signal, sys
+from mdpo_rddl.cli import start
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "argparse" or name.startswith("mdpo_rddl.cli."):
+            signal.raise_signal(signal.SIGINT)
+sys.modules.pop("argparse", None)
+sys.meta_path.insert(0, Interrupting())
+sys.exit(start.{name}())
+"""
+
+
+@pytest.mark.parametrize("name", ["plan", "bench", "ipc", "report"])
+def test_an_interrupt_during_the_imports_is_quiet(name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN.format(name=name)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_an_interrupt_of_the_report_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(report, "_write", lambda _: signal.raise_signal(signal.SIGINT))
+    assert report.main([str(tmp_path)]) == 130
+    assert capsys.readouterr() == ("", "mdpo-report: interrupted\n")
+
+
+def test_what_may_not_be_read_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    @ending_in_order("mdpo-toy")
+    def main(arguments: object = None) -> int:
+        raise PermissionError(13, "Permission denied", "/a/summary.json")
+
+    assert main(None) == 2
+    assert capsys.readouterr().err == "mdpo-toy: error: /a/summary.json: Permission denied\n"
+
+
+def test_an_error_of_ours_keeps_its_traceback() -> None:
+    @ending_in_order("mdpo-toy")
+    def main(arguments: object = None) -> int:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        main(None)
+
+
+def test_a_file_that_has_nothing_to_say_yet_is_an_error_of_the_systems(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "kmsg"
+    path.write_text("x")
+
+    class Silent:
+        def __enter__(self) -> "Silent":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            """Nothing to close."""
+
+        def read(self, most: int) -> None:
+            """As a raw file that would block."""
+
+    monkeypatch.setattr(os, "fdopen", lambda *_: Silent())
+    with pytest.raises(BlockingIOError, match="Resource temporarily unavailable"):
+        read_bounded(path, 10)
+
+
+def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    def home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(cache.Path, "home", home)
+    with pytest.raises(InputError, match="set HOME or JAX_COMPILATION_CACHE_DIR"):
+        cache.cache_folder()
