@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.ipc.rules import Entry, Instance
+from mdpo_rddl.ipc.rules import Entry, Instance, encodable
 from mdpo_rddl.ipc.trial import OK
 from mdpo_rddl.machine.files import read_json, write_atomically
 
@@ -173,6 +173,8 @@ def parse_trial(values: Mapping[str, Any], number: int | None = None) -> Trial:
 
 
 _TEXTS = ("status", "cause", "domain", "instance")
+# what a planner words, and files and terminals have to hold
+_WORDED = ("status", "cause")
 
 
 def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -187,4 +189,4 @@ def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
         none_is_fine = value is None and name == "total"
         if not (isinstance(value, str) if name in _TEXTS else is_number or none_is_fine):
             raise TypeError(f"{name} is {value!r}")
-    return dict(values)
+    return {name: encodable(value) if name in _WORDED else value for name, value in values.items()}

@@ -9,7 +9,7 @@ from helpers.mistakes import one_line
 from mdpo_rddl.ipc.conditions import CONDITIONS, keep_conditions
 from mdpo_rddl.ipc.published import SCORES, published_score
 from mdpo_rddl.ipc.report import JSON, MARKDOWN, write_report
-from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_results
+from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_results, parse_preparation
 from mdpo_rddl.ipc.rules import Entry, Instance, Rules
 from mdpo_rddl.ipc.score import normalise, score
 
@@ -207,6 +207,17 @@ def test_an_unfinished_run_says_so(tmp_path):
     results = of(HVAC, 10, 5)
     results[0] = EntryResult(results[0].entry, 2, READY)
     assert "not finished, and not scored: 1." in written(tmp_path, results)
+
+
+def test_a_cause_that_utf8_cannot_hold_costs_nobody_the_report(tmp_path):
+    results = of(HVAC, 10, 5)
+    results[0] = result(HVAC, "mdpo", [9, 99], status="error", cause="Exception: \ud800")
+    assert "trial 1: error: Exception: \\ud800" in written(tmp_path, results)
+    unready = parse_preparation({**vars(READY), "status": "error", "cause": "\ud800"})
+    assert unready.cause == "\\ud800"
+    odd = Instance("\udcff.rddl", "\udcfe")  # a file's name that is not in UTF-8
+    text = written(tmp_path, [*results, result(odd, "noop", [1, 2])])
+    assert "\\udcff \\udcfe" in text
 
 
 @pytest.mark.parametrize(
