@@ -6,7 +6,9 @@ import warnings
 from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
+from mdpo_rddl.cli.bench_tasks_parser import default_published
 from mdpo_rddl.cli.markdown import print_markdown
+from mdpo_rddl.cli.results_lock import results_lock
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
@@ -27,8 +29,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # takes long to import, which a mistake in the options need not wait for
             from mdpo_rddl.cli.bench_commands import COMMANDS
 
-            table = COMMANDS[options.run](options)
-            write_atomically(options.out / "table.md", table)
+            if options.out is None:
+                options.out = default_published(options.decision_seconds)
+            with results_lock(options):
+                table = COMMANDS[options.run](options)
+                write_atomically(options.out / "table.md", table)
     except InputError as error:
         print(f"mdpo-bench: error: {error}", file=sys.stderr)
         return 2

@@ -12,6 +12,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.numbers import is_count, is_finite, is_whole
 from mdpo_rddl.ipc.rules import Rules
 from mdpo_rddl.machine.files import is_temporary, read_json, write_atomically
+from mdpo_rddl.machine.locks import RESULTS_LOCK
 from mdpo_rddl.machine.versions import versions
 
 CONDITIONS = "run.json"
@@ -68,7 +69,8 @@ def keep_conditions(root: Path, rules: Rules, hardware: Mapping[str, Any]) -> No
                 )
         return
     try:
-        if root.is_dir() and not all(is_temporary(entry.name) for entry in root.iterdir()):
+        names = {entry.name for entry in root.iterdir()} if root.is_dir() else set()
+        if not all(is_temporary(name) or name == RESULTS_LOCK for name in names):
             raise InputError(f"{root}: is not empty and holds no run; use another --out")
     except OSError as error:
         raise InputError(f"{root}: cannot be read: {error.strerror}") from error
