@@ -6,9 +6,11 @@ import warnings
 from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
+from mdpo_rddl.cli.bench_tasks_parser import default_published
 from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.markdown import print_markdown
+from mdpo_rddl.cli.results_lock import results_lock
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
 from mdpo_rddl.machine.files import write_atomically
 
@@ -30,8 +32,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with ended_at_once():
                 from mdpo_rddl.cli.bench_commands import COMMANDS
 
-            table = COMMANDS[options.run](options)
-            write_atomically(options.out / "table.md", table)
+            if options.out is None:
+                options.out = default_published(options.decision_seconds)
+            with results_lock(options):
+                table = COMMANDS[options.run](options)
+                write_atomically(options.out / "table.md", table)
     except KeyboardInterrupt as stop:
         how = how_it_ended(stop)
         print(f"mdpo-bench: {how}; the same command goes on from here", file=sys.stderr)

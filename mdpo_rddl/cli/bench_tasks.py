@@ -8,7 +8,6 @@ from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.trial import Conditions
-from mdpo_rddl.cli.bench_tasks_parser import PUBLISHED, PUBLISHED_THINKING
 from mdpo_rddl.errors import InputError
 
 PUBLISHED_PICTURE = "published.png"
@@ -35,8 +34,6 @@ def _published(options: argparse.Namespace) -> str:
     first, slash, count = options.shard.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and int(first) < int(count)):
         raise InputError(f"--shard: must be I/N with 0 <= I < N, got {options.shard!r}")
-    default = PUBLISHED_THINKING if options.decision_seconds else PUBLISHED
-    options.out = options.out or default
     records = run_published(
         options.out,
         options.problems,

@@ -10,6 +10,11 @@ PUBLISHED = Path("results/published")
 PUBLISHED_THINKING = Path("results/published_thinking")
 
 
+def default_published(decision_seconds: float) -> Path:
+    """Where `published` writes to, if nothing else is said."""
+    return PUBLISHED_THINKING if decision_seconds else PUBLISHED
+
+
 def add_task_commands(commands: Any) -> list[OneLineParser]:
     """Adds `everywhere`, `published`, `published-report` and `anytime`."""
     everywhere = commands.add_parser(

@@ -7,6 +7,7 @@ import sys
 from mdpo_rddl.cli.executor_options import executor_from, hardware
 from mdpo_rddl.cli.ipc_display import LiveTable
 from mdpo_rddl.cli.markdown import print_markdown
+from mdpo_rddl.cli.results_lock import results_lock
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.conditions import keep_conditions
 from mdpo_rddl.ipc.problems import parse_problems
@@ -17,7 +18,7 @@ from mdpo_rddl.ipc.rules import Entry, Rules
 from mdpo_rddl.ipc.run import run
 from mdpo_rddl.ipc.trial import OK
 from mdpo_rddl.machine.cores import usable_cores
-from mdpo_rddl.machine.executors import LocalExecutor, SlurmExecutor
+from mdpo_rddl.machine.executors import Executor, LocalExecutor, SlurmExecutor
 from mdpo_rddl.problem.repository import rddl_repository
 
 _SUFFIX = "_ippc2023"
@@ -41,6 +42,13 @@ def _run(options: argparse.Namespace) -> int:
     executor = executor_from(options, options.out)
     if isinstance(executor, SlurmExecutor):
         _check_jobs(rules, executor)
+    with results_lock(options):
+        _play(options, rules, executor)
+        print_markdown(write_report(options.out))
+    return 0
+
+
+def _play(options: argparse.Namespace, rules: Rules, executor: Executor) -> None:
     keep_conditions(options.out, rules, hardware(options))
     names = dict.fromkeys(options.planners)
     entries = [Entry(problem, name) for problem in options.problems for name in names]
@@ -49,8 +57,6 @@ def _run(options: argparse.Namespace) -> int:
     _log_to_stderr(level)
     with LiveTable(options.out, entries, rules, shown):
         run(options.out, entries, rules, executor)
-    print_markdown(write_report(options.out))
-    return 0
 
 
 def _check_jobs(rules: Rules, jobs: SlurmExecutor) -> None:
@@ -79,10 +85,11 @@ def _agent(options: argparse.Namespace) -> int:
     (problem,) = parse_problems(f"{domain}:{options.instance}")
     check_planner(options.method)
     rules, entry = _rules(options, options.episodes), Entry(problem, options.method)
-    keep_conditions(options.out, rules, {"executor": "local", "cores": usable_cores()})
-    _log_to_stderr(logging.INFO)
-    run(options.out, [entry], rules, LocalExecutor())
-    result = load_result(options.out, entry, rules.trials)
+    with results_lock(options):
+        keep_conditions(options.out, rules, {"executor": "local", "cores": usable_cores()})
+        _log_to_stderr(logging.INFO)
+        run(options.out, [entry], rules, LocalExecutor())
+        result = load_result(options.out, entry, rules.trials)
     for trial in result.trials:
         end = "" if trial.status == OK else f" ({trial.status}: {trial.cause})"
         print(f"episode {trial.trial + 1} ended with return {trial.total}{end}")

@@ -1,6 +1,5 @@
 """One planner on one instance, as the process does it that is its own."""
 
-import math
 import shutil
 import tempfile
 import time
@@ -15,7 +14,7 @@ from mdpo_rddl.ipc.planner import Improving, Planner, Restorable, Timed
 from mdpo_rddl.ipc.registry import make_planner
 from mdpo_rddl.ipc.results import Preparation, Trial
 from mdpo_rddl.ipc.rules import Entry, Rules
-from mdpo_rddl.ipc.trial import ERROR, OK, play
+from mdpo_rddl.ipc.trial import ERROR, MOST_RETURN, OK, play
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -113,7 +112,7 @@ class Contestant:
             trial=trial,
             status=status,
             cause=cause,
-            total=played.total if math.isfinite(played.total) else None,
+            total=played.total if abs(played.total) <= MOST_RETURN else None,
             steps=played.steps,
             violations=played.violations,
             seconds=round(time.perf_counter() - started, 3),

@@ -1,15 +1,16 @@
 """What is known of an entry, in a file that is rewritten in one step after each trial."""
 
 import json
-import sys
+import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.ipc.rules import Entry, Instance
-from mdpo_rddl.ipc.trial import OK
+from mdpo_rddl.ipc.numbers import is_count, is_finite
+from mdpo_rddl.ipc.rules import Entry, Instance, encodable
+from mdpo_rddl.ipc.trial import MOST_RETURN, OK
 from mdpo_rddl.machine.files import read_json, write_atomically
 
 RESULTS = "entries"
@@ -137,9 +138,12 @@ def _read(path: Path, root: Path) -> EntryResult:
 def _parse(values: Mapping[str, Any]) -> EntryResult:
     entry, preparation = values["entry"], values["preparation"]
     trials: Iterable[Mapping[str, Any]] = values["trials"]
+    wanted = values["wanted"]
+    if not is_count(wanted) or wanted == 0:
+        raise TypeError(f"wanted is {reprlib.repr(wanted)}")
     return EntryResult(
-        entry=Entry(Instance(**_typed(entry["problem"])), str(entry["planner"])),
-        wanted=int(values["wanted"]),
+        entry=Entry(Instance(**_typed(entry["problem"])), **_typed({"planner": entry["planner"]})),
+        wanted=wanted,
         preparation=None if preparation is None else parse_preparation(preparation),
         trials=tuple(parse_trial(trial) for trial in trials),
     )
@@ -172,19 +176,29 @@ def parse_trial(values: Mapping[str, Any], number: int | None = None) -> Trial:
     return trial
 
 
-_TEXTS = ("status", "cause", "domain", "instance")
+_TEXTS = ("status", "cause", "domain", "instance", "planner")
+# what a planner words, and files and terminals have to hold
+_WORDED = ("status", "cause")
+_COUNTS = ("trial", "steps", "violations")
 
 
 def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values, if they are texts and finite numbers where they should be.
+    """The values, if they are texts, counts and finite numbers where they should be.
 
     Raises:
       TypeError: naming one that is not.
     """
     for name, value in values.items():
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        is_number = is_number and abs(value) <= sys.float_info.max
-        none_is_fine = value is None and name == "total"
-        if not (isinstance(value, str) if name in _TEXTS else is_number or none_is_fine):
-            raise TypeError(f"{name} is {value!r}")
-    return dict(values)
+        if not _is_right(name, value):
+            raise TypeError(f"{name} is {reprlib.repr(value)}")
+    return {name: encodable(value) if name in _WORDED else value for name, value in values.items()}
+
+
+def _is_right(name: str, value: Any) -> bool:
+    if name in _TEXTS:
+        return isinstance(value, str)
+    if name in _COUNTS:
+        return is_count(value)
+    if name == "total":
+        return value is None or (is_finite(value) and abs(value) <= MOST_RETURN)
+    return is_finite(value)

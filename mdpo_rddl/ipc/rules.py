@@ -41,12 +41,12 @@ class Instance:
     @property
     def domain_label(self) -> str:
         """The domain's name in tables and folders."""
-        return Path(self.domain).stem if looks_like_file(self.domain) else self.domain
+        return encodable(_label(self.domain))
 
     @property
     def label(self) -> str:
         """The instance's name in tables and folders."""
-        return Path(self.instance).stem if looks_like_file(self.instance) else self.instance
+        return encodable(_label(self.instance))
 
 
 @dataclass(frozen=True)
@@ -65,3 +65,12 @@ class Entry:
         """Where things of this entry are kept under a root."""
         safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in self.planner)
         return root / self.problem.domain_label / self.problem.label / safe
+
+
+def encodable(text: str) -> str:
+    """The text with what UTF-8 cannot hold, such as half of a surrogate pair, as `\\ud800`."""
+    return text.encode(errors="backslashreplace").decode()
+
+
+def _label(name: str) -> str:
+    return Path(name).stem if looks_like_file(name) else name

@@ -16,6 +16,9 @@ ILLEGAL = "illegal"
 ERROR = "error"
 NON_FINITE = "non-finite"
 
+MOST_RETURN = 1e150
+"""Larger returns have squares that are not finite, and no interval."""
+
 
 @dataclass(frozen=True)
 class Played:
@@ -23,7 +26,8 @@ class Played:
 
     Attributes:
       status: `OK`, `ILLEGAL` (an action that the rules or the environment refuse), `ERROR` (the
-        planner or the environment raised an error) or `NON_FINITE` (a return without a value).
+        planner or the environment raised an error) or `NON_FINITE` (a return that is not finite or
+        above `MOST_RETURN`).
       cause: one line; empty if `OK`.
       total: discounted return up to the end.
       steps: number of steps; below the horizon where a termination condition ended the trial.
@@ -66,7 +70,7 @@ def play(
     except Exception as error:  # whatever a planner raises fails the trial, not the run
         name = type(error).__name__
         status, cause = ERROR, f"step {episode.steps}: {name}: {one_line_cause(error)}"
-    if status == OK and not np.isfinite(episode.total):
+    if status == OK and not abs(episode.total) <= MOST_RETURN:
         status, cause = NON_FINITE, f"the return is {episode.total}"
     violations += episode.illegal
     return Played(status, cause, episode.total, episode.steps, violations), trace

@@ -3,10 +3,14 @@
 import contextlib
 import fcntl
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
 from mdpo_rddl.errors import InputError
+
+RESULTS_LOCK = ".lock"
+"""The name of the lock in a folder of results."""
 
 
 class FolderLock:
@@ -71,6 +75,28 @@ class FolderLock:
             owner = os.pread(handle, 20, 0).decode(errors="replace").strip()
             by = f"process {owner}" if owner.isdecimal() else "another process"
             raise InputError(f"{what}: already in use by {by}") from error
+
+
+@contextlib.contextmanager
+def locked_results(root: Path) -> Iterator[None]:
+    """Holds the lock of a folder of results, made if missing and removed if it stays empty.
+
+    Raises:
+      InputError: if another process has it, or the folder cannot be written.
+    """
+    is_new = not root.exists()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        lock = FolderLock(root / RESULTS_LOCK, str(root))
+    except OSError as error:
+        raise InputError(f"{root}: cannot be written: {error.strerror}") from error
+    try:
+        with lock:
+            yield
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):
+                root.rmdir()
 
 
 def _is_still(path: Path, handle: int) -> bool:

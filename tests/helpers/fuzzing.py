@@ -7,6 +7,7 @@ import contextlib
 import io
 import random
 import shlex
+import shutil
 import tempfile
 import time
 import traceback
@@ -16,15 +17,20 @@ from pathlib import Path
 
 import numpy as np
 
-from helpers import fuzzing_races, fuzzing_runs
+from helpers import fuzzing_ipc, fuzzing_races, fuzzing_runs
 from helpers.config_texts import NOISE, TEXT
 from helpers.plan_command import DOMAIN, INSTANCE
 from mdpo_rddl.cli.option_checks import check_plan_options
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.ipc.conditions import CONDITIONS, load_conditions
-from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_results
-from mdpo_rddl.ipc.rules import Entry, Instance
+from mdpo_rddl.ipc.report import (
+    DOMAINS_PICTURE,
+    JSON,
+    MARKDOWN,
+    PROFILES_PICTURE,
+    write_report,
+)
+from mdpo_rddl.ipc.results import load_results
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.file import FORMAT, SavedPolicy, load_policy, save_policy
@@ -33,6 +39,7 @@ from mdpo_rddl.problem.load import parse_problem
 from mdpo_rddl.problem.source import ProblemSource
 
 MOST_SECONDS = 10.0
+REPORT_FILES = (MARKDOWN, JSON, DOMAINS_PICTURE, PROFILES_PICTURE)
 WORDS = [
     "",
     "0",
@@ -183,20 +190,17 @@ class Fuzzer:
     def results(self) -> object:
         """A folder of `mdpo-ipc`."""
         root = self.folder / "ipc"
-        entry = Entry(Instance("tanks", "two"), "noop")
-        trial = Trial(0, "ok", "", -3.5, 7, 0, 0.1)
-        EntryResult(entry, 2, Preparation("ok", "", 1.0, 30.0), (trial,)).save(root)
-        (path,) = root.glob("entries/*/*/*.json")
+        shutil.rmtree(root, ignore_errors=True)
+        fuzzing_ipc.write_run(root)
+        fuzzing_ipc.change_one(root, self.chance, mutated)
         before = {each for each in root.rglob("*") if each.is_file()}
-        path.write_bytes(mutated_bytes(path.read_bytes(), self.chance))
-        (root / CONDITIONS).write_text(mutated('{"trials": 2, "seed": 0}', self.chance))
         try:
-            load_conditions(root)
             for result in load_results(root):
                 result.save(root)
+            write_report(root)
         finally:
             written = {each for each in root.rglob("*") if each.is_file()} - before
-            if written - {root / CONDITIONS}:
+            if written - {root / name for name in REPORT_FILES}:
                 raise RuntimeError(f"written elsewhere: {written}")
         return root
 

@@ -8,12 +8,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from helpers import fuzzing_ipc
 from helpers.config_texts import NOISE, TEXT
 from helpers.fuzzing import COMMAND, mutated, mutated_bytes, policy_bytes
 from helpers.plan_command import DOMAIN, INSTANCE, TANKS
-from mdpo_rddl.ipc.conditions import CONDITIONS
-from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial
-from mdpo_rddl.ipc.rules import Entry, Instance
 
 PLAN, IPC = "mdpo_rddl.cli.plan", "mdpo_rddl.cli.ipc"
 SHORT = "--horizon 3 --episodes 1 --quiet"
@@ -108,14 +106,8 @@ class CommandFuzzer:
 
     def results(self, folder: Path) -> Sequence[str]:
         """A folder of `mdpo-ipc`."""
-        root = folder / "ipc"
-        entry = Entry(Instance("tanks", "two"), "noop")
-        trial = Trial(0, "ok", "", -3.5, 7, 0, 0.1)
-        EntryResult(entry, 2, Preparation("ok", "", 1.0, 30.0), (trial,)).save(root)
-        (path,) = root.glob("entries/*/*/*.json")
-        path.write_bytes(mutated_bytes(path.read_bytes(), self.chance))
-        text = mutated('{"trials": 2, "seed": 0}', self.chance)
-        (root / CONDITIONS).write_text(text, "utf-8", "replace")
+        fuzzing_ipc.write_run(folder / "ipc")
+        fuzzing_ipc.change_one(folder / "ipc", self.chance, mutated)
         return IPC, "score", "ipc"
 
     def rddl(self, folder: Path) -> Sequence[str]:

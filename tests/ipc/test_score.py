@@ -9,7 +9,7 @@ from helpers.mistakes import one_line
 from mdpo_rddl.ipc.conditions import CONDITIONS, keep_conditions
 from mdpo_rddl.ipc.published import SCORES, published_score
 from mdpo_rddl.ipc.report import JSON, MARKDOWN, write_report
-from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_results
+from mdpo_rddl.ipc.results import EntryResult, Preparation, Trial, load_results, parse_preparation
 from mdpo_rddl.ipc.rules import Entry, Instance, Rules
 from mdpo_rddl.ipc.score import normalise, score
 
@@ -151,10 +151,14 @@ def test_without_a_floor_there_is_no_normalised_score():
 # --- the report ------------------------------------------------------------------------------
 
 
-def written(folder, results, lenient=True):
+def written_run(folder, results, lenient=True):
     keep_conditions(folder, Rules(trials=2, lenient=lenient), {"cores": 2})
     for each in results:
         each.save(folder)
+
+
+def written(folder, results, lenient=True):
+    written_run(folder, results, lenient)
     return write_report(folder)
 
 
@@ -209,6 +213,17 @@ def test_an_unfinished_run_says_so(tmp_path):
     assert "not finished, and not scored: 1." in written(tmp_path, results)
 
 
+def test_a_cause_that_utf8_cannot_hold_costs_nobody_the_report(tmp_path):
+    results = of(HVAC, 10, 5)
+    results[0] = result(HVAC, "mdpo", [9, 99], status="error", cause="Exception: \ud800")
+    assert "trial 1: error: Exception: \\ud800" in written(tmp_path, results)
+    unready = parse_preparation({**vars(READY), "status": "error", "cause": "\ud800"})
+    assert unready.cause == "\\ud800"
+    odd = Instance("\udcff.rddl", "\udcfe")  # a file's name that is not in UTF-8
+    text = written(tmp_path, [*results, result(odd, "noop", [1, 2])])
+    assert "\\udcff \\udcfe" in text
+
+
 @pytest.mark.parametrize(
     ("name", "content", "complaint"),
     [
@@ -223,6 +238,45 @@ def test_a_damaged_file_is_named(tmp_path, name, content, complaint):
     (tmp_path / name).write_text(content)
     message = one_line(lambda: write_report(tmp_path))
     assert message.startswith(complaint.format(path=tmp_path / name))
+
+
+ENTRY = "entries/HVAC_ippc2023/1/mdpo.json"
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "value", "complaint"),
+    [
+        (CONDITIONS, ["plan_seconds"], "x", "plan_seconds is 'x', not a number above 0"),
+        (CONDITIONS, ["memory_gb"], float("inf"), "memory_gb is inf, not a number above 0"),
+        (CONDITIONS, ["trials"], 10.5, "trials is 10.5, not a whole number above 0"),
+        (CONDITIONS, ["seed"], float("nan"), "seed is nan, not a whole number"),
+        (CONDITIONS, ["lenient"], 1, "lenient is 1, not true or false"),
+        (CONDITIONS, ["versions", "jax"], float("nan"), "'versions' is {"),
+        (ENTRY, ["wanted"], float("inf"), "wanted is inf"),
+        (ENTRY, ["wanted"], 0, "wanted is 0"),
+        (ENTRY, ["entry", "planner"], [], "planner is []"),
+        (ENTRY, ["trials", 0, "total"], 1e300, "total is 1e+300"),
+        (ENTRY, ["trials", 1, "violations"], 0.5, "violations is 0.5"),
+        (ENTRY, ["preparation", "seconds"], float("nan"), "seconds is nan"),
+    ],
+)
+def test_a_damaged_value_is_named_with_its_file(tmp_path, name, keys, value, complaint):
+    written_run(tmp_path, of(HVAC, 10, 5))
+    values = json.loads((tmp_path / name).read_text())
+    *outer, last = keys
+    holder = values
+    for key in outer:
+        holder = holder[key]
+    holder[last] = value
+    (tmp_path / name).write_text(json.dumps(values))
+    message = one_line(lambda: write_report(tmp_path))
+    assert message.startswith(f"{tmp_path / name}: ")
+    assert complaint in message
+
+
+def test_conditions_without_what_a_report_shows_are_refused(tmp_path):
+    keep_conditions(tmp_path, Rules(), {})
+    assert one_line(lambda: write_report(tmp_path)) == f"{tmp_path / CONDITIONS}: cores is missing"
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):

@@ -117,13 +117,14 @@ def test_an_error_of_the_planner_fails_the_trial_and_is_named_in_one_line(proble
     assert result.status == "ok"
 
 
-def test_a_return_without_a_value_fails_the_trial(problem, monkeypatch):
+@pytest.mark.parametrize(("reward", "total"), [(float("nan"), "nan"), (-1e200, "-3e+200")])
+def test_a_return_that_has_no_mean_fails_the_trial(problem, monkeypatch, reward, total):
     env = make_environment(problem)
-    monkeypatch.setattr(env.sampler, "sample_reward", lambda: float("nan"))
+    monkeypatch.setattr(env.sampler, "sample_reward", lambda: reward)
     planner = toy_contest.Exact()
     planner.prepare(problem, 1.0, 0)
     result, _ = play(env, planner, 7, np.random.default_rng(0), lenient=False)
-    assert (result.status, result.cause) == ("non-finite", "the return is nan")
+    assert (result.status, result.cause) == ("non-finite", f"the return is {total}")
 
 
 def test_a_bound_that_32_bit_cannot_hold_is_no_violation(tmp_path):

@@ -1,0 +1,63 @@
+"""One process at a time writes into a results folder, where it is not shared on purpose."""
+
+import argparse
+import os
+
+import pytest
+
+from mdpo_rddl.cli import bench, ipc, ipc_commands
+from mdpo_rddl.cli.results_lock import results_lock
+from mdpo_rddl.machine.locks import RESULTS_LOCK, locked_results
+
+
+@pytest.mark.parametrize(
+    ("name", "main", "arguments"),
+    [
+        ("mdpo-ipc", ipc.main, ["run", "--problems", "HVAC_ippc2023:1", "--planners", "noop"]),
+        ("mdpo-ipc", ipc.main, ["agent", "HVAC", "1", "noop", "1"]),
+        ("mdpo-bench", bench.main, ["paper-preset"]),
+    ],
+)
+def test_a_folder_in_use_is_refused_in_one_line(tmp_path, capsys, name, main, arguments):
+    with locked_results(tmp_path):
+        assert main([*arguments, "--out", str(tmp_path)]) == 2
+        complaint = f"{tmp_path}: already in use by process {os.getpid()}"
+        assert capsys.readouterr().err == f"{name}: error: {complaint}\n"
+        assert os.listdir(tmp_path) == [RESULTS_LOCK]
+    assert os.listdir(tmp_path) == []
+
+
+def test_the_lock_is_held_while_planners_play_and_costs_a_new_folder_nothing(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / RESULTS_LOCK).write_text("1\n")  # of a process that was killed
+    seen = []
+    monkeypatch.setattr(ipc_commands, "run", lambda out, *_: seen.extend(os.listdir(out)))
+    arguments = ["run", "--problems", "HVAC_ippc2023:1", "--planners", "noop"]
+    assert ipc.main([*arguments, "--out", str(out)]) == 2  # nothing was played
+    assert sorted(seen) == [RESULTS_LOCK, "run.json"]
+    assert os.listdir(out) == ["run.json"]
+
+
+@pytest.mark.parametrize(
+    "shared",
+    [
+        {"executor": "slurm"},
+        {"shard": "1/2", "run": "published"},
+        {"shard": (2, 3), "run": "noise-value"},
+        {"report": True, "run": "noise-value"},
+        {"run": "published-report"},
+        {"run": "report"},
+    ],
+)
+def test_shared_folders_and_reports_are_not_locked(tmp_path, shared):
+    with locked_results(tmp_path), results_lock(argparse.Namespace(out=tmp_path, **shared)):
+        assert os.listdir(tmp_path) == [RESULTS_LOCK]
+
+
+def test_a_folder_that_stays_empty_is_removed_again(tmp_path):
+    out = tmp_path / "out"
+    whole = argparse.Namespace(out=out, shard=(1, 1), run="noise-value", executor="local")
+    with results_lock(whole):
+        assert os.listdir(out) == [RESULTS_LOCK]
+    assert not out.exists()
