@@ -74,7 +74,7 @@ def bad_workplace(workplace: Path) -> Path:
         (f"{TANKS} --config sigma.cfg", "sigma.cfg: [Noise] sigma must be at least 0, got -1"),
         (f"{TANKS} --config two.rddl", "two.rddl:1: no section header, such as [Planner], comes"),
         (f"{TANKS} --config rate.cfg", "two.rddl: JaxPlan cannot compile it: "),
-        (f"{TANKS} --config width.cfg", "two.rddl: JaxPlan cannot compile the planner: "),
+        (f"{TANKS} --config width.cfg", "width.cfg: [Planner] method_kwargs: topology must be "),
         (f"{TANKS} --out file", "file: cannot write the run there: it is a file"),
         (f"{TANKS} --out file/run", "file/run: cannot write the run there: File exists"),
         (f"{TANKS} --out thesis", "thesis: not overwritten: it is not empty and holds no run"),
