@@ -11,6 +11,7 @@ from helpers.lakes import preset
 from helpers.toys import toy
 from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.learning import LearningArm
 from mdpo_rddl.auto.arms.policy_gradient import PolicyGradientArm
 from mdpo_rddl.auto.arms.policy_iteration import PolicyIterationArm
@@ -55,7 +56,7 @@ def known(arena: Arena) -> Candidate:
     return arena.candidate("other", "known", {**arena.noop, "own": own})
 
 
-def taken(arm: LearningArm, judge: Judge) -> list[Candidate]:
+def taken(arm: Arm, judge: Judge) -> list[Candidate]:
     """The candidates of a slice, as the judge sees them."""
     found = []
     for candidate in arm.take_candidates():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.clocks import Ticking
 from helpers.lakes import preset, write_lake
+from helpers.learners import taken
 from helpers.problems import assert_same_bits
 from jax.flatten_util import ravel_pytree
 
@@ -17,7 +18,6 @@ from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arms import training
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.training import TrainingArm
-from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
@@ -47,16 +47,6 @@ def arena(compiled):
     return arena
 
 
-def judged(arm, judge: Judge) -> list[Candidate]:
-    """What the arm has handed in since the last time, as the judge sees it."""
-    found = []
-    for candidate in arm.take_candidates():
-        judge.record(candidate)
-        found.append(judge.judged[-1].candidate)
-        arm.judged(found[-1])
-    return found
-
-
 @pytest.mark.long
 def test_a_straight_line_plan_is_trained_in_slices(arena):
     told = []
@@ -71,7 +61,7 @@ def test_a_straight_line_plan_is_trained_in_slices(arena):
     while not arm.is_exhausted:
         arm.work(time.monotonic())
     assert arm.log.iterations == ITERATIONS
-    *_, best = judged(arm, arena.judge)
+    *_, best = taken(arm, arena.judge)
     assert best.planner is arena.plain.built("slp").planner
     assert set(best.params) == {"pump"}
     assert arm.reached == arm.log.best_return > arena.judge.latest("no-op").mean
@@ -98,7 +88,7 @@ def test_where_nothing_more_is_gained_the_steps_change(arena, monkeypatch):
     arm.begin(time.monotonic() + FOREVER)
     while not arm.is_exhausted:
         arm.work(time.monotonic() + FOREVER)
-        found += judged(arm, arena.judge)
+        found += taken(arm, arena.judge)
     assert rates
     expected = [first * step_factor(phase) for phase in range(1, len(rates) + 1)]
     assert [given["learning_rate"] for given in rates] == [[rate] for rate in expected]
@@ -131,7 +121,7 @@ def test_parameters_of_a_net_are_explored(arena):
     # the judge's program may be compiled yet
     arm.await_program(time.monotonic() + FOREVER)
     arm.work(time.monotonic())
-    candidates = judged(arm, arena.judge)
+    candidates = taken(arm, arena.judge)
     assert candidates[0].label == "pgpe, mean"
     assert {candidate.label for candidate in candidates[1:]} <= {"pgpe, best"}
     assert arm.log.best_return > arena.judge.latest("no-op").mean
@@ -197,7 +187,7 @@ def test_others_work_while_what_plays_its_policies_is_compiled(arena, monkeypatc
     released.set()
     arm.await_program(time.monotonic() + 60.0)
     arm.work(time.monotonic())
-    assert judged(arm, judge)
+    assert taken(arm, judge)
     assert not arm.awaits_judge
 
 
