@@ -4,7 +4,10 @@
     .venv-clients/bin/python examples/clients/scikit_decide_solver.py Reservoir_ippc2023 1 FILE.cfg
 
 The solver is scikit-decide's own class: only what it takes from `pyRDDLGym_jax.core.planner` is
-taken from `mdpo_rddl` instead, which is the one changed import.
+taken from `mdpo_rddl` instead, which is the one changed import. As a plugin of pytest the file does
+so for scikit-decide's own tests (`tests/solvers/python/test_pyrddlgym_solvers.py` there):
+
+    PYTHONPATH=examples/clients .venv-clients/bin/pytest -p scikit_decide_solver FILE
 """
 
 import sys
@@ -20,6 +23,11 @@ def use_mdpo() -> None:
     solvers.JaxBackpropPlanner = mdpo_rddl.MDPOPlanner
     solvers.JaxOfflineController = mdpo_rddl.JaxOfflineController
     solvers.load_config = mdpo_rddl.load_config
+
+
+def pytest_configure() -> None:
+    """What pytest calls before it collects tests."""
+    use_mdpo()
 
 
 def play(domain: str, instance: str, config: str, episodes: int = 1, seed: int = 0) -> list[float]:
