@@ -63,6 +63,16 @@ def test_the_noise_s_figures_are_the_paper_run_s():
     assert max(tested) < 0.01
 
 
+def test_what_noise_harms_is_what_was_measured():
+    table = (ROOT / "results" / "noise_value" / "table.md").read_text(encoding="utf-8")
+    row = re.search(r"\| constant beside \|(.*)\|\n", table)[1].split("|")
+    tasks, _, better, worse, _, worse_uncorrected = (cell.strip() for cell in row)
+    assert (worse, worse_uncorrected) == ("0", "0")
+    assert f"beside an update without noise on none of {tasks} tasks" in " ".join(README.split())
+    docs = " ".join((ROOT / "docs" / "jaxplan.md").read_text(encoding="utf-8").split())
+    assert f"is better than JaxPlan's planner on {better} tasks" in docs
+
+
 def test_the_ablation_in_the_docs_is_the_one_in_results():
     docs = (ROOT / "docs" / "auto.md").read_text(encoding="utf-8")
     with (ROOT / "results" / "auto_ablation" / "runs.csv").open(newline="") as file:
