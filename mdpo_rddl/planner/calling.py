@@ -113,6 +113,9 @@ class CallingPlanner(ActingPlanner):
         if self.use_pgpe:
             self.pgpe._update = _with_equal_types(self.pgpe.update)
 
+    def _jax_merge_pgpe_jaxplan(self) -> Callable:
+        return _with_one_flag_each(super()._jax_merge_pgpe_jaxplan())
+
     def _jax_init_optimizer(self) -> tuple[Callable, Callable]:
         initialize, init_optimizer = super()._jax_init_optimizer()
 
@@ -204,3 +207,21 @@ def _with_equal_types(update: Callable) -> Callable:
         return update(key, params, jnp.asarray(r_max, r_max.dtype), float(progress), *rest)
 
     return typed
+
+
+def _with_one_flag_each(merge: Callable) -> Callable:
+    """JaxPlan's choice between PGPE's parameters and its own, for any number of parallel updates.
+
+    A plan that keeps `max-nondef-actions` says of each step whether its projection has converged;
+    JaxPlan's mask has one flag per parallel update, so that with several the shapes don't fit.
+
+    Args:
+      merge: with both flags of convergence [parallel updates, ...] as its last two arguments.
+    """
+
+    @functools.wraps(merge)
+    def merged(*args: Any) -> Any:
+        *others, ours, theirs = args
+        return merge(*others, *(jnp.all(c.reshape(len(c), -1), axis=1) for c in (ours, theirs)))
+
+    return merged

@@ -14,6 +14,7 @@ from helpers.problems import (
     optimize,
     tiny_files,
 )
+from helpers.toys import toy
 from helpers.x64 import enable_x64
 
 from mdpo_rddl import (
@@ -25,7 +26,7 @@ from mdpo_rddl import (
     load_config,
     load_config_from_string,
 )
-from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner
 from mdpo_rddl.planner.upstream import planner as jaxplan
 from mdpo_rddl.problem.load import load_problem, make_environment
 
@@ -173,6 +174,14 @@ def test_the_key_decides_everything_but_the_clock(windy):
 
 
 # --- JaxPlan's options -----------------------------------------------------------------------
+
+
+def test_pgpe_trains_groups_of_bools_with_parallel_updates():
+    """With several, the flags of convergence of JaxPlan's two halves have different shapes."""
+    pgpe = {"pgpe": GaussianPGPE(batch_size=2), "parallel_updates": 2}
+    found = trained(MDPOPlanner, toy("quest"), epochs=3, noise=NoNoise(), **pgpe)
+    assert found["pgpe_return"].shape == (2,)
+    assert np.isfinite(found["best_return"])
 
 
 def test_a_critic_answers_to_the_last_action(windy):
