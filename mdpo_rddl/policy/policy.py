@@ -154,6 +154,14 @@ class Policy(PolicyAgent):
         super().reset()
         self._play.reset()
 
+    def was_played(self, actions: Mapping[str, Any]) -> None:
+        """Takes in what was played at the latest step: a policy with a memory remembers that.
+
+        Args:
+          actions: per action fluent [*shape].
+        """
+        self._play.was_played(actions)
+
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The actions for many observations of one step, in one call.
 
