@@ -233,7 +233,7 @@ def _played(
     return figures
 
 
-def _rule(policy: AnyPolicy, observed: Observed, in_haste: bool) -> dict[str, Any] | None:
+def _rule(policy: AnyPolicy, observed: Observed, in_haste: bool = False) -> dict[str, Any] | None:
     """The lifted rule in words, if the policy is one; what its terms are worth if that is cheap.
 
     Nothing in haste, unless the race has compiled what plays the terms.
