@@ -21,8 +21,8 @@ from mdpo_rddl.session.progress_bar import ProgressBar
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is lost is raised again before a test takes long."""
-    monkeypatch.setattr(termination, "_AGAIN_SECONDS", 0.05)
-    monkeypatch.setattr(termination, "_LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(termination, "_AGAIN_SECONDS", 0.2)
+    monkeypatch.setattr(termination, "_LOOK_SECONDS", 0.05)
 
 
 def swallowed(number: signal.Signals) -> None:
@@ -73,13 +73,14 @@ def test_it_is_raised_until_it_is_heard() -> None:
 
     def work() -> None:
         swallowed(signal.SIGINT)
-        for _ in range(2):
+        for number in range(2):
             try:
                 work_on(30.0)
             except KeyboardInterrupt as stop:
                 heard.append(stop)
-        note_heard(heard[-1])
-        work_on(0.5)
+                if number == 1:
+                    note_heard(stop)
+        work_on(0.7)
 
     assert stopped(work).is_wanted
     assert len(heard) == 2
@@ -93,7 +94,7 @@ def test_it_is_not_raised_while_it_ends_the_block() -> None:
         try:
             signal.raise_signal(signal.SIGINT)
         finally:
-            work_on(0.5)
+            work_on(0.7)
             ended.append(True)
 
     with pytest.raises(KeyboardInterrupt):
