@@ -22,6 +22,35 @@ class Cancelled(BaseException):
     """
 
 
+_HEARD = "heard"
+_MOST_CAUSES = 100
+
+
+def note_heard(stop: BaseException) -> None:
+    """Notes at an interrupt that its catcher ends the work in order: it need not come again."""
+    if not is_heard(stop):
+        stop.add_note(_HEARD)
+
+
+def is_heard(stop: BaseException) -> bool:
+    """Whether whoever has caught an interrupt ends the work in order."""
+    return _HEARD in getattr(stop, "__notes__", ())
+
+
+def interrupt_behind(error: BaseException | None) -> KeyboardInterrupt | None:
+    """The interrupt that an error was made of, unless that was heard.
+
+    Libraries have handlers of any exception, which raise one of their own or go on.
+    """
+    for _ in range(_MOST_CAUSES):
+        if isinstance(error, KeyboardInterrupt):
+            return None if is_heard(error) else error
+        if error is None:
+            break
+        error = error.__cause__ or error.__context__
+    return None
+
+
 def one_line_cause(error: Exception) -> str:
     """An error's message on one line of bounded length, without folders."""
     text = " ".join(str(error).split()) or type(error).__name__

@@ -13,6 +13,7 @@ from mdpo_rddl.auto.curve import Curve, candidate_figures, finite_or_none
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.start import with_preprocessor
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.table import Optimum
@@ -108,7 +109,8 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
     if not candidate.uses_noise:
         config = config.with_section("Noise", _NO_NOISE)
     params = jax.tree.map(np.asarray, candidate.params)
-    hyperparams = jax.tree.map(np.asarray, dict(candidate.policy_hyperparams))
+    hyperparams = with_preprocessor(planner, candidate.policy_hyperparams)
+    hyperparams = jax.tree.map(np.asarray, hyperparams)
     return Policy(problem, config, planner, params, hyperparams, seed)
 
 

@@ -28,7 +28,7 @@ from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.sizes import judge_rollouts, plans_fit
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
@@ -108,7 +108,8 @@ def plan_automatically(
             options.on_pulse()
             arena = _arena(problem, config, seed, started, options, resumption)
             return _raced(arena, shares, (exact, trials), alternatives, options, resumption)
-        except (KeyboardInterrupt, Cancelled):
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
             # what an earlier race has left stays for the next one
             if exact is None or first is None:
                 raise
@@ -147,7 +148,8 @@ def _raced(
         if alternatives.started:
             options.on_wait()
             schedule.give(JaxPlanArm(alternatives, arena.clock), late)
-    except (KeyboardInterrupt, Cancelled):
+    except (KeyboardInterrupt, Cancelled) as stop:
+        note_heard(stop)
         if arena.judge.incumbent is None:
             raise
         for candidate in schedule.early.take_candidates() if schedule.early else ():

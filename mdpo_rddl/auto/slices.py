@@ -12,7 +12,7 @@ from mdpo_rddl.auto.failures import incumbent_kept
 from mdpo_rddl.auto.gains import finite_gain
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising
-from mdpo_rddl.errors import Cancelled, one_line_cause
+from mdpo_rddl.errors import Cancelled, note_heard, one_line_cause
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,8 @@ class Slices:
         self._enter(arm)
         try:
             arm.work(until)
-        except (KeyboardInterrupt, Cancelled):
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
             self._judge_candidates(arm)
             raise
         except Exception as error:  # the other arms find a policy without this one

@@ -24,7 +24,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
     table.add_row("seed", str(summary["seed"]))
     table.add_section()
     table.add_row("episodes, exact environment", str(summary["episodes"]))
-    table.add_row("mean return", f"[bold]{_number(summary['mean_return'])}[/bold]")
+    mean = _number(summary["mean_return"]) if summary["returns"] else "none was ended"
+    table.add_row("mean return", f"[bold]{mean}[/bold]")
     if "optimum" in summary:
         table.add_row("proven optimum", f"[bold]{_number(summary['optimum']['value'])}[/bold]")
     if summary["ci95"] is not None:
@@ -97,6 +98,8 @@ def _add_thinking(table: Table, thinking: Mapping[str, Any]) -> None:
     used = f"{thinking['mean_seconds']:.3f} s (longest {thinking['max_seconds']:.3f} s)"
     table.add_row("used, on average", used)
     table.add_row("policy's action left", f"{thinking['left_base']:,} of {thinking['decisions']:,}")
+    if thinking["replaced"]:
+        table.add_row("[red]illegal, replaced[/red]", f"{thinking['replaced']:,}")
     table.add_row("mean return, policy alone", _number(thinking["plain_mean_return"]))
     gain = f"{_number(thinking['realised_gain'])} (expected {_number(thinking['expected_gain'])})"
     table.add_row("gain of an episode", gain)

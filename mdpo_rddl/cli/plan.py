@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 from mdpo_rddl.cli import planning
 
             command = shlex.join(["mdpo-plan", *given])
-            summary, where = planning.run(options, stop, command)
+            summary, where = planning.run(options, command)
     except KeyboardInterrupt as error:
         left = _how_to_go_on(given, options.out) or "nothing was written"
         print(f"mdpo-plan: {how_it_ended(error)}, {left}", file=sys.stderr)

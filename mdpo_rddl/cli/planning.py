@@ -17,7 +17,6 @@ from rich.console import Console
 from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import print_summary
 from mdpo_rddl.cli.option_checks import preset_name
-from mdpo_rddl.cli.termination import TERMINATED, Stop, Terminated
 from mdpo_rddl.errors import InputError, printable
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
@@ -26,7 +25,6 @@ from mdpo_rddl.machine.jax_setup import (
     leave_out_of_collections,
     use_all_cores,
 )
-from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.configuration import config_of_file, config_of_preset
@@ -41,32 +39,13 @@ from mdpo_rddl.session.requests import LoadRequest, PlanRequest
 RUNS = Path("runs")
 
 
-class _StoppingBar(ProgressBar):
-    """Ends a training in which what a signal has raised was swallowed."""
-
-    def __init__(self, shown: bool, stop: Stop) -> None:
-        super().__init__(shown)
-        self._stop = stop
-
-    def training(self, progress: Progress) -> None:
-        """An iteration is done.
-
-        Raises:
-          KeyboardInterrupt: if a signal has come.
-        """
-        super().training(progress)
-        if self._stop.is_wanted:
-            raise Terminated if self._stop.status == TERMINATED else KeyboardInterrupt
-
-
 def run(
-    options: argparse.Namespace, stop: Stop, command: str | None = None
+    options: argparse.Namespace, command: str | None = None
 ) -> tuple[dict[str, Any], Path | None]:
     """Plans, or evaluates what is saved.
 
     Args:
       options: what `mdpo_rddl.cli.options.plan_parser` parsed and `check_plan_options` checked.
-      stop: whether a signal has come meanwhile.
       command: the line that was given.
 
     Returns:
@@ -87,7 +66,7 @@ def run(
         traced_cache = keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
-    with _silenced(options.quiet), _StoppingBar(not options.quiet, stop) as bar:
+    with _silenced(options.quiet), ProgressBar(not options.quiet) as bar:
         if options.load is not None:
             return evaluate_saved(_load_request(options, command), bar), options.out
         request = replace(_plan_request(options, traced_cache), command=command)

@@ -11,6 +11,7 @@ from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.policy.file import load_policy, save_policy
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
+from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.legal_moves import LegalMoves
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -37,7 +38,9 @@ class MDPO:
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
     ) -> Mapping[str, Any]:
         """What the policy does if it is legal; it draws nothing."""
-        return self._moves.rule(self._policy(step, state), state).actions
+        legal = self._moves.rule(self._policy(step, state), state).actions
+        tell_played(self._policy, legal)
+        return legal
 
     def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
         """A policy, after so many seconds with compilation."""

@@ -146,4 +146,5 @@ class ActingPlanner(JaxBackpropPlanner):
         """Shapes and types of one policy's parameters, as a tree of `jax.ShapeDtypeStruct`."""
         fluents = initial_values(self).training.fluents
         key = random.PRNGKey(0)
-        return jax.eval_shape(self.plan.initializer, key, dict(policy_hyperparams), fluents)
+        hyperparams = self._complete_hyperparams(policy_hyperparams)
+        return jax.eval_shape(self.plan.initializer, key, hyperparams, fluents)

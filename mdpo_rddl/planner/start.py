@@ -1,7 +1,7 @@
 """What a training and its rollouts begin with: initial values, hyperparameters, parameters."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from jax import random
@@ -65,7 +65,13 @@ def other_start(planner: JaxBackpropPlanner, stream: int) -> Iterator[None]:
 
 def unit_hyperparams(planner: JaxBackpropPlanner) -> dict[str, Any]:
     """JaxPlan's policy hyperparameters where none are given, a preprocessor's among them."""
-    hyperparams: dict[str, Any] = dict.fromkeys(planner.rddl.action_fluents, 1.0)
-    if planner.preprocessor is not None:
-        hyperparams[planner.preprocessor.HYPERPARAMS_KEY] = planner.preprocessor.initialize()
-    return hyperparams
+    return with_preprocessor(planner, dict.fromkeys(planner.rddl.action_fluents, 1.0))
+
+
+def with_preprocessor(
+    planner: JaxBackpropPlanner, hyperparams: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Policy hyperparameters, with a preprocessor's first values where they lack these."""
+    if planner.preprocessor is None:
+        return dict(hyperparams)
+    return {planner.preprocessor.HYPERPARAMS_KEY: planner.preprocessor.initialize(), **hyperparams}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import Cancelled, InputError, one_line_cause
+from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.checkpoints import (
     LEAST_SECONDS,
@@ -204,7 +204,8 @@ class Training:
                         self._add(callback)
                     if time.perf_counter() - started >= seconds:
                         break
-        except (KeyboardInterrupt, Cancelled):
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
             # the iterates so far are worth keeping
             if not self._loop.found.callback:
                 raise

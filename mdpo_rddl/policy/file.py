@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ ESTIMATE_FORMAT = "mdpo-rddl table 3"
 """Of a table whose return is estimated rather than proven."""
 _SEEDS = 2**31
 _MOST_PARTS = 64
+_PART = re.compile(r"\[[0-9]+\]")
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class SavedPolicy:
 
     Attributes:
       params: tree of parameters, nested dictionaries of arrays.
-      policy_hyperparams: JaxPlan's policy hyperparameters, nested likewise.
+      policy_hyperparams: JaxPlan's policy hyperparameters, nested likewise; a preprocessor's may be
+        tuples.
       config: the planner's configuration, as a `.cfg` file's text.
       problem: identity of the problem: `domain`, `instance`, `label`, `horizon`, `digest`.
       seed: of the run that trained it.
@@ -105,7 +108,7 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
 
     Raises:
       InputError: if the file cannot be written.
-      ValueError: if a tree holds anything but nested dictionaries with string keys.
+      ValueError: if a tree holds anything but nested dictionaries with string keys, and tuples.
     """
     common = {"problem": json.dumps(policy.problem), "seed": str(policy.seed)}
     if policy.source is not None:
@@ -242,16 +245,23 @@ def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
 
 
 def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:
-    """A tree of nested dictionaries as tensors, named by their paths after the prefix.
+    """A tree of nested dictionaries and tuples as tensors, named by their paths after the prefix.
+
+    The parts of a tuple are named by their numbers in brackets. What is empty leaves nothing.
 
     Raises:
-      ValueError: if a key is no string, or holds a slash.
+      ValueError: if a key is no string, holds a slash, or is a number in brackets.
     """
+    if isinstance(tree, tuple):
+        parts = {f"{prefix}/[{number}]": part for number, part in enumerate(tree)}
+        return {
+            name: leaf for at, part in parts.items() for name, leaf in flatten(part, at).items()
+        }
     if not isinstance(tree, Mapping):
         return {prefix: np.asarray(tree, order="C")}
     flat: dict[str, np.ndarray] = {}
     for key, value in tree.items():
-        if not isinstance(key, str) or "/" in key:
+        if not isinstance(key, str) or "/" in key or _PART.fullmatch(key):
             raise ValueError(f"cannot save a policy whose parameters are keyed by {key!r}")
         flat.update(flatten(value, f"{prefix}/{key}"))
     return flat
@@ -261,7 +271,8 @@ def unflatten(tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """The trees that `flatten` has made tensors of, by their prefixes.
 
     Raises:
-      ValueError: if one is deeper than what recursive functions and messages can hold.
+      ValueError: if one is deeper than what recursive functions and messages can hold, or a part
+        of a tuple is missing.
     """
     trees: dict[str, Any] = {}
     for name, value in tensors.items():
@@ -272,4 +283,17 @@ def unflatten(tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
         for parent in parents:
             node = node.setdefault(parent, {})
         node[leaf] = value
-    return trees
+    return {name: _with_tuples(tree) for name, tree in trees.items()}
+
+
+def _with_tuples(tree: Any) -> Any:
+    """The tree, of whose dictionaries those that stand for tuples are some."""
+    if not isinstance(tree, dict):
+        return tree
+    parts = {key: _with_tuples(value) for key, value in tree.items()}
+    if not any(map(_PART.fullmatch, parts)):
+        return parts
+    names = [f"[{number}]" for number in range(len(parts))]
+    if parts.keys() != set(names):
+        raise ValueError(f"its {min(parts):.40} is a part of no tuple")
+    return tuple(parts[name] for name in names)

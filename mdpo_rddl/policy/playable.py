@@ -32,6 +32,8 @@ class Playable:
         self._hyperparams = dict(policy_hyperparams)
         self._keys = step_keys(planner, seed)
         self._one, self._many = Recall(planner), Recall(planner)
+        self._seen: Mapping[str, Any] = {}
+        self._noted: Mapping[str, Any] = {}
 
     def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action tensor per fluent at a step, for an observation per fluent."""
@@ -40,9 +42,26 @@ class Playable:
         actions = self._planner.get_action(*given, *([memory] if memory else []))
         if memory:
             seen = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
-            played = {name: np.asarray(value)[np.newaxis] for name, value in actions.items()}
-            self._one.note(self._one.shown(step, seen, 1), played)
+            self._seen = self._one.shown(step, seen, 1)
+            self._note(actions)
         return actions
+
+    def was_played(self, actions: Mapping[str, Any]) -> None:
+        """Takes in what was played at the latest step, where it is not what the policy decided.
+
+        Args:
+          actions: per action fluent [*shape].
+        """
+        if not self._noted:
+            return
+        own = self._noted
+        numbers = {name: self._planner.numbers(name, actions[name]) for name in own}
+        if not all(np.array_equal(numbers[name], value) for name, value in own.items()):
+            self._note(numbers)
+
+    def _note(self, actions: Mapping[str, Any]) -> None:
+        self._noted = {name: np.asarray(value) for name, value in actions.items()}
+        self._one.note(self._seen, {n: value[np.newaxis] for n, value in self._noted.items()})
 
     def memory_at(self, step: int) -> Entries:
         """What is remembered when a step's action is chosen, per entry [*shape]."""
@@ -67,6 +86,7 @@ class Playable:
 
     def reset(self) -> None:
         """Forgets the episodes."""
+        self._seen = self._noted = {}
         self._one.reset()
         self._many.reset()
 

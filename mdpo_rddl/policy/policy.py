@@ -16,7 +16,7 @@ from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.start import unit_hyperparams
+from mdpo_rddl.planner.start import unit_hyperparams, with_preprocessor
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
@@ -68,8 +68,9 @@ class Policy(PolicyAgent):
         require_same_problem(saved, problem, source)
         config = PlannerConfig.from_text(saved.config, source)
         planner = build_planner(problem, config).planner
+        saved = _with_tuples(saved, planner)
         _require_params(saved, planner, source)
-        hyperparams = saved.policy_hyperparams
+        hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
         candidates = saved.candidates
         return cls(problem, config, planner, saved.params, hyperparams, saved.seed, candidates)
 
@@ -153,6 +154,14 @@ class Policy(PolicyAgent):
         super().reset()
         self._play.reset()
 
+    def was_played(self, actions: Mapping[str, Any]) -> None:
+        """Takes in what was played at the latest step: a policy with a memory remembers that.
+
+        Args:
+          actions: per action fluent [*shape].
+        """
+        self._play.was_played(actions)
+
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The actions for many observations of one step, in one call.
 
@@ -211,6 +220,24 @@ class Policy(PolicyAgent):
         return html_table(f"Policy for {self.problem.label}", rows)
 
 
+def _with_tuples(saved: SavedPolicy, planner: MDPOPlanner) -> SavedPolicy:
+    """The policy of a file of version 0.2.0, where the tuples of a preprocessor are one tensor."""
+    if planner.preprocessor is None or not isinstance(saved.policy_hyperparams, Mapping):
+        return saved
+    own = planner.preprocessor.HYPERPARAMS_KEY
+    found, unit = saved.policy_hyperparams.get(own), unit_hyperparams(planner)[own]
+    if not isinstance(found, Mapping) or not isinstance(unit, Mapping):
+        return saved
+    stacked = {
+        name: tuple(values)
+        for name, values in found.items()
+        if isinstance(values, np.ndarray) and np.shape(values)[:1] == (2,)
+        if isinstance(unit.get(name), tuple)
+    }
+    hyperparams = {**saved.policy_hyperparams, own: {**found, **stacked}}
+    return dataclasses.replace(saved, policy_hyperparams=hyperparams)
+
+
 def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> None:
     damaged = f"{source}: damaged policy file"
     if not isinstance(saved.policy_hyperparams, Mapping) or not isinstance(saved.params, Mapping):
@@ -242,9 +269,18 @@ def _require_hyperparams(
     """Raises `InputError` unless they are numbers, and a preprocessor's of its own shapes."""
     units = unit_hyperparams(planner)
     for name, found in hyperparams.items():
-        fits = jax.tree.map(np.shape, found) == jax.tree.map(np.shape, units.get(name, 1.0))
-        kinds = {np.asarray(leaf).dtype.kind for leaf in jax.tree.leaves(found)}
+        unit = units.get(name, 1.0)
+        structure: Any = jax.tree.structure(found)
+        leaves = jax.tree.leaves(found)
+        fits = bool(structure == jax.tree.structure(unit)) and [*map(np.shape, leaves)] == [
+            *map(np.shape, jax.tree.leaves(unit))
+        ]
+        kinds = {np.asarray(leaf).dtype.kind for leaf in leaves}
         if not fits or not kinds <= set("fiu"):
             raise InputError(
                 f"{damaged}: its hyperparameter {printable(name)} is not the planner's"
             )
+    own = None if planner.preprocessor is None else planner.preprocessor.HYPERPARAMS_KEY
+    # nothing is saved of one that scales nothing
+    if own is not None and own not in hyperparams and jax.tree.leaves(units[own]):
+        raise InputError(f"{damaged}: it lacks the values of the planner's preprocessor")

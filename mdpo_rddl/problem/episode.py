@@ -45,6 +45,27 @@ def tell_played(policy: object, actions: Mapping[str, Any]) -> None:
         policy.was_played(actions)
 
 
+@dataclass(frozen=True)
+class WatchedPolicy:
+    """A policy around whose decisions something is done; it is told what is played all the same.
+
+    Attributes:
+      policy: the policy.
+      decide: asks it.
+    """
+
+    policy: Policy
+    decide: Policy
+
+    def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The action at a step."""
+        return self.decide(step, state)
+
+    def was_played(self, actions: Mapping[str, Any]) -> None:
+        """What was played at the step that it decided last, per action fluent."""
+        tell_played(self.policy, actions)
+
+
 class Recorder(Protocol):
     """Who keeps what happens in an episode."""
 

@@ -1,7 +1,8 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
@@ -124,16 +125,39 @@ def evaluate(
     Raises:
       ValueError: if `env` is not vectorized.
     """
-    if not env.vectorized:
-        raise ValueError("the environment must be made with vectorized=True")
-    referee = Referee(env)
     played = []
-    for episode_seed in episode_seeds(seed, episodes):
-        episode = Episode(env, policy, referee, None if recorder is None else recorder.begin())
-        episode.play(env.reset(seed=episode_seed)[0])
+    for episode, state in begun_episodes(env, policy, episodes, seed, recorder):
+        episode.play(state)
         played.append(episode)
         if on_episode() is False:
             break
+    return evaluation_of(played)
+
+
+def begun_episodes(
+    env: RDDLEnv,
+    policy: Policy,
+    episodes: int,
+    seed: int,
+    recorder: EpisodesRecorder | None = None,
+) -> Iterator[tuple[Episode, Mapping[str, Any]]]:
+    """The episodes of an evaluation, each with its first observation, to be played in turn.
+
+    The arguments are those of `evaluate`.
+
+    Raises:
+      ValueError: if `env` is not vectorized.
+    """
+    if not env.vectorized:
+        raise ValueError("the environment must be made with vectorized=True")
+    referee = Referee(env)
+    for episode_seed in episode_seeds(seed, episodes):
+        episode = Episode(env, policy, referee, None if recorder is None else recorder.begin())
+        yield episode, env.reset(seed=episode_seed)[0]
+
+
+def evaluation_of(played: Sequence[Episode]) -> Evaluation:
+    """What has come of episodes that were played to their ends."""
     return Evaluation(
         returns=np.array([episode.total for episode in played]),
         lengths=np.array([episode.steps for episode in played]),

@@ -6,7 +6,7 @@ from typing import Any
 
 from pyRDDLGym.core.simulator import RDDLSimulator
 
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import InputError, interrupt_behind, one_line_cause
 
 
 class NotPlayedError(InputError):
@@ -42,5 +42,7 @@ def _told() -> Iterator[None]:
     try:
         yield
     except Exception as error:  # its errors have no common base, and numpy has its own
+        if (stop := interrupt_behind(error)) is not None:
+            raise stop from None
         cause = f"{type(error).__name__}: {one_line_cause(error)}"
         raise NotPlayedError(f"the environment fails: {cause}") from error

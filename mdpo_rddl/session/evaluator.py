@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from mdpo_rddl.problem.evaluation import Evaluation, Policy, evaluate
+from mdpo_rddl.problem.episode import Episode
+from mdpo_rddl.problem.evaluation import Evaluation, Policy, begun_episodes, evaluation_of
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.played import NotPlayedError, PlayedSimulator
 from mdpo_rddl.session.observed import Observed
@@ -11,11 +12,17 @@ from mdpo_rddl.session.requests import EvaluationTerms, Reporter
 
 @dataclass
 class Evaluator:
-    """Evaluates policies on the given terms, and reports each episode."""
+    """Evaluates policies on the given terms, and reports each episode.
+
+    Attributes:
+      begun: the episodes of the policy that was played last, also after an error in the last one.
+      ended: how many of them were played to their ends.
+    """
 
     terms: EvaluationTerms
     reporter: Reporter
-    _done: int = field(default=0, init=False)
+    begun: list[Episode] = field(default_factory=list, init=False)
+    ended: int = field(default=0, init=False)
 
     def run(self, policy: Policy, observed: Observed | None = None) -> Evaluation:
         """Plays a policy.
@@ -27,7 +34,7 @@ class Evaluator:
         Raises:
           NotPlayedError: naming the files, if the environment fails.
         """
-        self._done = 0
+        self.begun, self.ended = [], 0
         terms, problem = self.terms, self.terms.problem
         env = make_environment(problem, backend=PlayedSimulator)
         recorder = None
@@ -35,11 +42,21 @@ class Evaluator:
             policy = observed.watch(policy)
             recorder = observed.recorder
         try:
-            return evaluate(env, policy, terms.episodes, terms.seed, self._count, recorder)
+            for episode, state in begun_episodes(env, policy, terms.episodes, terms.seed, recorder):
+                self.begun.append(episode)
+                episode.play(state)
+                self.ended += 1
+                self.reporter.episode(self.ended, terms.episodes)
         except NotPlayedError as error:
-            files = f"{problem.domain_path}, {problem.instance_path}"
-            raise NotPlayedError(f"{files}: episode {self._done + 1}: {error}") from error
+            raise NotPlayedError(f"{self.place}: {error}") from error
+        return self.so_far()
 
-    def _count(self) -> None:
-        self._done += 1
-        self.reporter.episode(self._done, self.terms.episodes)
+    def so_far(self) -> Evaluation:
+        """What has come of the episodes that have ended."""
+        return evaluation_of(self.begun[: self.ended])
+
+    @property
+    def place(self) -> str:
+        """The problem's files, and the episode that is played."""
+        problem = self.terms.problem
+        return f"{problem.domain_path}, {problem.instance_path}: episode {self.ended + 1}"

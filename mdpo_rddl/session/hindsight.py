@@ -3,7 +3,7 @@
 import logging
 from typing import Any
 
-from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.errors import note_heard, one_line_cause
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.session.requests import EvaluationTerms, Reporter
 
@@ -29,7 +29,8 @@ def hindsight_figures(
     episodes = min(terms.episodes, _MOST_EPISODES)
     try:
         found = policy.hindsight(episodes, HINDSIGHT_SECONDS, terms.seed)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        note_heard(stop)
         logger.warning("no hindsight: stopped while it was worked out")
         return {}
     except Exception as error:  # which must not cost the run

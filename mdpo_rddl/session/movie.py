@@ -11,9 +11,9 @@ from typing import Any
 
 from PIL import Image
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, note_heard
 from mdpo_rddl.machine.files import write_atomically
-from mdpo_rddl.problem.episode import Policy
+from mdpo_rddl.problem.episode import Policy, WatchedPolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.visualizer import drawing
@@ -41,7 +41,8 @@ def draw_movie(path: Path, policy: Policy, problem: Problem, seed: int) -> None:
     """`write_movie` for a run that is done: a mistake or an interrupt costs the movie alone."""
     try:
         write_movie(path, policy, problem, seed)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        note_heard(stop)
         logger.warning("no movie: stopped while it was drawn")
     except Exception as error:  # whatever somebody's visualizer raises
         logger.warning("no movie: %s", " ".join(f"{error}".split()) or type(error).__name__)
@@ -72,7 +73,7 @@ def write_movie(path: Path, policy: Policy, problem: Problem, seed: int) -> None
             frames.append(_small(draw()))
         return policy(step, state)
 
-    evaluate(env, watched, episodes=1, seed=seed)
+    evaluate(env, WatchedPolicy(policy, watched), episodes=1, seed=seed)
     frames.append(_small(draw()))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

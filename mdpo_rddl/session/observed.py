@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.problem.episode import Policy
+from mdpo_rddl.problem.episode import Policy, WatchedPolicy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.trajectories import TrajectoriesRecorder
 from mdpo_rddl.session.references import noop_evaluation, random_evaluation
@@ -58,7 +58,7 @@ class Observed:
             seconds.append(self._ended - began)
             return action
 
-        return watched
+        return WatchedPolicy(policy, watched)
 
     def figures(self) -> dict[str, Any]:
         """Plays the no-op and random actions; JSON of their returns and of the decision times."""

@@ -1,12 +1,14 @@
 """Replan at every decision, from the state that the exact environment shows."""
 
 import csv
+import logging
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from mdpo_rddl.errors import InputError, note_heard, one_line_cause
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
@@ -17,21 +19,43 @@ from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, write_json
-from mdpo_rddl.session.report.summary import identity, planner_figures, return_figures
+from mdpo_rddl.session.report.summary import (
+    finite_or_none,
+    identity,
+    not_played_figures,
+    planner_figures,
+    return_figures,
+)
 from mdpo_rddl.session.requests import PlanRequest, Reporter
+
+logger = logging.getLogger(__name__)
+
+
+class _End(NamedTuple):
+    """How playing ended before its time.
+
+    Attributes:
+      status: "failed" or "interrupted".
+      cause: in words.
+    """
+
+    status: str
+    cause: str
 
 
 def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
     """Plays the exact environment by replanning at every decision, and writes the run folder.
 
     The budget of a decision is `train_seconds` and `epochs` of `[Optimize]`; compilation is
-    done before the first one and counts in none.
+    done before the first one and counts in none. Where it is stopped, or a decision or the
+    environment fails, the run folder has what was planned and played until then.
 
     Returns:
       The summary, as `summary.json` holds it.
 
     Raises:
-      InputError: as `plan` does.
+      InputError: as `plan` does, and if a decision fails.
+      KeyboardInterrupt: if interrupted before the first decision.
     """
     with RunFolder(request.out) as folder, kept_warnings() as warnings:
         reporter.stage("compiling")
@@ -43,8 +67,8 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         state = make_environment(request.problem).reset(seed=request.seed)[0]
         compile_seconds = policy.compile(state)
         reporter.stage("replanning")
-        observed = Observed(request)
-        found = Evaluator(request, reporter).run(policy, observed)
+        observed, evaluator = Observed(request), Evaluator(request, reporter)
+        end = _played(evaluator, policy, observed)
         seconds = [decision.seconds for decision in policy.decisions]
         summary = {
             **identity(
@@ -52,9 +76,9 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
                 planner_figures(request.config, planner),
                 config_name=request.config_name,
                 seed=request.seed,
-                episodes=request.episodes,
+                episodes=request.episodes if end is None else evaluator.ended,
             ),
-            **return_figures(found),
+            **_returns(evaluator, end),
             "mode": "replan",
             "lookahead": planner.horizon,
             "decision_seconds": budget.seconds,
@@ -68,7 +92,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "compile_seconds": compile_seconds,
             "device": str(jax.devices()[0]),
             "versions": package_versions(),
-            **observed.figures(),
+            **(observed.figures() if end is None else {}),
             "warnings": warnings,
             "command": request.command,
         }
@@ -83,9 +107,52 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             write_json(folder.staging / "config.json", config)
             write_json(folder.staging / SUMMARY, summary)
             observed.write(folder.staging)
-        add_page(folder)
+        if evaluator.ended:
+            add_page(folder)
         folder.commit()
+    if end is not None and end.status == "failed":
+        raise InputError(f"{end.cause}; what was planned until then is in {folder.target}")
     return summary
+
+
+def _played(evaluator: Evaluator, policy: OnlinePolicy, observed: Observed) -> _End | None:
+    """Plays the episodes; how that ended before its time, once there was a decision."""
+    try:
+        evaluator.run(policy, observed)
+    except KeyboardInterrupt as stop:
+        if not policy.decisions:
+            raise
+        note_heard(stop)
+        return _End("interrupted", "interrupted")
+    except Exception as error:  # the environment's, or whatever planning makes of a state
+        logger.debug("replanning has failed", exc_info=True)
+        cause = _told(error, evaluator)
+        if not policy.decisions:
+            raise InputError(cause) from error
+        return _End("failed", cause)
+    return None
+
+
+def _told(error: Exception, evaluator: Evaluator) -> str:
+    if isinstance(error, InputError):
+        return str(error)
+    step = sum(episode.steps for episode in evaluator.begun[evaluator.ended :])
+    cause = f"{type(error).__name__}: {one_line_cause(error)}"
+    return f"{evaluator.place}, step {step}: cannot be planned: {cause}"
+
+
+def _returns(evaluator: Evaluator, end: _End | None) -> dict[str, Any]:
+    """The figures of the returns, with how playing ended before its time."""
+    found = evaluator.so_far()
+    if end is None:
+        return return_figures(found)
+    figures = return_figures(found) if evaluator.ended else not_played_figures(end.cause)
+    for last in evaluator.begun[evaluator.ended :]:
+        figures["illegal_actions"] += last.illegal
+        figures["fallback_actions"] += last.fallback
+        total = finite_or_none(last.total)
+        figures["unfinished_episode"] = {"steps": last.steps, "return": total}
+    return {**figures, "status": end.status, "cause": end.cause}
 
 
 def _write_decisions(path: Path, decisions: list[Decision]) -> None:

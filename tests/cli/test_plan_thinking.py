@@ -24,6 +24,7 @@ FIGURES = {
     "trials",
     "decisions",
     "left_base",
+    "replaced",
     "mean_seconds",
     "p99_seconds",
     "max_seconds",

@@ -1,5 +1,7 @@
 """Any tree of arrays comes back from a policy file bit for bit, and no bit may change."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,10 +15,18 @@ KINDS = st.sampled_from([np.float32, np.float64, np.int32, np.int64, np.bool_, n
 ARRAYS = arrays.arrays(KINDS, arrays.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
 # what separates the parts of a path, and what no text file holds
 NAMES = st.text(st.characters(exclude_characters="/", exclude_categories=["Cs"]), max_size=6)
+# a part of a tuple is named so
+NAMES = NAMES.filter(lambda name: not re.fullmatch(r"\[[0-9]+\]", name))
 TREES = st.dictionaries(
     NAMES,
     st.recursive(
-        ARRAYS, lambda inner: st.dictionaries(NAMES, inner, min_size=1, max_size=3), max_leaves=5
+        ARRAYS,
+        lambda inner: (
+            st.dictionaries(NAMES, inner, min_size=1, max_size=3)
+            | st.tuples(inner)
+            | st.tuples(inner, inner)
+        ),
+        max_leaves=5,
     ),
     min_size=1,
     max_size=3,
@@ -37,6 +47,10 @@ def assert_same(one, other):
         assert one.keys() == other.keys()
         for key in one:
             assert_same(one[key], other[key])
+    elif isinstance(one, tuple):
+        assert isinstance(other, tuple)
+        for part, again in zip(one, other, strict=True):
+            assert_same(part, again)
     else:
         assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
 

@@ -67,6 +67,21 @@ def assert_same(left, right):
         np.testing.assert_array_equal(left[name], right[name])
 
 
+def test_what_was_played_is_remembered_where_it_is_not_what_was_decided(policy):
+    env = make_environment(policy.problem)
+    state = env.reset(seed=0)[0]
+    policy.reset()
+    decided = policy(0, state)
+    name, value = next((n, v) for n, v in decided.items() if np.asarray(v).dtype.kind == "f")
+    lasts = []
+    for played in (decided, {**decided, name: np.asarray(value) + 0.25}, decided):
+        policy.was_played(played)
+        lasts.append(policy._play._one._after[f"last {name}"])
+    # of a box of 4
+    np.testing.assert_allclose(lasts[1] - lasts[0], 0.25 / 4.0, rtol=1e-5)
+    np.testing.assert_array_equal(lasts[2], lasts[0])
+
+
 def test_a_rollout_returns_what_play_does(policy):
     played = policy.evaluate(episodes=2)
     np.testing.assert_allclose(played.returns, judged(policy), rtol=2e-6)

@@ -4,7 +4,9 @@ import csv
 import json
 import time
 
+import numpy as np
 import pytest
+from helpers.mistakes import one_line
 from helpers.problems import JAXPLAN_EXAMPLES, tiny_files
 
 from mdpo_rddl.cli.plan import main
@@ -14,6 +16,8 @@ from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.replanning import OnlinePolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
+from mdpo_rddl.problem.played import NotPlayedError, PlayedSimulator
+from mdpo_rddl.session.report.page.record import read_play, read_run
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +96,97 @@ def test_the_command_replans_and_says_how(files, tmp_path, monkeypatch, capsys):
     rows = list(csv.DictReader((tmp_path / "run" / "decisions.csv").open()))
     assert [row["step"] for row in rows] == ["0", "1", "2"]
     assert printed["max_seconds"] == max(float(row["seconds"]) for row in rows)
+
+
+REPLAN = "--replan --horizon 3 --lookahead 2 --seconds 0.01 --episodes 2 --json --quiet --out run"
+
+
+def failing_at(monkeypatch, call, error):
+    """Has one of the decisions raise, compilation's own not counted."""
+    calls, sample = [], OnlinePolicy.__call__
+
+    def decide(policy, step, state):
+        calls.append(step)
+        if len(calls) == call:
+            raise error
+        return sample(policy, step, state)
+
+    monkeypatch.setattr(OnlinePolicy, "__call__", decide)
+
+
+@pytest.mark.parametrize(("call", "ended"), [(3, 0), (5, 1)])
+def test_an_error_leaves_what_was_planned_until_then(
+    files, tmp_path, monkeypatch, capsys, call, ended
+):
+    monkeypatch.chdir(tmp_path)
+    failing_at(monkeypatch, call, ValueError("no\nplan"))
+    assert main([*files, *REPLAN.split()]) == 2
+    step = call - 1 - 3 * ended
+    cause = (
+        f"{files[0]}, {files[1]}: episode {ended + 1}, step {step}: "
+        "cannot be planned: ValueError: no plan"
+    )
+    said = f"mdpo-plan: error: {cause}; what was planned until then is in run\n"
+    assert capsys.readouterr() == ("", said)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert (summary["status"], summary["cause"], summary["episodes"]) == ("failed", cause, ended)
+    assert (len(summary["returns"]), summary["decisions"]) == (ended, call - 1)
+    assert summary["unfinished_episode"]["steps"] == step
+    rows = list(csv.DictReader((tmp_path / "run" / "decisions.csv").open()))
+    assert [int(row["step"]) for row in rows] == [number % 3 for number in range(call - 1)]
+    plays, _ = read_play(tmp_path / "run" / "trajectories.npz")
+    rewards = plays["policy"].rewards
+    assert np.isfinite(rewards).sum(axis=1).tolist() == [3] * ended + [step]
+    if ended:
+        np.testing.assert_allclose(rewards[0].sum(), summary["returns"][0], rtol=1e-5)
+        read_run(tmp_path / "run")
+        assert (tmp_path / "run" / "report.html").is_file()
+    else:
+        assert one_line(lambda: read_run(tmp_path / "run")).endswith(f"not played: {cause}")
+
+
+def test_an_environment_that_fails_leaves_what_was_planned_until_then(
+    files, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    steps, plain = [], PlayedSimulator.step
+
+    def step(simulator, actions):
+        steps.append(actions)
+        if len(steps) == 2:
+            raise NotPlayedError("the environment fails: ValueError: no")
+        return plain(simulator, actions)
+
+    monkeypatch.setattr(PlayedSimulator, "step", step)
+    assert main([*files, *REPLAN.split()]) == 2
+    cause = f"{files[0]}, {files[1]}: episode 1: the environment fails: ValueError: no"
+    said = f"mdpo-plan: error: {cause}; what was planned until then is in run\n"
+    assert capsys.readouterr().err == said
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert (summary["not_played"], summary["decisions"]) == (cause, 2)
+    assert summary["unfinished_episode"]["steps"] == 1
+
+
+def test_an_interrupt_leaves_what_was_planned_until_then(files, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    failing_at(monkeypatch, 3, KeyboardInterrupt())
+    assert main([*files, *REPLAN.split()]) == 130
+    printed, said = capsys.readouterr()
+    assert said == "mdpo-plan: stopped early\n"
+    assert (json.loads(printed)["status"], json.loads(printed)["decisions"]) == ("interrupted", 2)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize(("error", "status"), [(ValueError("no"), 2), (KeyboardInterrupt(), 130)])
+def test_nothing_is_left_where_there_was_no_decision(
+    files, tmp_path, monkeypatch, capsys, error, status
+):
+    monkeypatch.chdir(tmp_path)
+    failing_at(monkeypatch, 1, error)
+    assert main([*files, *REPLAN.split()]) == status
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.long

@@ -17,3 +17,14 @@ def test_a_rule_that_cannot_be_written_costs_nothing_else(caplog, monkeypatch, i
     observed = SimpleNamespace(episode_seconds=0.0 if is_quick else 1e3)
     assert plan._rule(policy, observed) is None
     assert caplog.messages == ["no rule: ValueError: need at least one array"] * is_quick
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_run_that_was_stopped_compiles_nothing_for_its_rule(monkeypatch, compiled):
+    monkeypatch.setattr(plan, "is_compiled", lambda planner: compiled)
+    policy = create_autospec(Policy, instance=True, planner=None)
+    policy.explain.return_value = SimpleNamespace(equations=[1], to_json=lambda: {"note": "words"})
+    observed = SimpleNamespace(episode_seconds=0.0)
+    found = plan._rule(policy, observed, in_haste=True)
+    assert found == ({"note": "words"} if compiled else None)
+    assert policy.explain.called == compiled

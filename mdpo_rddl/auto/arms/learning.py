@@ -14,7 +14,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.state import State
-from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.errors import Cancelled, note_heard
 
 AnyLearner = TypeVar("AnyLearner")
 _LEARNER = "learner"
@@ -145,7 +145,8 @@ class LearningArm(CompilingArm, Generic[AnyLearner]):
         self._enter(until)
         try:
             self._learn(until)
-        except (KeyboardInterrupt, Cancelled):
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
             self._offer_learnt()
             raise
         self._offer_learnt()

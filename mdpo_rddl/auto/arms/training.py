@@ -13,7 +13,7 @@ from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
 from mdpo_rddl.auto.state import UNFIT, State, count_of, joined
 from mdpo_rddl.auto.training_state import BestIterate, checkpoints_of, state_of
-from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.errors import Cancelled, InputError, note_heard
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -97,7 +97,8 @@ class TrainingArm(TrainedArm):
             self._log.details = {**self._log.details, "cause": str(error)}
             self._offer_known(until)
             self.is_exhausted = not self.awaits_judge
-        except (KeyboardInterrupt, Cancelled):
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
             if self._is_judged:
                 self._offer_known(self._clock())  # nobody waits for a compilation now
             raise

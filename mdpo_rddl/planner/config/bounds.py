@@ -58,6 +58,7 @@ def out_of_bounds(sections: Sections) -> str | None:
         _wrong_pgpe_batch(sections)
         or _wrong_topology(sections)
         or _wrong_hyperparams(sections)
+        or _wrong_fluent_bounds(sections)
         or _too_many_rollouts(sections)
     )
 
@@ -135,6 +136,25 @@ def _wrong_hyperparams(sections: Sections) -> str | None:
         "[Optimize] policy_hyperparams: must be a number, or a dictionary of numbers by action, "
         f"got {_short(value)}"
     )
+
+
+def _wrong_fluent_bounds(sections: Sections) -> str | None:
+    value = (sections["Planner"].get("preprocessor_kwargs") or {}).get("fluent_bounds", {})
+    if isinstance(value, dict) and all(map(_is_interval, value.values())):
+        return None
+    return (
+        "[Planner] preprocessor_kwargs: fluent_bounds must be a dictionary of two numbers by "
+        f"fluent, the lower one first, got {_short(value)}"
+    )
+
+
+def _is_interval(value: Any) -> bool:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        return False
+    # in 32 bit
+    integers = all(abs(each) < 2**31 for each in value if is_number(each, int))
+    numbers = all(is_number(each, int | float) and abs(each) < 1e38 for each in value)
+    return integers and numbers and value[0] < value[1]
 
 
 def _too_many_rollouts(sections: Sections) -> str | None:

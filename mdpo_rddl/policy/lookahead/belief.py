@@ -18,6 +18,7 @@ from mdpo_rddl.planner.rollouts.plan_memory import Entries
 from mdpo_rddl.policy.lookahead.base import Prepared
 from mdpo_rddl.policy.playable import step_keys
 from mdpo_rddl.policy.recall import Recall
+from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.observation import is_observed
 
@@ -283,3 +284,5 @@ def note_played(policy: Prepared, known: Mapping[str, Any], action: Mapping[str,
     """Tells whoever follows the episode what was played."""
     if isinstance(policy, Believer):
         policy.played(known, action)
+    else:
+        tell_played(policy, action)

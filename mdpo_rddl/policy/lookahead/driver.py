@@ -32,10 +32,11 @@ class Decision(NamedTuple):
       step: its number in its episode.
       seconds: wall time from the state to the action.
       calls: of the simulator.
-      left_base: whether something else than the prepared policy's action was played.
+      left_base: whether something else than the prepared policy's action was chosen, and played.
       gain: what it is expected to return more than the base, in fresh rollouts; 0 for the base.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
+      replaced: whether another action than the decision's was played, which it expects no gain of.
     """
 
     step: int
@@ -45,6 +46,7 @@ class Decision(NamedTuple):
     gain: float
     error: float
     unmatched: bool = False
+    replaced: bool = False
 
 
 class LookaheadPolicy(PolicyAgent):
@@ -80,6 +82,7 @@ class LookaheadPolicy(PolicyAgent):
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
         self._random = np.random.default_rng(seed)
         self._known: Mapping[str, Any] = {}
+        self._decided: Mapping[str, Any] = {}
 
     @property
     def problem(self) -> Problem:
@@ -152,8 +155,8 @@ class LookaheadPolicy(PolicyAgent):
         self.method.shift(candidate)
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
-        self._known = state
-        self.was_played(action)
+        self._known, self._decided = state, action
+        note_played(self.base, state, action)
         gain, error = (0.0, 0.0) if chosen is None else (chosen.mean, chosen.error)
         took = self._clock() - started
         unmatched = is_unmatched(state)
@@ -167,6 +170,18 @@ class LookaheadPolicy(PolicyAgent):
           actions: per action fluent [*shape].
         """
         note_played(self.base, self._known, actions)
+        if self._decided and not self._is_decided(actions):
+            last = self.decisions[-1]
+            self.decisions[-1] = last._replace(left_base=False, gain=0.0, error=0.0, replaced=True)
+
+    def _is_decided(self, actions: Mapping[str, Any]) -> bool:
+        """Whether these are what was decided last, but for rounding."""
+        components, planner = self._simulator.components, self.base.planner
+        played, decided = (
+            components.flat({name: planner.numbers(name, value) for name, value in each.items()})
+            for each in (actions, self._decided)
+        )
+        return bool(np.allclose(played, decided, rtol=1e-6))
 
     def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
         """The finalist to play; None for the base."""

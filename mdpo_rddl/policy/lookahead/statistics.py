@@ -21,6 +21,7 @@ def decision_figures(decisions: Sequence[Decision], budget: float, episodes: int
     return {
         "decisions": len(decisions),
         "left_base": len(left),
+        "replaced": sum(decision.replaced for decision in decisions),
         "mean_seconds": float(seconds.mean()),
         "p99_seconds": float(np.quantile(seconds, 0.99)),
         "max_seconds": float(seconds.max()),

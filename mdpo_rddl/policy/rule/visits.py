@@ -10,6 +10,7 @@ from jax import Array
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.episode import WatchedPolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.observation import is_observed
@@ -33,7 +34,7 @@ def visited_states(problem: Problem, planner: MDPOPlanner, params: Any) -> dict[
             seen.append({**state, **play.memory_at(step)})
         return play(step, state)
 
-    evaluate(make_environment(problem), policy, episodes=1, seed=0)
+    evaluate(make_environment(problem), WatchedPolicy(play, policy), episodes=1, seed=0)
     stacked: dict[str, Array] = {}
     if not seen:
         return stacked

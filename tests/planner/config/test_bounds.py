@@ -65,6 +65,20 @@ def test_hyperparameters_are_numbers(value: str) -> None:
 
 
 @pytest.mark.parametrize(
+    "value",
+    ["3", "([1, 2], [3, 4])", "(1, 1)", "(1, 2, 3)", "('a', 'b')", "(0, 2147483648)", "(0, 1e+39)"],
+)
+def test_a_preprocessor_s_bounds_are_two_numbers(value: str) -> None:
+    scales = "preprocessor='StaticNormalizer'\npreprocessor_kwargs={'fluent_bounds': {'x': _}}"
+    text = changed(TEXT, "pgpe=None", f"pgpe=None\n{scales}")
+    assert one_line(lambda: PlannerConfig.from_text(changed(text, "_}}", f"{value}}}}}"))) == (
+        "configuration: [Planner] preprocessor_kwargs: fluent_bounds must be a dictionary of "
+        f"two numbers by fluent, the lower one first, got {{'x': {value}}}"
+    )
+    PlannerConfig.from_text(changed(text, "_}}", "(-0.5, 2)}}"))
+
+
+@pytest.mark.parametrize(
     ("section", "key"),
     [("Optimize", "test_rolling_window"), ("MDPO", "iterations_per_call"), ("MDPO", "test_every")],
 )

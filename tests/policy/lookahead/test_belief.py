@@ -16,10 +16,13 @@ from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
+from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.episode import Episode, Verdict
 from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.session.observed import Observed
+from mdpo_rddl.session.requests import Terms
 
 HEARS = 0.85
 LISTEN = {"open-left": np.bool_(False), "open-right": np.bool_(False)}
@@ -172,8 +175,16 @@ def test_what_is_played_instead_of_a_decision_is_taken_in(simulator, believing, 
             return Verdict(opened, illegal=True, fallback=True)
 
     env = make_environment(thinker.problem)
-    Episode(env, thinker, Opening()).play(env.reset(seed=0)[0])
+    # watched, as in a run, it is told too
+    observed = Observed(Terms(thinker.problem, seed=0, episodes=1))
+    Episode(env, observed.watch(thinker), Opening()).play(env.reset(seed=0)[0])
     assert len(memories) == env.horizon
+    # decisions that were not played are counted as such
+    decisions = list(thinker.decisions)
+    assert all(decision.replaced for decision in decisions)
+    figures = decision_figures(decisions, 1.0, 1)
+    assert (figures["replaced"], figures["left_base"]) == (env.horizon, 0)
+    assert figures["expected_gain"] == 0.0
     monkeypatch.setattr(thinker, "_moves", Opening())
     thinker.reset()
     for state in (NOTHING_SHOWN, heard(True), heard(True)):
