@@ -159,7 +159,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
         **_identity(policy, request),
         **_played(policy, plain, request, reporter, observed),
         **race_figures(outcome),
-        "rule": _rule(policy, observed),
+        "rule": _rule(policy, observed, outcome.was_played),
     }
 
     def write(folder: Path, summary: Mapping[str, Any]) -> None:
@@ -233,12 +233,19 @@ def _played(
     return figures
 
 
-def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:
-    """The lifted rule in words, if the policy is one; what its terms are worth if that is cheap."""
+def _rule(policy: AnyPolicy, observed: Observed, was_played: bool) -> dict[str, Any] | None:
+    """The lifted rule in words, if the policy is one; what its terms are worth if that is cheap.
+
+    Args:
+      policy: the result.
+      observed: how it plays.
+      was_played: whether the race has played policies of its planner.
+    """
     if not isinstance(policy, Policy) or observed.episode_seconds > LONGEST_EPISODE_SECONDS:
         return None
-    # the race has compiled what plays the terms, except for large problems
-    seconds = _EXPLAINING_SECONDS if is_compiled(policy.planner) else 0.0
+    # the race has compiled what plays the terms, except for large problems or if it was too late
+    is_cheap = was_played and is_compiled(policy.planner)
+    seconds = _EXPLAINING_SECONDS if is_cheap else 0.0
     try:
         explanation = policy.explain(seconds)
     except Exception as error:  # which must not cost the run
