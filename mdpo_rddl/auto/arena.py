@@ -98,7 +98,9 @@ class Arena:
         """Feedback policies side by side on the exact model; compiled when first asked for."""
         left = self.deadline - self.clock()
         seconds = self.search_share * left
-        return compile_population(self.planner, self.noop, self.seed, seconds, self.clock)
+        return compile_population(
+            self.planner, self.noop, self.seed, seconds, self.clock, self.deadline
+        )
 
     def compile_population(self) -> None:
         """Compiles `population`, for the arm that needs it first."""
@@ -107,7 +109,7 @@ class Arena:
     @cached_property
     def plans(self) -> PlanPopulation:
         """Open-loop plans side by side on the exact model; compiled when first played."""
-        plans = PlanPopulation(self.planner, self.probe, self.seed, self.clock)
+        plans = PlanPopulation(self.planner, self.probe, self.seed, self.clock, self.deadline)
         plans.on_generation = self.pulse
         return plans
 

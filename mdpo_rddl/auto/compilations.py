@@ -3,12 +3,35 @@
 import threading
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 from mdpo_rddl.machine.background import Background
+
+Result = TypeVar("Result")
 
 
 class TooLateError(Exception):
     """A program was not compiled: the race would have been over before it could be used."""
+
+
+def compiled_within(seconds: float, call: Callable[[], Result]) -> Result:
+    """The result of a call that compiles a program, which nothing interrupts: it has a thread.
+
+    Args:
+      seconds: how long it is waited for; not begun if there are none.
+      call: must not ask the clock, which may raise for the caller only.
+
+    Raises:
+      TooLateError: if it takes longer, and goes on for nobody.
+      KeyboardInterrupt: if interrupted, and it goes on likewise.
+      Exception: whatever the call has raised.
+    """
+    results: list[Result] = []
+    if seconds > 0.0:
+        work = Background(lambda: results.append(call()))
+        if work.wait(time.monotonic() + seconds):
+            return results[0]
+    raise TooLateError("the time was over before a program was compiled")
 
 
 class Compilations:

@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.sizes import VISITS_BYTES, Batches
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.timing import Clock, made_once
 from mdpo_rddl.planner.exact import compile_visits, visit_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -32,7 +33,13 @@ class Constants:
     """
 
     def __init__(
-        self, planner: MDPOPlanner, seed: int, size: Batches, until: float, clock: Clock
+        self,
+        planner: MDPOPlanner,
+        seed: int,
+        size: Batches,
+        until: float,
+        clock: Clock,
+        deadline: float = math.inf,
     ) -> None:
         """Compiles nothing yet.
 
@@ -42,10 +49,14 @@ class Constants:
           size: of the batches.
           until: when to end, by the clock; the first batch, which compiles, is not counted.
           clock: what is asked for the time.
+          deadline: when to end at the latest, compiled or not.
         """
         self._at_once = size.at_once
         one_by_one = 1 if size.at_once == 1 else None
-        self._play = compile_visits(planner, size.rollouts, side_by_side=one_by_one)
+        self._play = made_once(
+            lambda: compile_visits(planner, size.rollouts, side_by_side=one_by_one)
+        )
+        self._deadline = deadline
         self._key = jax.random.PRNGKey(seed)
         self._params = planner.feedback_plan.initializer(self._key, {}, None)
         self._until, self._clock = until, clock
@@ -149,16 +160,26 @@ class Constants:
     def _batch(
         self, constants: Sequence[Constant], key: jax.Array
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Returns [P, N] and states [P, N, H, *shape] of constants that fit into a batch."""
+        """Returns [P, N] and states [P, N, H, *shape] of constants that fit into a batch.
+
+        Raises:
+          TooLateError: if the deadline comes before the first batch was played.
+        """
         began = self._clock()
         padded = [*constants, *[constants[0]] * (self._at_once - len(constants))]
         policies = [with_bias(self._params, constant) for constant in padded]
-        played, visited = self._play(key, jax.tree.map(lambda *each: jnp.stack(each), *policies))
+        params = jax.tree.map(lambda *each: jnp.stack(each), *policies)
+
+        def play() -> tuple[jax.Array, dict[str, jax.Array]]:
+            return jax.block_until_ready(self._play(key, params))
+
+        left = self._deadline - began
+        played, visited = play() if self._played else compiled_within(left, play)
         returns = np.asarray(played, float)
         states = {name: np.asarray(values) for name, values in visited.items()}
         self.seconds = self._clock() - began
         if not self._played:
-            self._until += self.seconds
+            self._until = min(self._until + self.seconds, self._deadline)
         self._played += 1
         return returns[: len(constants)], states
 

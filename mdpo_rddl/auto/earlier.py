@@ -13,6 +13,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.file import SavedTable, problem_identity
 from mdpo_rddl.policy.table import ActionTable, Estimate
 from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.problem.load import Problem
 
 _NO_NOISE = {"method": "NoNoise"}
 
@@ -49,7 +50,7 @@ class EarlierPolicy:
           InputError: if a table is not of the arena's problem.
         """
         if self.table is not None:
-            return self._as_table(arena)
+            return self.known(arena.problem, arena.seed)
         fits = _plain(self.config) == _plain(arena.config)
         fits = fits and has_structure(arena.planner, self.params, self.policy_hyperparams)
         is_judged = fits and arena.probe.policy_seconds is None
@@ -66,16 +67,28 @@ class EarlierPolicy:
             error=float("inf") if is_judged else self.error,
         )
 
-    def _as_table(self, arena: Arena) -> Candidate:
-        assert self.table is not None
-        saved = SavedTable(*self.table, problem_identity(arena.problem), arena.seed)
-        TablePolicy.from_saved(saved, arena.problem, "the checkpoint")  # raises
+    def known(self, problem: Problem, seed: int) -> Candidate:
+        """The policy with what the earlier judge has said, as a candidate without a planner.
+
+        Args:
+          problem: that is planned.
+          seed: of the run.
+
+        Raises:
+          InputError: if a table is not of the problem.
+        """
+        if self.table is not None:
+            saved = SavedTable(*self.table, problem_identity(problem), seed)
+            TablePolicy.from_saved(saved, problem, "the checkpoint")  # raises
         return Candidate(
             arm=self.arm,
             label=self.label,
             config=self.config,
             planner=None,
-            params=None,
+            params=self.params,
+            policy_hyperparams=self.policy_hyperparams,
+            parents=self.parents,
+            uses_noise=self.uses_noise,
             table=self.table,
             mean=self.mean,
             error=self.error,

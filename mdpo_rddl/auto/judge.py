@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.candidate import Candidate, Judged
+from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import exact_returns
@@ -83,6 +85,7 @@ class Judge:
         clock: Clock,
         began: float,
         on_judged: Callable[[Judged], None] = _ignore,
+        deadline: float = math.inf,
     ) -> None:
         """Compiles nothing yet.
 
@@ -92,10 +95,11 @@ class Judge:
           clock: what dates the candidates.
           began: when the race began, by the clock.
           on_judged: called with each candidate once it is judged.
+          deadline: until when compilation is waited for, by the clock.
         """
         self._on_judged = on_judged
         self._rollouts, self._seed = rollouts, seed
-        self._clock, self._began = clock, began
+        self._clock, self._began, self._deadline = clock, began, deadline
         self._players: list[tuple[MDPOPlanner, Timed[[Any], np.ndarray]]] = []
         self.incumbent: Candidate | None = None
         self.judged: list[Judged] = []
@@ -130,6 +134,9 @@ class Judge:
 
         Args:
           candidate: with a planner, or with its mean and error.
+
+        Raises:
+          TooLateError: if what plays its planner's candidates is not compiled by the deadline.
         """
         mean, error, returns = candidate.mean, candidate.error, None
         if mean is None:
@@ -187,7 +194,9 @@ class Judge:
         for known, play in self._players:
             if known is planner:
                 return play(candidate.params)
-        play = Timed(MeanReturn(planner, self._rollouts, self._seed).returns, self._clock)
+        left = self._deadline - self._clock()
+        mean = compiled_within(left, lambda: MeanReturn(planner, self._rollouts, self._seed))
+        play = Timed(mean.returns, self._clock, self._deadline)
         self._players.append((planner, play))
         return play(candidate.params)
 

@@ -60,6 +60,13 @@ class RaceOutcome:
         return (*self.earlier, *map(candidate_figures, self.judged))
 
     @property
+    def was_played(self) -> bool:
+        """Whether the judge has played the result, or another policy of its planner."""
+        planner = self.chosen.planner
+        own = (one.candidate for one in self.judged if one.candidate.planner is planner)
+        return any(candidate.returns is not None for candidate in own)
+
+    @property
     def optimum(self) -> Optimum | None:
         """What is proven of the policy, if anything is."""
         return self.policy.optimum if isinstance(self.policy, TablePolicy) else None

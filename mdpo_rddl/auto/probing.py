@@ -122,7 +122,11 @@ class Probe:
 
 
 def probe(
-    planner: MDPOPlanner, seed: int, until: float = math.inf, clock: Clock = time.monotonic
+    planner: MDPOPlanner,
+    seed: int,
+    until: float = math.inf,
+    clock: Clock = time.monotonic,
+    deadline: float = math.inf,
 ) -> Probe:
     """Plays constant actions on the exact model.
 
@@ -131,11 +135,15 @@ def probe(
       seed: of the actions and of the model.
       until: when to end, by the clock, once two were played; compilation is not counted.
       clock: what is asked for the time.
+      deadline: when to end at the latest, by the clock.
+
+    Raises:
+      TooLateError: if the deadline comes before any constant was played.
     """
     large = is_large(planner)
     size = Batches(_FEW_STARTS, 1, 1)
     size = size if large else fitting_batches(planner, _STARTS, _ROLLOUTS)
-    plays = Constants(planner, seed, size, until, clock)
+    plays = Constants(planner, seed, size, until, clock, deadline)
     params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
     numbers = list(planner.feedback_plan.units)

@@ -8,7 +8,8 @@ from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
-from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
+from mdpo_rddl.auto.candidate import NOOP, Judged
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.failures import incumbent_kept, one_line_errors
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
@@ -28,6 +29,14 @@ from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.sizes import judge_rollouts, plans_fit
 from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.unjudged import (
+    NothingPlayedError,
+    ended_by,
+    known_kept,
+    left_at,
+    noop_of,
+    unjudged_outcome,
+)
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -108,13 +117,12 @@ def plan_automatically(
             options.on_pulse()
             arena = _arena(problem, config, seed, started, options, resumption)
             return _raced(arena, shares, (exact, trials), alternatives, options, resumption)
-        except (KeyboardInterrupt, Cancelled) as stop:
-            note_heard(stop)
-            # what an earlier race has left stays for the next one
-            if exact is None or first is None:
-                raise
-            logger.warning("interrupted: the best policy so far is kept")
-            return _only(first, (exact, trials), problem, seed, clock() - started)
+        except (KeyboardInterrupt, Cancelled, NothingPlayedError) as end:
+            note_heard(end)
+            left = left_at(end, first, earlier, problem, seed)
+            seconds = clock() - started
+            outcome = unjudged_outcome(left, (exact, trials), problem, seed, seconds)
+            return replace(ended_by(outcome, end), earlier=options.earlier_curve)
 
 
 def _raced(
@@ -138,11 +146,11 @@ def _raced(
     exact, schedule.early = grounded
     schedule.arms += [] if exact is None else [exact]
     try:
-        if options.earlier is not None:
-            # the first is the incumbent whatever its error, so that the result is not worse
-            for candidate in options.earlier.candidates(arena):
-                arena.judge.record(candidate)
-        with incumbent_kept(arena.judge):
+        with known_kept(arena, options.earlier, schedule.early), incumbent_kept(arena.judge):
+            if options.earlier is not None:
+                # the first is the incumbent whatever its error, so that the result is not worse
+                for candidate in options.earlier.candidates(arena):
+                    arena.judge.record(candidate)
             schedule.run()
         late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
         if alternatives.started:
@@ -196,27 +204,6 @@ def _enumerate(
     elif resumption.goes_on(TRIALS):
         exact.ground(until)
     resumption.marks.ended(exact.name)
-
-
-def _only(
-    first: Candidate, grounded: _Grounded, problem: Problem, seed: int, seconds: float
-) -> RaceOutcome:
-    """The outcome of a race that was interrupted while there were arms of the ground model only."""
-    arms = [arm for arm in grounded if arm is not None]
-    found = [first, *(each for arm in arms for each in arm.take_candidates())]
-    best = max(found, key=lambda each: each.known_mean)
-    return RaceOutcome(
-        policy=policy_of(best, problem, seed),
-        chosen=best,
-        judged=[Judged(best, seconds, became_incumbent=True)],
-        arms=[arm.log for arm in arms],
-        probe=None,
-        noop_return=first.known_mean,
-        random_return=None,
-        compile_seconds=0.0,
-        seconds=seconds,
-        interrupted=True,
-    )
 
 
 def _trials_arm(
@@ -283,7 +270,12 @@ def _arena(
     bare = build_planner(problem, without_scales(config)).planner
     seen = None if resumption is None else resumption.probe
     if seen is None or not seen.fits(bare):
-        seen = probe(bare, _PROBING_SEED, now + shares.shared_until * (deadline - now), clock)
+        until = now + shares.shared_until * (deadline - now)
+        try:
+            seen = probe(bare, _PROBING_SEED, until, clock, deadline)
+        except TooLateError as error:
+            noop = noop_of(bare, without_scales(config), seed)
+            raise NothingPlayedError(noop, clock() - now) from error
     if resumption is not None:
         resumption.probe = seen
     config = with_memory(scaled(config, seen), problem)
@@ -305,7 +297,7 @@ def _arena(
         config=config,
         planner=planner,
         probe=seen,
-        judge=Judge(rollouts, seed, clock, began, options.on_judged),
+        judge=Judge(rollouts, seed, clock, began, options.on_judged, deadline),
         seed=seed,
         deadline=deadline,
         clock=clock,

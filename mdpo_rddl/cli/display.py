@@ -72,7 +72,7 @@ def _add_race(table: Table, summary: Mapping[str, Any]) -> None:
     table.add_row("result", result)
     if "optimum" in summary:
         table.add_row("reachable states", f"{summary['optimum']['states']:,}")
-    else:
+    elif race["candidates"]:
         table.add_row("return of the no-op", _number(race["noop_return"]))
     for name, arm in race["arms"].items():
         best = "none" if arm["best_return"] is None else _number(arm["best_return"])

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from mdpo_rddl.cli.termination import exit_status, how_it_ended
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.background import is_at_work
 
 BROKEN_PIPE = 128 + signal.SIGPIPE
 """The exit status where nobody reads the output any more."""
@@ -54,6 +55,25 @@ def ending_in_order(name: str) -> Callable[[Main], Main]:
         return wrapped
 
     return wrap
+
+
+def without_waiting(status: int) -> int:
+    """Ends the process if something is still being compiled; else that is left to the caller.
+
+    Python would wait for it, and nothing interrupts a compilation.
+
+    Args:
+      status: of the command, which has written and printed all that it has to.
+
+    Returns:
+      The status.
+    """
+    if is_at_work():
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                stream.flush()
+        os._exit(status)
+    return status
 
 
 def _flush() -> None:

@@ -14,7 +14,7 @@ from typing import NoReturn
 
 import argcomplete
 
-from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.ending import ending_in_order, without_waiting
 from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.option_checks import check_plan_options
 from mdpo_rddl.cli.options import plan_parser
@@ -108,4 +108,4 @@ def _check_quickly(options: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(without_waiting(main()))

@@ -11,22 +11,25 @@ from mdpo_rddl.cli.importing import ended_at_once
 def plan() -> int:
     """`mdpo-plan`."""
     with ended_at_once():
+        from mdpo_rddl.cli.ending import without_waiting
         from mdpo_rddl.cli.plan import main
-    return main()
+    return without_waiting(main())
 
 
 def bench() -> int:
     """`mdpo-bench`."""
     with ended_at_once():
         from mdpo_rddl.cli.bench import main
-    return main()
+        from mdpo_rddl.cli.ending import without_waiting
+    return without_waiting(main())
 
 
 def ipc() -> int:
     """`mdpo-ipc`."""
     with ended_at_once():
+        from mdpo_rddl.cli.ending import without_waiting
         from mdpo_rddl.cli.ipc import main
-    return main()
+    return without_waiting(main())
 
 
 def report() -> int:

@@ -5,6 +5,12 @@ import time
 from collections.abc import Callable
 
 _SLICE_SECONDS = 0.1
+_NAME = "mdpo-rddl work"
+
+
+def is_at_work() -> bool:
+    """Whether some work goes on that nobody need be waiting for any more."""
+    return any(thread.name == _NAME for thread in threading.enumerate())
 
 
 class Background:
@@ -18,7 +24,7 @@ class Background:
         self._task, self._done = task, threading.Event()
         self._raised: list[BaseException] = []
         # said, since a thread inherits it: a daemon that the end of Python meets in XLA aborts it
-        threading.Thread(target=self._run, name="mdpo-rddl work", daemon=False).start()
+        threading.Thread(target=self._run, name=_NAME, daemon=False).start()
 
     def _run(self) -> None:
         try:

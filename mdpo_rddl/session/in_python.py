@@ -101,7 +101,8 @@ def plan(
         name of a shipped problem, a `Problem` or a pyRDDLGym environment.
       instance: the instance's name, number or file.
       seconds: the time for everything, loading and compilation included; the configuration's if
-        None, which for "auto" is 90. A compilation under way is not interrupted.
+        None, which for "auto" is 90. A compilation under way is not interrupted; a race does not
+        wait for it any longer, but Python does at its end.
       seed: of everything that is drawn; the configuration's if None, which is 0 unless it says
         otherwise.
       on_progress: called now and then, from whatever thread is at work. False from it ends

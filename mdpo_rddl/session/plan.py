@@ -159,7 +159,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
         **_identity(policy, request),
         **_played(policy, plain, request, reporter, observed),
         **race_figures(outcome),
-        "rule": _rule(policy, observed, outcome.interrupted),
+        "rule": _rule(policy, observed, outcome.was_played, outcome.interrupted),
     }
 
     def write(folder: Path, summary: Mapping[str, Any]) -> None:
@@ -233,15 +233,21 @@ def _played(
     return figures
 
 
-def _rule(policy: AnyPolicy, observed: Observed, in_haste: bool = False) -> dict[str, Any] | None:
+def _rule(
+    policy: AnyPolicy, observed: Observed, was_played: bool, in_haste: bool
+) -> dict[str, Any] | None:
     """The lifted rule in words, if the policy is one; what its terms are worth if that is cheap.
 
-    Nothing in haste, unless the race has compiled what plays the terms.
+    Args:
+      policy: the result.
+      observed: how it plays.
+      was_played: whether the race has played policies of its planner.
+      in_haste: whether nothing may be compiled for it.
     """
     if not isinstance(policy, Policy) or observed.episode_seconds > LONGEST_EPISODE_SECONDS:
         return None
-    # it has, except for large problems
-    is_cheap = is_compiled(policy.planner)
+    # the race has compiled what plays the terms, except for large problems or if it was too late
+    is_cheap = was_played and is_compiled(policy.planner)
     if in_haste and not is_cheap:
         return None
     seconds = _EXPLAINING_SECONDS if is_cheap else 0.0

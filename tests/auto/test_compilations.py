@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from mdpo_rddl.auto.compilations import Compilations, TooLateError
+from mdpo_rddl.auto.compilations import Compilations, TooLateError, compiled_within
 
 LONG = 60.0
 
@@ -52,4 +52,36 @@ def test_once_the_race_is_over_no_other_program_is_begun():
     assert end(one)
     with pytest.raises(TooLateError):
         end(two)
+    assert begun == []
+
+
+def test_what_is_compiled_in_time_gives_its_result_or_its_error():
+    def broken():
+        raise ValueError("no model")
+
+    assert compiled_within(LONG, lambda: 7) == 7
+    with pytest.raises(ValueError, match="no model"):
+        compiled_within(LONG, broken)
+
+
+def test_a_call_that_compiles_too_long_is_left_alone():
+    released, ended = threading.Event(), threading.Event()
+
+    def slow():
+        released.wait(LONG)
+        ended.set()
+
+    started = time.monotonic()
+    with pytest.raises(TooLateError, match="the time was over"):
+        compiled_within(0.1, slow)
+    assert 0.1 <= time.monotonic() - started < LONG / 2
+    assert not ended.is_set()
+    released.set()
+    assert ended.wait(LONG)
+
+
+def test_without_time_no_call_is_begun():
+    begun = []
+    with pytest.raises(TooLateError):
+        compiled_within(0.0, lambda: begun.append("late"))
     assert begun == []

@@ -1,6 +1,9 @@
 """Programs that know how long they take."""
 
-from mdpo_rddl.auto.timing import Timed
+import pytest
+
+from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.timing import Timed, made_once
 
 
 class Watch:
@@ -26,3 +29,28 @@ def test_the_first_call_compiles():
     assert (timed.calls, timed.seconds, timed.compile_seconds) == (3, 2.0, 3.0)
     timed(6.0)  # a busy machine is no negative compilation
     assert timed.compile_seconds == 0.0
+
+
+def test_the_deadline_is_the_first_calls_alone():
+    watch, played = Watch(), []
+    late, early = (Timed(lambda: played.append(1), watch, deadline) for deadline in (0.0, 60.0))
+    with pytest.raises(TooLateError):
+        late()
+    assert (late.calls, played) == (0, [])
+    early()
+    watch.now = 100.0
+    early()
+    assert (early.calls, played) == (2, [1, 1])
+
+
+def test_a_function_is_made_where_it_is_called_first_and_once():
+    made = []
+
+    def make():
+        made.append("made")
+        return lambda one, other: one - other
+
+    difference = made_once(make)
+    assert made == []
+    assert (difference(5, 3), difference(5, other=1)) == (2, 4)
+    assert made == ["made"]

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -131,3 +132,23 @@ def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(cache.Path, "home", home)
     with pytest.raises(InputError, match="set HOME or JAX_COMPILATION_CACHE_DIR"):
         cache.cache_folder()
+
+
+COMPILING = """
+import sys, time
+from mdpo_rddl.cli.ending import without_waiting
+from mdpo_rddl.machine.background import Background, is_at_work
+
+assert not is_at_work()
+assert without_waiting(4) == 4
+Background(lambda: time.sleep(60.0))
+print("written")
+sys.exit(without_waiting(3))
+"""
+
+
+def test_the_process_does_not_wait_for_a_compilation_that_nobody_needs() -> None:
+    started = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (3, b"written\n", b"")
+    assert time.monotonic() - started < 30.0

@@ -49,3 +49,12 @@ def test_noise_is_written_only_where_the_result_was_trained_with_it(tmp_path, no
     ]
     if noisy:
         assert np.load(tmp_path / "noise.npy", allow_pickle=False).shape == (3, 4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_race_without_candidates_has_an_empty_picture(tmp_path):
+    outcome = SimpleNamespace(policy=SimpleNamespace(to_saved=lambda: SAVED), noise_log=None)
+    race = {**SUMMARY["auto"], "noop_return": None, "candidates": []}
+    write_race(tmp_path, outcome, {**SUMMARY, "auto": race})
+    assert (tmp_path / "learning_curve.png").stat().st_size > 0
+    assert len((tmp_path / "candidates.csv").read_text().splitlines()) == 1

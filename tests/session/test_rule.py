@@ -15,7 +15,7 @@ def test_a_rule_that_cannot_be_written_costs_nothing_else(caplog, monkeypatch, i
     policy = create_autospec(Policy, instance=True, planner=None)
     policy.explain.side_effect = ValueError("need at least\none array")
     observed = SimpleNamespace(episode_seconds=0.0 if is_quick else 1e3)
-    assert plan._rule(policy, observed) is None
+    assert plan._rule(policy, observed, True) is None
     assert caplog.messages == ["no rule: ValueError: need at least one array"] * is_quick
 
 

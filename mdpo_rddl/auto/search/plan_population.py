@@ -24,7 +24,7 @@ from mdpo_rddl.auto.search.evolution import (
 from mdpo_rddl.auto.search.mutations import Layout, layout_of
 from mdpo_rddl.auto.sizes import PLANS, visits_fit
 from mdpo_rddl.auto.state import State
-from mdpo_rddl.auto.timing import Clock, Timed
+from mdpo_rddl.auto.timing import Clock, Timed, made_once
 from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -46,7 +46,14 @@ class PlanPopulation:
       on_generation: called after each of its iterations.
     """
 
-    def __init__(self, planner: MDPOPlanner, probe: Probe, seed: int, clock: Clock) -> None:
+    def __init__(
+        self,
+        planner: MDPOPlanner,
+        probe: Probe,
+        seed: int,
+        clock: Clock,
+        deadline: float = math.inf,
+    ) -> None:
         """Compiles nothing yet.
 
         Args:
@@ -54,6 +61,7 @@ class PlanPopulation:
           probe: what probing found.
           seed: of the plans and of the model.
           clock: what is asked for the time.
+          deadline: until when compilation is waited for, by the clock.
         """
         self._planner, self._probe, self._clock = planner, probe, clock
         self.deterministic = probe.deterministic
@@ -62,8 +70,10 @@ class PlanPopulation:
         self._population = PLANS // self._rollouts
         self._has_states = visits_fit(planner)
         play = compile_visits if self._has_states else _without_states
-        visits = play(planner, self._rollouts)
-        self._visits = Timed(lambda key, params: jax.block_until_ready(visits(key, params)), clock)
+        visits = made_once(lambda: play(planner, self._rollouts))
+        self._visits = Timed(
+            lambda key, params: jax.block_until_ready(visits(key, params)), clock, deadline
+        )
         self._seed = seed
         self._key = key_for(Draws.PLANS, seed)
         self._random = np.random.default_rng([seed, 2])

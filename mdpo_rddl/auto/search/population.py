@@ -1,10 +1,12 @@
 """Feedback policies side by side on the exact model: what searches for their weights ask."""
 
 import logging
+import math
 
 import jax
 import numpy as np
 
+from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size, fitting_size
@@ -31,11 +33,23 @@ class PopulationReturns:
       side_by_side: candidates that are computed at once; all if None.
     """
 
-    def __init__(self, planner: MDPOPlanner, size: Size, seed: int, clock: Clock) -> None:
-        """Compiles when it is first called."""
+    def __init__(
+        self,
+        planner: MDPOPlanner,
+        size: Size,
+        seed: int,
+        clock: Clock,
+        deadline: float = math.inf,
+    ) -> None:
+        """Compiles when it is first called, until the deadline."""
         self.population, self.side_by_side = size.population, size.side_by_side
-        returns = compile_exact_returns(planner, size.rollouts, size.side_by_side)
-        self._returns = Timed(lambda key, params: np.asarray(returns(key, params), float), clock)
+        returns = compiled_within(
+            deadline - clock(),
+            lambda: compile_exact_returns(planner, size.rollouts, size.side_by_side),
+        )
+        self._returns = Timed(
+            lambda key, params: np.asarray(returns(key, params), float), clock, deadline
+        )
         self._key = key_for(Draws.POPULATION, seed)
 
     @property
@@ -64,7 +78,12 @@ class PopulationReturns:
 
 
 def compile_population(
-    planner: MDPOPlanner, params: Params, seed: int, seconds: float, clock: Clock
+    planner: MDPOPlanner,
+    params: Params,
+    seed: int,
+    seconds: float,
+    clock: Clock,
+    deadline: float = math.inf,
 ) -> PopulationReturns:
     """Compiles with so few rollouts that a search has enough iterations.
 
@@ -74,13 +93,18 @@ def compile_population(
       seed: of the model.
       seconds: that the first search has; compilation is part of it.
       clock: what times the rollouts.
+      deadline: until when compilation is waited for, by the clock.
+
+    Raises:
+      TooLateError: if the deadline comes before.
     """
     until = clock() + seconds
     size = fitting_size(planner)
     shared = weights_of(params, ["shared"])
     zeros = np.zeros((size.population, shared.start.size))
     for rollouts in sorted({size.rollouts, 1}, reverse=True):
-        population = PopulationReturns(planner, size._replace(rollouts=rollouts), seed, clock)
+        fewer = size._replace(rollouts=rollouts)
+        population = PopulationReturns(planner, fewer, seed, clock, deadline)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled

@@ -45,7 +45,8 @@ def draw_race(path: Path, race: Mapping[str, Any], title: str) -> None:
     axes.set_title(title, parse_math=False)  # a file's name may hold dollar signs
     axes.yaxis.set_major_formatter(EngFormatter())
     axes.grid(alpha=0.25)
-    axes.legend(frameon=False, fontsize="small")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, fontsize="small")
     figure.savefig(path, dpi=130)
 
 

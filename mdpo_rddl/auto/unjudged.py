@@ -1,0 +1,153 @@
+"""What a race comes to whose judge has played nothing: stopped early, or compiled too late."""
+
+import contextlib
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import jax
+
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.simple import SIMPLE
+from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
+from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.earlier import EarlierRace
+from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
+from mdpo_rddl.auto.unsearched import known_by_probing
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.problem.load import Problem
+
+logger = logging.getLogger(__name__)
+
+
+class NothingPlayedError(TooLateError):
+    """The deadline came before the first rollouts were compiled.
+
+    Attributes:
+      noop: the policy that there is without them, not judged.
+      log: of what was waited for.
+    """
+
+    def __init__(self, noop: Candidate, seconds: float) -> None:
+        """Says so.
+
+        Args:
+          noop: see the class.
+          seconds: that were waited.
+        """
+        cause = "the time was over before the first program was compiled"
+        super().__init__(cause)
+        self.noop = noop
+        self.log = ArmLog(
+            SIMPLE, seconds=seconds, compile_seconds=seconds, details={"cause": cause}
+        )
+
+
+def noop_of(planner: MDPOPlanner, config: PlannerConfig, seed: int) -> Candidate:
+    """The no-op as a policy of a planner, not judged.
+
+    Args:
+      planner: with a `FeedbackPlan`.
+      config: the planner's.
+      seed: of the run.
+    """
+    params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
+    return Candidate(SIMPLE, NOOP, config, planner, params)
+
+
+def left_at(
+    end: BaseException,
+    first: Candidate | None,
+    earlier: EarlierRace | None,
+    problem: Problem,
+    seed: int,
+) -> Candidate:
+    """The policy that there is when a race ends before its arena is there.
+
+    Args:
+      end: what has ended it.
+      first: what it had before anything was compiled.
+      earlier: what an earlier race has left, if this one goes on.
+      problem: the parsed problem.
+      seed: of the run.
+
+    Raises:
+      BaseException: `end`, if somebody has stopped it and there is none; what an earlier race has
+        left stays for the next one then.
+    """
+    if not isinstance(end, NothingPlayedError):
+        if first is None:
+            raise end
+        return first
+    if earlier is not None:
+        return earlier.incumbent.known(problem, seed)
+    return first or end.noop
+
+
+def unjudged_outcome(
+    left: Candidate,
+    arms: Sequence[Arm | None],
+    problem: Problem,
+    seed: int,
+    seconds: float,
+) -> RaceOutcome:
+    """The outcome of a race that ended while there were arms of the ground model only.
+
+    Args:
+      left: the policy that there is beside those of the arms; its return need not be known.
+      arms: that have worked; None for one that there was not.
+      problem: the parsed problem.
+      seed: of the run.
+      seconds: that the race has used.
+    """
+    there = [arm for arm in arms if arm is not None]
+    found = [left, *(each for arm in there for each in arm.take_candidates())]
+    best = max(found, key=lambda each: -math.inf if each.mean is None else each.mean)
+    return RaceOutcome(
+        policy=policy_of(best, problem, seed),
+        chosen=best,
+        judged=[] if best.mean is None else [Judged(best, seconds, became_incumbent=True)],
+        arms=[arm.log for arm in there],
+        probe=None,
+        noop_return=next((each.mean for each in found if each.label == NOOP), None),
+        random_return=None,
+        compile_seconds=0.0,
+        seconds=seconds,
+        interrupted=False,
+    )
+
+
+def ended_by(outcome: RaceOutcome, end: BaseException) -> RaceOutcome:
+    """The outcome with what has ended the race, which one line says, too."""
+    if not isinstance(end, NothingPlayedError):
+        logger.warning("interrupted: the best policy so far is kept")
+        return replace(outcome, interrupted=True)
+    told = "" if outcome.judged else ", which nobody has judged"
+    logger.warning("%s: the result is %r%s", end, outcome.chosen.label, told)
+    seconds = end.log.compile_seconds
+    return replace(outcome, arms=[*outcome.arms, end.log], compile_seconds=seconds)
+
+
+@contextlib.contextmanager
+def known_kept(arena: Arena, earlier: EarlierRace | None, early: Arm | None) -> Iterator[None]:
+    """Ends what comes too late for the judge, who takes what others have said of policies then.
+
+    Args:
+      arena: whose judge has an incumbent afterwards.
+      earlier: what an earlier race has left, if this one goes on.
+      early: the arm that has worked before anything was compiled, if there is one.
+    """
+    try:
+        yield
+    except TooLateError as error:
+        logger.warning("the best policy so far is kept: %s", error)
+        if earlier is not None:
+            arena.judge.record(earlier.incumbent.known(arena.problem, arena.seed))
+            return
+        found = () if early is None else early.take_candidates()
+        for candidate in (*known_by_probing(arena), *found):
+            arena.judge.record(candidate)

@@ -1,0 +1,118 @@
+"""A race whose time is over before anything could be judged."""
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.clocks import Stopped
+from helpers.lakes import preset
+
+from mdpo_rddl.auto import RaceOptions, constants, plan_automatically
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.unjudged import known_kept
+from mdpo_rddl.machine.background import Background
+from mdpo_rddl.problem.load import make_environment
+
+SECONDS, LONG = 0.5, 60.0
+CAUSE = "the time was over before the first program was compiled"
+
+
+@pytest.fixture
+def clock():
+    return Stopped()
+
+
+@pytest.fixture
+def endless_compilation(monkeypatch, clock):
+    """The first program is not there before the test is over."""
+    released, ended = threading.Event(), threading.Event()
+
+    def slow(planner, rollouts, side_by_side):
+        clock.now += SECONDS
+        released.wait(LONG)
+        ended.set()
+        raise ValueError("nobody waits for it")
+
+    monkeypatch.setattr(constants, "compile_visits", slow)
+    yield ended
+    released.set()
+    assert ended.wait(LONG)
+
+
+def test_the_noop_is_the_result_if_nothing_is_compiled_in_time(
+    lake, endless_compilation, clock, caplog
+):
+    outcome = plan_automatically(lake, preset(SECONDS), 0, RaceOptions(clock=clock))
+    assert not endless_compilation.is_set()
+    assert (outcome.seconds, outcome.compile_seconds) == (SECONDS, SECONDS)
+    assert (outcome.chosen.label, outcome.judged, outcome.was_played) == ("no-op", [], False)
+    assert not outcome.interrupted
+    state, _ = make_environment(lake).reset(seed=0)
+    assert outcome.policy(0, state)["pump"] == 0.0
+    figures = outcome.diagnostics()
+    assert figures["arms"]["constants and rules"]["cause"] == CAUSE
+    assert figures["arms"]["constants and rules"]["best_return"] is None
+    assert (figures["candidates"], figures["noop_return"]) == ([], None)
+    assert caplog.messages == [f"{CAUSE}: the result is 'no-op', which nobody has judged"]
+
+
+def test_an_interrupt_does_not_wait_for_the_first_program(
+    lake, endless_compilation, clock, monkeypatch
+):
+    def interrupted(work, until):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Background, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        plan_automatically(lake, preset(LONG), 0, RaceOptions(clock=clock))
+    assert not endless_compilation.is_set()
+
+
+def earlier_race(mean: float) -> EarlierRace:
+    params = {"plan": {"pump": np.full(8, 37.0)}}
+    policy = EarlierPolicy(preset(1.0), params, {}, "plan", "a plan", (), False, mean, 3.0)
+    return EarlierRace(1.0, policy)
+
+
+@pytest.fixture
+def arena():
+    probe = SimpleNamespace(noop_return=-5.0, start_return=-2.0)
+
+    def candidate(arm, label, params):
+        return Candidate(arm, label, preset(1.0), None, params)
+
+    judge = Judge(1, 0, Stopped(), 0.0)
+    names = {"noop": "noop", "constant": "constant", "problem": None, "seed": 0}
+    return SimpleNamespace(probe=probe, judge=judge, candidate=candidate, **names)
+
+
+@pytest.mark.usefixtures("failing_race")
+@pytest.mark.parametrize(
+    ("start", "table", "expected"),
+    [
+        (-2.0, None, "constant"),
+        (-9.0, None, "no-op"),
+        (-2.0, 1.0, "table"),
+        (-2.0, -4.0, "constant"),
+    ],
+)
+def test_what_was_seen_before_the_judge_counts(arena, start, table, expected):
+    arena.probe.start_return = start
+    found = [Candidate("trials", "table", preset(1.0), None, None, mean=table, error=0.0)]
+    early = SimpleNamespace(take_candidates=lambda: found)
+    with known_kept(arena, None, None if table is None else early):
+        raise TooLateError("too late")
+    assert arena.judge.incumbent.label == expected
+
+
+@pytest.mark.usefixtures("failing_race")
+def test_a_race_that_goes_on_keeps_what_it_had(arena, caplog):
+    with known_kept(arena, earlier_race(-30.0), None):
+        raise TooLateError("too late")
+    incumbent = arena.judge.incumbent
+    assert (incumbent.label, incumbent.mean, incumbent.error) == ("a plan", -30.0, 3.0)
+    assert caplog.messages == ["the best policy so far is kept: too late"]
