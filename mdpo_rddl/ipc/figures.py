@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.score import Scores
+from mdpo_rddl.machine.pictures import literal
 
 _COLOURS = ("#c8553d", "#1f6f8b", "#7fb7be", "#9aa5b1", "#d9c27e", "#5b7553", "#7d5a91")
 
@@ -20,8 +21,8 @@ def draw_domains(scores: Scores) -> bytes:
     for number, name in enumerate(planners):
         places = np.arange(len(domains)) + (number - (len(planners) - 1) / 2) * width
         heights = [scores.domains[domain].get(name, 0.0) for domain in domains]
-        axes.bar(places, heights, width, label=name, color=_colour(number))
-    axes.set_xticks(range(len(domains)), [_short(domain) for domain in domains])
+        axes.bar(places, heights, width, label=literal(name), color=_colour(number))
+    axes.set_xticks(range(len(domains)), [literal(_short(domain)) for domain in domains])
     axes.set(ylabel="normalised score", ylim=(0, 1.02))
     axes.grid(axis="y", alpha=0.25)
     axes.legend(frameon=False, ncols=len(planners), loc="lower center", bbox_to_anchor=(0.5, 1))
@@ -38,7 +39,7 @@ def draw_profiles(scores: Scores) -> bytes:
         values = np.array([value for value in found if value is not None])
         if len(values):
             share = np.mean(values[:, np.newaxis] >= levels, axis=0)
-            axes.step(levels, share, label=name, color=_colour(number))
+            axes.step(levels, share, label=literal(name), color=_colour(number))
     axes.set(xlabel="normalised score of at least", ylabel="share of instances", ylim=(0, 1.02))
     axes.grid(alpha=0.25)
     axes.legend(frameon=False, loc="lower left")

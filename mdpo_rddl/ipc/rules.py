@@ -73,4 +73,6 @@ def encodable(text: str) -> str:
 
 
 def _label(name: str) -> str:
-    return Path(name).stem if looks_like_file(name) else name
+    label = Path(name).stem if looks_like_file(name) else name
+    # "...rddl" has the stem "..", which as a folder's name leads out of where it is
+    return label if label.strip(".") else label.replace(".", "_")

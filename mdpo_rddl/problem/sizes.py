@@ -33,13 +33,14 @@ _MANY = 10**15
 _BYTES = 4  # of a value of the compiled model
 
 
-def oversize(ast: RDDL) -> str | None:
+def oversize(ast: RDDL, horizon: int | None = None) -> str | None:
     """What of a problem is too large, in words; None if nothing is.
 
     Names that are not defined count as one object: others complain of them.
 
     Args:
       ast: both files, parsed.
+      horizon: of an episode; the instance's if None.
     """
     counts = _object_counts(ast)
     ground = played = 0
@@ -56,21 +57,24 @@ def oversize(ast: RDDL) -> str | None:
             f"{played:,} ground fluents of state, observation and action, "
             f"at most {MOST_PLAYED_FLUENTS:,} can be planned for"
         )
-    horizon = ast.instance.horizon
+    horizon = ast.instance.horizon if horizon is None else horizon
     most_steps = min(MOST_STEPS, MOST_STEP_FLUENTS // max(ground, 1))
     if horizon > most_steps:
         steps = f"{horizon:,}" if horizon < _MANY else f"over {_MANY:,}"
         return f"the horizon is {steps}, at most {most_steps:,} steps can be planned for"
-    return _too_many_values(ast, params, counts)
+    return _too_many_values(ast, params, counts, horizon)
 
 
-def _too_many_values(ast: RDDL, params: dict[str, list[str]], counts: dict[str, int]) -> str | None:
+def _too_many_values(
+    ast: RDDL, params: dict[str, list[str]], counts: dict[str, int], horizon: int
+) -> str | None:
     """What of the expressions is too large, in words; None if nothing is.
 
     Args:
       ast: both files, parsed.
       params: per fluent, the types of its parameters.
       counts: objects per type.
+      horizon: of an episode.
     """
     total = 0
     for name, scope, expression in _expressions(ast, params):
@@ -87,9 +91,9 @@ def _too_many_values(ast: RDDL, params: dict[str, list[str]], counts: dict[str, 
     if total > MOST_PART_VALUES:
         return _too_much("the domain", total)
     most_steps = MOST_STEP_VALUES // max(total, 1)
-    if ast.instance.horizon > most_steps:
+    if horizon > most_steps:
         return (
-            f"the horizon is {ast.instance.horizon:,}, at most {most_steps:,} steps "
+            f"the horizon is {horizon:,}, at most {most_steps:,} steps "
             f"of {total:,} values can be planned for"
         )
     return None

@@ -1,5 +1,6 @@
 """How commands end that are interrupted early, or that the system refuses something."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from helpers.plan_command import write_problem
 
 from mdpo_rddl.cli import report
 from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine import cache
 from mdpo_rddl.machine.files import read_bounded
@@ -92,13 +94,45 @@ def test_what_may_not_be_read_is_one_line(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err == "mdpo-toy: error: /a/summary.json: Permission denied\n"
 
 
-def test_an_error_of_ours_keeps_its_traceback() -> None:
+@pytest.mark.parametrize("error", [ZeroDivisionError(), OSError("no source"), TimeoutError("late")])
+def test_an_error_of_ours_keeps_its_traceback(error: Exception) -> None:
     @ending_in_order("mdpo-toy")
     def main(arguments: object = None) -> int:
-        raise ZeroDivisionError
+        raise error
 
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(type(error)):
         main(None)
+
+
+@pytest.mark.parametrize(
+    "error", [BlockingIOError(11, "No more processes"), BrokenPipeError(32, "No more processes")]
+)
+def test_what_the_system_refuses_is_not_taken_for_the_output(
+    error: OSError, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @ending_in_order("mdpo-toy")
+    def main(arguments: object = None) -> int:
+        raise error
+
+    assert main(None) == 2
+    assert capsys.readouterr().err == "mdpo-toy: error: No more processes\n"
+
+
+def test_no_control_characters_reach_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @ending_in_order("mdpo-toy")
+    def main(arguments: object = None) -> int:
+        logging.getLogger("mdpo_rddl").warning("%s has\nchanged", "\x1b]0;mine\x07")
+        raise InputError("my.cfg: unknown section [\x1b]0;mine\x07]")
+
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    show_log(logging.WARNING, "mdpo-toy: %(message)s")
+    assert main(None) == 2
+    assert capsys.readouterr().err == (
+        "mdpo-toy: \\x1b]0;mine\\x07 has\nchanged\n"
+        "mdpo-toy: error: my.cfg: unknown section [\\x1b]0;mine\\x07]\n"
+    )
 
 
 def test_a_file_that_has_nothing_to_say_yet_is_an_error_of_the_systems(

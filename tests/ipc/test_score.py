@@ -186,6 +186,12 @@ def test_the_report_shows_both_scores_and_the_published_ones(tmp_path):
     assert load_results(tmp_path) == sorted(results, key=str_path)
 
 
+def test_a_problem_s_name_is_no_formula(tmp_path):
+    written(tmp_path, of(Instance(r"x$\foo$.rddl", "1"), 10, 5))
+    for name in ("domains.png", "profiles.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
 def str_path(result):
     return result.entry.problem.domain, result.entry.problem.instance, result.entry.planner
 
