@@ -6,6 +6,7 @@ Errors of the package keep their traceback.
 import contextlib
 import errno
 import functools
+import io
 import os
 import select
 import signal
@@ -38,6 +39,7 @@ def ending_in_order(name: str) -> Callable[[Main], Main]:
     def wrap(main: Main) -> Main:
         @functools.wraps(main)
         def wrapped(arguments: Sequence[str] | None = None) -> int:
+            _make_streams_usable()
             try:
                 try:
                     return main(arguments)
@@ -54,6 +56,18 @@ def ending_in_order(name: str) -> Callable[[Main], Main]:
         return wrapped
 
     return wrap
+
+
+def _make_streams_usable() -> None:
+    """Gives the process the streams that it was started without, and each any character.
+
+    A letter that the terminal's encoding does not have is no reason to end a run.
+    """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, open until the end
+        if isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _flush() -> None:

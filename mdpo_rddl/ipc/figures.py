@@ -9,12 +9,16 @@ from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.score import Scores
 from mdpo_rddl.machine.pictures import literal
 
+_MOST_DOMAINS, _MOST_PLANNERS = 60, 20
 _COLOURS = ("#c8553d", "#1f6f8b", "#7fb7be", "#9aa5b1", "#d9c27e", "#5b7553", "#7d5a91")
 
 
 def draw_domains(scores: Scores) -> bytes:
-    """Bars: the mean normalised score of each domain and planner, as a PNG."""
-    domains, planners = list(scores.domains), _drawn(scores)
+    """Bars: the mean normalised score of each domain and planner, as a PNG.
+
+    Of more than sixty domains or twenty planners the first ones, as the report's tables have all.
+    """
+    domains, planners = list(scores.domains)[:_MOST_DOMAINS], _drawn(scores)
     width = 0.8 / len(planners)
     figure = Figure(figsize=(max(6.0, 1.4 * len(domains)), 3.8), layout="constrained")
     axes = figure.subplots()
@@ -49,7 +53,7 @@ def draw_profiles(scores: Scores) -> bytes:
 def _drawn(scores: Scores) -> list[str]:
     """All but the players that are worth 0 by definition, if there are others."""
     others = [name for name in scores.planners if name not in FLOOR]
-    return others or list(scores.planners)
+    return (others or list(scores.planners))[:_MOST_PLANNERS]
 
 
 def _colour(number: int) -> str:

@@ -12,6 +12,7 @@ from helpers.plan_command import write_problem
 
 from mdpo_rddl.cli import report
 from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine import cache
@@ -165,3 +166,64 @@ def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(cache.Path, "home", home)
     with pytest.raises(InputError, match="set HOME or JAX_COMPILATION_CACHE_DIR"):
         cache.cache_folder()
+
+
+@pytest.mark.parametrize(
+    ("variable", "said"),
+    [
+        ("JAX_PLATFORMS", "Unable to initialize backend"),
+        ("JAX_NUM_CPU_DEVICES", "Invalid value"),
+    ],
+)
+def test_a_variable_that_jax_refuses_is_one_line(
+    variable: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_problem(tmp_path)
+    monkeypatch.setenv(variable, "nonsense")
+    status, line = started("plan", "tanks.rddl two.rddl --seconds 1", tmp_path)
+    assert status == 2
+    assert line.startswith(f"mdpo-plan: error: the environment: {said}")
+    assert line.count("\n") == 1
+
+
+def test_a_variable_that_matplotlib_refuses_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    status, line = started("report", ".", tmp_path)
+    assert status == 2
+    assert line.startswith("mdpo-report: error: the environment: Key backend: 'nonsense'")
+    assert line.count("\n") == 1
+
+
+def test_a_mistake_of_ours_while_importing_keeps_its_traceback() -> None:
+    with pytest.raises(ValueError, match="ours"), ended_at_once():
+        exec(compile("raise ValueError('ours')", "x", "exec"), {"__name__": "mdpo_rddl.toy"})
+    with pytest.raises(InputError, match="the environment: theirs"), ended_at_once():
+        exec(compile("raise ValueError('theirs')", "x", "exec"), {"__name__": "toy"})
+
+
+TOLD = """
+import sys
+from mdpo_rddl.cli.ending import ending_in_order
+@ending_in_order("mdpo-toy")
+def main(arguments=None):
+    print("\\u00e9")
+    print("\\u00e9", file=sys.stderr)
+    return 0
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("closed", ["", ">&-", "2>&-", ">&- 2>&-"])
+def test_neither_an_encoding_nor_a_missing_stream_ends_a_command(closed: str) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f'"$0" -c "$1" {closed}', sys.executable, TOLD],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        check=False,
+    )
+    streams = closed.split()
+    assert done.returncode == 0
+    assert done.stdout == (b"" if ">&-" in streams else b"\\xe9\n")
+    assert done.stderr == (b"" if "2>&-" in streams else b"\\xe9\n")
