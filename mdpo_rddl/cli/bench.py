@@ -9,6 +9,7 @@ from mdpo_rddl.cli.bench_parser import bench_parser
 from mdpo_rddl.cli.bench_tasks_parser import default_published
 from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.importing import ended_at_once
+from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.cli.markdown import print_markdown
 from mdpo_rddl.cli.results_lock import results_lock
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
@@ -23,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
       The exit status: 0, 2 for bad input, 130 after an interrupt, 143 after SIGTERM.
     """
     options = bench_parser().parse_args(arguments)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    show_log(logging.INFO, "%(asctime)s %(message)s")
     logging.getLogger("jax").setLevel(logging.WARNING)
     warnings.simplefilter("ignore")
     try:

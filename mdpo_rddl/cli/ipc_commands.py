@@ -6,6 +6,7 @@ import sys
 
 from mdpo_rddl.cli.executor_options import executor_from, hardware
 from mdpo_rddl.cli.ipc_display import LiveTable
+from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.cli.markdown import print_markdown
 from mdpo_rddl.cli.results_lock import results_lock
 from mdpo_rddl.errors import InputError
@@ -97,7 +98,7 @@ def _agent(options: argparse.Namespace) -> int:
 
 
 def _log_to_stderr(level: int) -> None:
-    logging.basicConfig(level=level, format="%(asctime)s %(message)s")
+    show_log(level, "%(asctime)s %(message)s")
     logging.getLogger("jax").setLevel(logging.WARNING)
 
 

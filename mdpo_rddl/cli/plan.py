@@ -16,6 +16,7 @@ import argcomplete
 
 from mdpo_rddl.cli.ending import ending_in_order, without_waiting
 from mdpo_rddl.cli.importing import ended_at_once
+from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.cli.option_checks import check_plan_options
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.cli.termination import exit_status, how_it_ended, stopped_in_two_steps
@@ -39,10 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.list:
         print("\n".join(list_problems()))
         return 0
-    logging.basicConfig(
-        level=logging.ERROR if options.quiet else logging.WARNING,
-        format="mdpo-plan: %(levelname)s: %(message)s",
-    )
+    level = logging.ERROR if options.quiet else logging.WARNING
+    show_log(level, "mdpo-plan: %(levelname)s: %(message)s")
     try:
         with stopped_in_two_steps("mdpo-plan") as stop, _bounded(options.memory_gb):
             _check_quickly(options)

@@ -23,6 +23,7 @@ from mdpo_rddl.machine.jax_setup import (
     keep_compiled_programs,
     keep_no_programs,
     leave_out_of_collections,
+    require_devices,
     use_all_cores,
 )
 from mdpo_rddl.policy.load import load_policy
@@ -66,6 +67,7 @@ def run(
         traced_cache = keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
+    require_devices()
     with _silenced(options.quiet), ProgressBar(not options.quiet) as bar:
         if options.load is not None:
             return evaluate_saved(_load_request(options, command), bar), options.out

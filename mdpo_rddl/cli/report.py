@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mdpo_rddl.cli.ending import ending_in_order
 from mdpo_rddl.cli.importing import ended_at_once
+from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.cli.options import OneLineParser
 from mdpo_rddl.errors import InputError, printable
 
@@ -39,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
       The exit status: 0, 2 for bad input, 130 after an interrupt.
     """
     options = report_parser().parse_args(arguments)
-    logging.basicConfig(level=logging.WARNING, format="mdpo-report: %(levelname)s: %(message)s")
+    show_log(logging.WARNING, "mdpo-report: %(levelname)s: %(message)s")
     print(f"written to {printable(_write(options))}")
     return 0
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, printable
 from mdpo_rddl.ipc.numbers import is_count, is_finite
-from mdpo_rddl.ipc.rules import Entry, Instance, encodable
+from mdpo_rddl.ipc.rules import Entry, Instance
 from mdpo_rddl.ipc.trial import MOST_RETURN, OK
 from mdpo_rddl.machine.files import read_json, write_atomically
 
@@ -178,7 +178,7 @@ def parse_trial(values: Mapping[str, Any], number: int | None = None) -> Trial:
 
 _TEXTS = ("status", "cause", "domain", "instance", "planner")
 # what a planner words, and files and terminals have to hold
-_WORDED = ("status", "cause")
+_WORDED = ("status", "cause", "planner")
 _COUNTS = ("trial", "steps", "violations")
 
 
@@ -191,7 +191,7 @@ def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in values.items():
         if not _is_right(name, value):
             raise TypeError(f"{name} is {reprlib.repr(value)}")
-    return {name: encodable(value) if name in _WORDED else value for name, value in values.items()}
+    return {name: printable(value) if name in _WORDED else value for name, value in values.items()}
 
 
 def _is_right(name: str, value: Any) -> bool:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from mdpo_rddl.errors import printable
 from mdpo_rddl.problem.files import looks_like_file
 
 
@@ -41,12 +42,12 @@ class Instance:
     @property
     def domain_label(self) -> str:
         """The domain's name in tables and folders."""
-        return encodable(_label(self.domain))
+        return printable(_label(self.domain))
 
     @property
     def label(self) -> str:
         """The instance's name in tables and folders."""
-        return encodable(_label(self.instance))
+        return printable(_label(self.instance))
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,11 @@ class Entry:
 
     def folder(self, root: Path) -> Path:
         """Where things of this entry are kept under a root."""
-        safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in self.planner)
+        safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in printable(self.planner))
         return root / self.problem.domain_label / self.problem.label / safe
 
 
-def encodable(text: str) -> str:
-    """The text with what UTF-8 cannot hold, such as half of a surrogate pair, as `\\ud800`."""
-    return text.encode(errors="backslashreplace").decode()
-
-
 def _label(name: str) -> str:
-    return Path(name).stem if looks_like_file(name) else name
+    label = Path(name).stem if looks_like_file(name) else name
+    # "...rddl" has the stem "..", which as a folder's name leads out of where it is
+    return label if label.strip(".") else label.replace(".", "_")

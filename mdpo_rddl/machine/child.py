@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.machine.messages import Correspondence, GarbledError, Messages
-from mdpo_rddl.machine.process_tree import end_started, end_tree
+from mdpo_rddl.machine.process_tree import adopt_orphans, end_started, end_tree
 
 _POLL_SECONDS = 0.1
 _WATCH_SECONDS = 0.5
@@ -188,6 +188,7 @@ def begin(descriptor: int, parent: int) -> Messages:
       descriptor: of its end of the line.
       parent: the process to end with.
     """
+    adopt_orphans()
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     # the parent ends us. A cluster that wants the machine back signals all processes of a job;
     # what we start stays killable

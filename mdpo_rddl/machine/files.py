@@ -82,13 +82,16 @@ def size_text(count: int) -> str:
 def write_atomically(path: Path, content: bytes | str) -> None:
     """Writes a file in one step, so that nobody sees half of it, whenever we are killed.
 
-    Its folder is made if missing. The content is on the disk before it takes the name.
+    Its folder is made if missing. The content is on the disk before it takes the name. A link is
+    replaced, not what it leads to.
 
     Raises:
-      InputError: naming the file, if it cannot be written.
+      InputError: naming the file, if it cannot be written, or the name is that of a device, a pipe
+        or a socket, which it would take.
     """
     temporary = None
     try:
+        _refuse_special(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
         with os.fdopen(handle, "wb") as file:
@@ -105,6 +108,13 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         if isinstance(error, OSError):
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
         raise
+
+
+def _refuse_special(path: Path) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise InputError(f"{path}: cannot be written: is not a regular file")
 
 
 def is_temporary(name: str) -> bool:

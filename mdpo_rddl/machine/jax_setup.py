@@ -8,6 +8,7 @@ from pathlib import Path
 
 import jax
 
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.cache import TABLES, TRACED, bound_cache, cache_folder
 from mdpo_rddl.machine.cores import usable_cores
 
@@ -23,6 +24,18 @@ def keep_compiled_programs() -> Path:
     # the many small programs too, which together take as long as a large one
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     return cache_folder() / TRACED
+
+
+def require_devices() -> None:
+    """Has JAX begin.
+
+    Raises:
+      InputError: if it cannot, such as on the platform that JAX_PLATFORMS names.
+    """
+    try:
+        jax.devices()
+    except RuntimeError as error:
+        raise InputError(f"the environment: {one_line_cause(error)}") from error
 
 
 def keep_no_programs() -> None:
@@ -55,8 +68,12 @@ def use_all_cores() -> None:
 
     What the user said in JAX_NUM_CPU_DEVICES or XLA_FLAGS stands, and so do the devices with
     which JAX has begun to compute.
+
+    Raises:
+      InputError: as `require_devices`.
     """
     given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
     if not given:
         with contextlib.suppress(RuntimeError):
             jax.config.update("jax_num_cpu_devices", usable_cores())
+    require_devices()

@@ -1,4 +1,4 @@
-"""Pictures that are there as a whole or not at all."""
+"""Pictures that are there as a whole or not at all, and names on them."""
 
 import io
 from pathlib import Path
@@ -17,3 +17,8 @@ def write_picture(figure: Figure, path: Path, dpi: int) -> None:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi)
     write_atomically(path, content.getvalue())
+
+
+def literal(name: str) -> str:
+    """A name that matplotlib writes as it is: between two dollars it would read a formula."""
+    return name.replace("$", r"\$")

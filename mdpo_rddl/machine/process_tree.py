@@ -4,20 +4,28 @@ Linux tells all of it by `/proc`. Elsewhere only the process group is known, and
 """
 
 import contextlib
+import ctypes
 import os
 import signal
 from collections.abc import Iterable
 from pathlib import Path
 
 _PROC = Path("/proc")
+_SET_CHILD_SUBREAPER = 36
 _PPID, _SESSION = 1, 3  # fields of `stat` after the name in parentheses
+
+
+def adopt_orphans() -> None:
+    """Makes this process the parent of all descendants whose parents end, where Linux can."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def members(leader: int) -> set[int]:
     """The leader of a session, all of that session, and the descendants of them all.
 
     A descendant in a session of its own is found by its parents. One whose parents are gone is
-    found only if it has stayed in a session that is known.
+    found if it has stayed in a session that is known, or the leader adopts orphans.
 
     Args:
       leader: a process that leads a session.

@@ -1,6 +1,7 @@
 """What the iterations of a training have found so far."""
 
 import copy
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -91,7 +92,7 @@ class Found:
         if "suspect/0" in tensors:
             suspect = fitted_leaves("suspect", tensors, structure)
             found.suspect = jax.tree.unflatten(treedef, suspect)
-        found._every = int(tensors["every"])
+        found._every = tensors["every"].item()
         kept = {name: tensors[f"kept/{name}"] for name in _KEPT}
         count, restarts = len(kept["iteration"]), shape[0]
         shapes = {"iteration": (count,), "sigma": (count, *shape)}
@@ -99,12 +100,29 @@ class Found:
             fitted(f"kept/{name}", values, shapes.get(name, (count, restarts)), values.dtype)
         if not 0 <= found.restart < restarts or not 0 <= found.best_restart < restarts:
             raise ValueError(f"it names a restart that is none of the planner's {restarts}")
+        found._require_counts(kept["iteration"])
         for i in range(count):
             entry = {name: values[i] for name, values in kept.items()}
             # JAX's mean of a profile rounds otherwise than numpy's
             entry["sigma"] = jnp.asarray(entry["sigma"])
             found._kept.append({**entry, "iteration": int(entry["iteration"])})
         return found
+
+    def _require_counts(self, recorded: np.ndarray) -> None:
+        """Raises a ValueError unless these are numbers that iterations leave.
+
+        Args:
+          recorded: numbers of the recorded iterations.
+        """
+        for name in _NUMBERS:
+            value = getattr(self, name)
+            if math.isnan(value) if name.endswith("_return") else value < 0:
+                raise ValueError(f"its {name} is {value}")
+        every = self._every
+        if not (isinstance(every, int) and every >= 1):
+            raise ValueError(f"it records every {every}th iteration")
+        if recorded.dtype.kind not in "iu" or not _is_in_order(recorded):
+            raise ValueError("its recorded iterations are not in order")
 
     def snapshot(self) -> "Found":
         """A copy that further iterations do not change."""
@@ -181,6 +199,10 @@ class Found:
         last = {name: self.callback[name] for name in _KEPT}
         is_kept = self._kept[-1]["iteration"] == last["iteration"]
         return self._kept if is_kept else [*self._kept, last]
+
+
+def _is_in_order(counts: np.ndarray) -> bool:
+    return bool(np.all(np.diff(counts) >= 0) and np.all(counts[:1] >= 0))
 
 
 def select_restart(params_by_restart: Any, restart: int) -> Any:

@@ -1,7 +1,7 @@
 """How large a problem becomes once it is grounded, before anything of that size is made."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pyRDDLGym.core.parser.expr import Expression
@@ -28,20 +28,27 @@ MOST_PART_VALUES = 200_000_000
 MOST_STEP_VALUES = 20_000_000_000
 """Steps times these."""
 
+MOST_NAME = 1_000
+"""Characters of a fluent's or an object's name; ground fluents repeat them."""
+
 _PLAYED = ("state-fluent", "observ-fluent", "action-fluent")
 _MANY = 10**15
 _BYTES = 4  # of a value of the compiled model
 
 
-def oversize(ast: RDDL) -> str | None:
+def oversize(ast: RDDL, horizon: int | None = None) -> str | None:
     """What of a problem is too large, in words; None if nothing is.
 
     Names that are not defined count as one object: others complain of them.
 
     Args:
       ast: both files, parsed.
+      horizon: of an episode; the instance's if None.
     """
     counts = _object_counts(ast)
+    longest = max(map(len, _names(ast)), default=0)
+    if longest > MOST_NAME:
+        return f"a name has {longest:,} characters, at most {MOST_NAME:,} can be planned for"
     ground = played = 0
     params: dict[str, list[str]] = {}
     for variable in ast.domain.pvariables:
@@ -56,21 +63,24 @@ def oversize(ast: RDDL) -> str | None:
             f"{played:,} ground fluents of state, observation and action, "
             f"at most {MOST_PLAYED_FLUENTS:,} can be planned for"
         )
-    horizon = ast.instance.horizon
+    horizon = ast.instance.horizon if horizon is None else horizon
     most_steps = min(MOST_STEPS, MOST_STEP_FLUENTS // max(ground, 1))
     if horizon > most_steps:
         steps = f"{horizon:,}" if horizon < _MANY else f"over {_MANY:,}"
         return f"the horizon is {steps}, at most {most_steps:,} steps can be planned for"
-    return _too_many_values(ast, params, counts)
+    return _too_many_values(ast, params, counts, horizon)
 
 
-def _too_many_values(ast: RDDL, params: dict[str, list[str]], counts: dict[str, int]) -> str | None:
+def _too_many_values(
+    ast: RDDL, params: dict[str, list[str]], counts: dict[str, int], horizon: int
+) -> str | None:
     """What of the expressions is too large, in words; None if nothing is.
 
     Args:
       ast: both files, parsed.
       params: per fluent, the types of its parameters.
       counts: objects per type.
+      horizon: of an episode.
     """
     total = 0
     for name, scope, expression in _expressions(ast, params):
@@ -87,9 +97,9 @@ def _too_many_values(ast: RDDL, params: dict[str, list[str]], counts: dict[str, 
     if total > MOST_PART_VALUES:
         return _too_much("the domain", total)
     most_steps = MOST_STEP_VALUES // max(total, 1)
-    if ast.instance.horizon > most_steps:
+    if horizon > most_steps:
         return (
-            f"the horizon is {ast.instance.horizon:,}, at most {most_steps:,} steps "
+            f"the horizon is {horizon:,}, at most {most_steps:,} steps "
             f"of {total:,} values can be planned for"
         )
     return None
@@ -103,16 +113,24 @@ def _too_much(name: str, values: int) -> str:
     )
 
 
-def _object_counts(ast: RDDL) -> dict[str, int]:
-    """Objects per type; of an enumerated one, its values."""
-    counts = {}
+def _objects(ast: RDDL) -> Iterator[tuple[str, Sequence[str]]]:
+    """Each type with its objects; an enumerated one with its values."""
     for name, kind in getattr(ast.domain, "types", None) or ():
         if isinstance(kind, list | tuple):
-            counts[name] = len(kind)
+            yield name, kind
     for block in (ast.non_fluents, ast.instance):
         for name, objects in getattr(block, "objects", None) or ():
-            counts[name] = len(objects or ())
-    return counts
+            yield name, objects or ()
+
+
+def _object_counts(ast: RDDL) -> dict[str, int]:
+    return {name: len(objects) for name, objects in _objects(ast)}
+
+
+def _names(ast: RDDL) -> Iterator[str]:
+    yield from (variable.name for variable in ast.domain.pvariables)
+    for name, objects in _objects(ast):
+        yield from (name, *objects)
 
 
 def _expressions(ast: RDDL, params: dict[str, list[str]]) -> Iterator[tuple[str, list[str], Any]]:

@@ -1,5 +1,6 @@
 """How commands end that are interrupted early, or that the system refuses something."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -12,6 +13,8 @@ from helpers.plan_command import write_problem
 
 from mdpo_rddl.cli import report
 from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.importing import ended_at_once
+from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine import cache
 from mdpo_rddl.machine.files import read_bounded
@@ -93,13 +96,45 @@ def test_what_may_not_be_read_is_one_line(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err == "mdpo-toy: error: /a/summary.json: Permission denied\n"
 
 
-def test_an_error_of_ours_keeps_its_traceback() -> None:
+@pytest.mark.parametrize("error", [ZeroDivisionError(), OSError("no source"), TimeoutError("late")])
+def test_an_error_of_ours_keeps_its_traceback(error: Exception) -> None:
     @ending_in_order("mdpo-toy")
     def main(arguments: object = None) -> int:
-        raise ZeroDivisionError
+        raise error
 
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(type(error)):
         main(None)
+
+
+@pytest.mark.parametrize(
+    "error", [BlockingIOError(11, "No more processes"), BrokenPipeError(32, "No more processes")]
+)
+def test_what_the_system_refuses_is_not_taken_for_the_output(
+    error: OSError, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @ending_in_order("mdpo-toy")
+    def main(arguments: object = None) -> int:
+        raise error
+
+    assert main(None) == 2
+    assert capsys.readouterr().err == "mdpo-toy: error: No more processes\n"
+
+
+def test_no_control_characters_reach_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @ending_in_order("mdpo-toy")
+    def main(arguments: object = None) -> int:
+        logging.getLogger("mdpo_rddl").warning("%s has\nchanged", "\x1b]0;mine\x07")
+        raise InputError("my.cfg: unknown section [\x1b]0;mine\x07]")
+
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    show_log(logging.WARNING, "mdpo-toy: %(message)s")
+    assert main(None) == 2
+    assert capsys.readouterr().err == (
+        "mdpo-toy: \\x1b]0;mine\\x07 has\nchanged\n"
+        "mdpo-toy: error: my.cfg: unknown section [\\x1b]0;mine\\x07]\n"
+    )
 
 
 def test_a_file_that_has_nothing_to_say_yet_is_an_error_of_the_systems(
@@ -152,3 +187,64 @@ def test_the_process_does_not_wait_for_a_compilation_that_nobody_needs() -> None
     done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (3, b"written\n", b"")
     assert time.monotonic() - started < 30.0
+
+
+@pytest.mark.parametrize(
+    ("variable", "said"),
+    [
+        ("JAX_PLATFORMS", "Unable to initialize backend"),
+        ("JAX_NUM_CPU_DEVICES", "Invalid value"),
+    ],
+)
+def test_a_variable_that_jax_refuses_is_one_line(
+    variable: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_problem(tmp_path)
+    monkeypatch.setenv(variable, "nonsense")
+    status, line = started("plan", "tanks.rddl two.rddl --seconds 1", tmp_path)
+    assert status == 2
+    assert line.startswith(f"mdpo-plan: error: the environment: {said}")
+    assert line.count("\n") == 1
+
+
+def test_a_variable_that_matplotlib_refuses_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    status, line = started("report", ".", tmp_path)
+    assert status == 2
+    assert line.startswith("mdpo-report: error: the environment: Key backend: 'nonsense'")
+    assert line.count("\n") == 1
+
+
+def test_a_mistake_of_ours_while_importing_keeps_its_traceback() -> None:
+    with pytest.raises(ValueError, match="ours"), ended_at_once():
+        exec(compile("raise ValueError('ours')", "x", "exec"), {"__name__": "mdpo_rddl.toy"})
+    with pytest.raises(InputError, match="the environment: theirs"), ended_at_once():
+        exec(compile("raise ValueError('theirs')", "x", "exec"), {"__name__": "toy"})
+
+
+TOLD = """
+import sys
+from mdpo_rddl.cli.ending import ending_in_order
+@ending_in_order("mdpo-toy")
+def main(arguments=None):
+    print("\\u00e9")
+    print("\\u00e9", file=sys.stderr)
+    return 0
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("closed", ["", ">&-", "2>&-", ">&- 2>&-"])
+def test_neither_an_encoding_nor_a_missing_stream_ends_a_command(closed: str) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f'"$0" -c "$1" {closed}', sys.executable, TOLD],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        check=False,
+    )
+    streams = closed.split()
+    assert done.returncode == 0
+    assert done.stdout == (b"" if ">&-" in streams else b"\\xe9\n")
+    assert done.stderr == (b"" if "2>&-" in streams else b"\\xe9\n")

@@ -43,6 +43,26 @@ def parent_of_two(messages: Messages) -> None:
     messages.receive()
 
 
+_ORPHAN = """
+import os, sys, time
+if os.fork():
+    os._exit(0)
+os.setsid()
+if os.fork():
+    os._exit(0)
+print(os.getpid(), flush=True)
+os.close(1)
+time.sleep(600)
+"""
+
+
+def parent_of_an_orphan(messages: Messages) -> None:
+    """Starts a process that leaves its session and loses its parents, and tells its number."""
+    command = [sys.executable, "-c", _ORPHAN]
+    messages.send([int(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)])
+    messages.receive()
+
+
 def leaves_by_itself(messages: Messages) -> None:
     """Ends before it answers, with a process that still holds its end of the line."""
     os.set_inheritable(messages.line.fileno(), True)

@@ -1,6 +1,8 @@
 """Scores of a run, worked by hand."""
 
 import json
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -184,6 +186,31 @@ def test_the_report_shows_both_scores_and_the_published_ones(tmp_path):
     assert values["lenient"]["best"]["mdpo"] == 1
     assert values["conditions"]["trials"] == 2
     assert load_results(tmp_path) == sorted(results, key=str_path)
+
+
+def test_a_problem_s_name_is_no_formula(tmp_path):
+    written(tmp_path, of(Instance(r"x$\foo$.rddl", "1"), 10, 5))
+    for name in ("domains.png", "profiles.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_names_of_strangers_obey_and_forge_nothing(tmp_path):
+    odd = "\x1b]0;mine\x07\n## Overall"
+    results = of(Instance(f"{odd}.rddl", "1"), 10, 5)
+    results[0] = replace(results[0], entry=Entry(results[0].entry.problem, f"a:{odd}"))
+    text = written(tmp_path, results)
+    assert "\x1b" not in text
+    assert text.count("\n## Overall") == 1
+    assert "a:\\x1b]0;mine\\x07\\n## Overall" in text
+
+
+def test_a_picture_of_many_domains_shows_the_first(tmp_path):
+    many = [each for n in range(300) for each in of(Instance(f"d{n}", "1"), 10, 5)]
+    started = time.process_time()
+    written(tmp_path, many)
+    assert time.process_time() - started < 20.0
+    width = int.from_bytes((tmp_path / "domains.png").read_bytes()[16:20])
+    assert width == 1.4 * 60 * 130
 
 
 def str_path(result):

@@ -63,27 +63,36 @@ def test_everything_that_it_has_started_ends_with_the_block():
         assert all_gone(everyone, 10.0)
 
 
+def test_an_orphan_in_a_session_of_its_own_ends_with_the_block():
+    with Child(processes.parent_of_an_orphan) as child:
+        orphan = set(child.answer(60.0))
+        assert orphan <= members(child.pid)
+        child.end()
+        assert all_gone(orphan, 10.0)
+
+
 PARENT = """
 import time
 from helpers import processes
 from mdpo_rddl.machine.child import Child
 
-child = Child(processes.parent_of_two)
+child = Child(processes.{what})
 print(child.pid, *child.answer(), flush=True)
 time.sleep(600)
 """
 
 
-def test_none_outlives_a_parent_that_is_killed():
+@pytest.mark.parametrize(("what", "count"), [("parent_of_two", 3), ("parent_of_an_orphan", 2)])
+def test_none_outlives_a_parent_that_is_killed(what, count):
     paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
     with subprocess.Popen(
-        [sys.executable, "-c", PARENT],
+        [sys.executable, "-c", PARENT.format(what=what)],
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": paths},
     ) as parent:
         everyone = [int(number) for number in parent.stdout.readline().split()]
-        assert len(everyone) == 3
+        assert len(everyone) == count
         assert all(map(is_alive, everyone))
         parent.kill()
     assert all_gone(everyone, 30.0)

@@ -115,3 +115,25 @@ def test_a_removed_folder_is_said(tmp_path: Path, write: Callable[[Path, bytes],
     (tmp_path / "file").write_bytes(b"")
     said = one_line(lambda: write(tmp_path / "file" / "a", b"x"))
     assert said.startswith(f"{tmp_path}/file/a: cannot be written: ")
+
+
+def test_a_device_or_a_pipe_does_not_lose_its_name_to_a_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "null").symlink_to("/dev/null")
+    for name in ("pipe", "null"):
+        path = tmp_path / name
+        said = one_line(lambda path=path: write_atomically(path, "x"))
+        assert said == f"{path}: cannot be written: is not a regular file"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["null", "pipe"]
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "null").is_symlink()
+
+
+def test_a_link_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "theirs").write_text("theirs")
+    for target in ("theirs", "missing"):
+        path = tmp_path / f"to-{target}"
+        path.symlink_to(target)
+        write_atomically(path, "ours")
+        assert (path.read_text(), path.is_symlink()) == ("ours", False)
+    assert (tmp_path / "theirs").read_text() == "theirs"

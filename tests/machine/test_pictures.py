@@ -6,7 +6,7 @@ import pytest
 from helpers.mistakes import one_line
 from matplotlib.figure import Figure
 
-from mdpo_rddl.machine.pictures import write_picture
+from mdpo_rddl.machine.pictures import literal, write_picture
 
 
 def test_a_picture_is_written_whole(tmp_path: Path) -> None:
@@ -33,3 +33,13 @@ def test_what_fails_on_the_way_leaves_the_picture_that_is_there(
     assert message == f"{path}: cannot be written: No space left on device"
     assert path.read_bytes() == b"before"
     assert [each.name for each in tmp_path.iterdir()] == ["a.png"]
+
+
+@pytest.mark.parametrize("name", [r"x$\foo$", r"\$a$", "$$$", "plain"])
+def test_a_name_is_no_formula(name: str, tmp_path: Path) -> None:
+    figure = Figure((2.0, 1.0))
+    axes = figure.subplots()
+    axes.plot([0], [0], label=literal(name))
+    text = axes.legend().get_texts()[0]
+    write_picture(figure, tmp_path / "a.png", dpi=50)  # where formulas are read
+    assert text._preprocess_math(text.get_text()) == (name, False)

@@ -178,6 +178,17 @@ def test_tensors_of_other_shapes_and_types_are_refused_before_use(built):
         broken = _damaged(state, name, np.asarray(99))
         with pytest.raises(InputError, match="names a restart"):
             trained(built, Checkpoints(1.0, states.append, broken))
+    recorded = state.tensors["found/kept/iteration"]
+    for name, value, said in (
+        ("found/every", np.asarray(0), "it records every 0th iteration"),
+        ("found/every", np.asarray(-7), "it records every -7th iteration"),
+        ("found/best_iteration", np.asarray(-5), "its best_iteration is -5"),
+        ("found/best_return", np.asarray(np.nan), "its best_return is nan"),
+        ("found/kept/iteration", recorded - 99, "its recorded iterations are not in order"),
+        ("found/kept/iteration", recorded + 0.5, "its recorded iterations are not in order"),
+    ):
+        with pytest.raises(InputError, match=f"does not fit the planner: {said}"):
+            trained(built, Checkpoints(1.0, states.append, _damaged(state, name, value)))
 
 
 def test_what_was_not_finite_is_counted_over_a_resumption():

@@ -117,3 +117,11 @@ def test_deep_nesting_is_one_line(tmp_path: Path) -> None:
 def test_a_file_larger_than_any_problem_is_refused_unparsed(tmp_path: Path) -> None:
     said = refused(tmp_path, DOMAIN + "//" + "x" * 2**20, INSTANCE)
     assert said == f"{tmp_path}/d.rddl: is larger than 1 MiB, the most to be read"
+
+
+def test_a_name_that_is_too_long(tmp_path: Path) -> None:
+    long = "t" * 1001
+    said = refused(tmp_path, DOMAIN, changed(INSTANCE, "{t1, t2}", f"{{t1, t2, {long}}}"))
+    assert said == (
+        f"{tmp_path}/i.rddl: a name has 1,001 characters, at most 1,000 can be planned for"
+    )

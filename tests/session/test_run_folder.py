@@ -332,3 +332,17 @@ def test_what_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     assert contents(tmp_path / "run")[SUMMARY] == b'{"run": 2}'
     assert contents(tmp_path / "run-2")[SUMMARY] == b'{"run": 1}'
     assert {path.name for path in tmp_path.iterdir()} == {"run", "run-2"}
+
+
+def test_what_is_put_into_an_earlier_run_meanwhile_is_not_lost(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    earlier_run(target)
+    with RunFolder(target) as folder:
+        write_run(folder, '{"new": 1}')
+        (target / "thesis").mkdir()
+        (target / "thesis" / "x.tex").write_text("x")
+        before = contents(target)
+        folder.commit()
+    assert contents(target) == before
+    assert contents(tmp_path / "run-2")[SUMMARY] == b'{"new": 1}'
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "run-2"}

@@ -7,10 +7,10 @@ from typing import Any
 
 from mdpo_rddl.planner.config.values import is_number
 from mdpo_rddl.problem.load import Problem
-from mdpo_rddl.problem.sizes import MOST_STEPS
+from mdpo_rddl.problem.sizes import MOST_STEPS, oversize
 
 MOST_ROLLOUTS = 1_000_000
-"""Of one iteration: the batch times the parallel updates times PGPE's batch."""
+"""Side by side in one iteration; noise beside each parallel update doubles them."""
 
 MOST_LAYERS = 100
 MOST_UNITS = 65_536
@@ -28,6 +28,9 @@ MOST_ROLLOUT_STEPS = 1_000_000_000
 MOST_CALLS = 1_000_000
 """Iterations of one compiled call; returns of a rolling mean."""
 
+MOST_BINS = 10_000
+"""Of a relaxed distribution."""
+
 _MOST = {
     "Planner": {
         "batch_size_train": MOST_ROLLOUTS,
@@ -35,8 +38,17 @@ _MOST = {
         "parallel_updates": MOST_ROLLOUTS,
         "rollout_horizon": MOST_STEPS,
     },
+    "Compiler": {"binomial_nbins": MOST_BINS, "poisson_nbins": MOST_BINS},
     "Optimize": {"test_rolling_window": MOST_CALLS},
+    "Noise": {"analysis_samples": MOST_ROLLOUTS},
     "MDPO": {"iterations_per_call": MOST_CALLS, "test_every": MOST_CALLS},
+}
+# in the dictionaries of [Planner]: sizes of arrays, and turns of loops that nothing can end
+_MOST_WITHIN = {
+    "cosines": 1_000,
+    "max_constraint_iter": 100_000,
+    "max_linesearch_steps": 1_000,
+    "memory_size": 1_000,
 }
 _JAXPLAN_BATCH = 32
 
@@ -57,6 +69,7 @@ def out_of_bounds(sections: Sections) -> str | None:
     return (
         _wrong_pgpe_batch(sections)
         or _wrong_topology(sections)
+        or _wrong_within(sections)
         or _wrong_hyperparams(sections)
         or _wrong_fluent_bounds(sections)
         or _too_many_rollouts(sections)
@@ -76,6 +89,10 @@ def too_large_for(problem: Problem, sections: Sections) -> str | None:
     inputs, outputs = _ground(model, seen), _ground(model, model.action_fluents)
     fluents = _ground(model, model.state_fluents) + outputs
     steps = values.get("rollout_horizon") or problem.horizon
+    # the instance's own was looked at when it was read
+    too_long = oversize(model.ast, steps) if steps > problem.horizon else None
+    if too_long is not None:
+        return f"[Planner] rollout_horizon: {too_long}"
     for what, size, most in (
         ("ground fluents", fluents, MOST_ROLLOUT_FLUENTS),
         ("steps", steps, MOST_ROLLOUT_STEPS),
@@ -115,6 +132,24 @@ def _wrong_topology(sections: Sections) -> str | None:
                 f"got {_short(units)}"
             )
     return _too_many_parameters(layers)
+
+
+def _wrong_within(sections: Sections) -> str | None:
+    for section, values in sections["Planner"].items():
+        waiting = [values] if section.endswith("_kwargs") else []
+        while waiting:
+            value = waiting.pop()
+            if not isinstance(value, Mapping):
+                continue
+            waiting += value.values()
+            for key in value.keys() & _MOST_WITHIN.keys():
+                most = _MOST_WITHIN[key]
+                if not (is_number(value[key], int) and 0 <= value[key] <= most):
+                    return (
+                        f"[Planner] {section}: {key} must be an integer of at most {most:,}, "
+                        f"got {_short(value[key])}"
+                    )
+    return None
 
 
 def _too_many_parameters(layers: Sequence[int]) -> str | None:
@@ -165,21 +200,23 @@ def _too_many_rollouts(sections: Sections) -> str | None:
 
 
 def _rollouts(sections: Sections) -> tuple[int, str]:
-    """Rollouts of an iteration, and the keys that they come from."""
+    """The most rollouts side by side in an iteration, and the keys that they come from."""
     values = sections["Planner"]
-    train = values.get("batch_size_train", _JAXPLAN_BATCH)
-    sizes = {
-        "batch_size_train": train,
-        "parallel_updates": values.get("parallel_updates") or 1,
-    }
-    if values.get("pgpe", "") is not None:  # JaxPlan's default is one
-        sizes["pgpe_kwargs batch_size"] = (values.get("pgpe_kwargs") or {}).get("batch_size", 1)
-    test = values.get("batch_size_test") or train
-    if test > train:
-        del sizes["batch_size_train"]
-        sizes = {"batch_size_test": test, **sizes}
+    train = {"batch_size_train": values.get("batch_size_train", _JAXPLAN_BATCH)}
+    tested = values.get("batch_size_test")
+    test = {"batch_size_test": tested} if tested else train
+    if values.get("pgpe", "") is not None:  # JaxPlan's default is one, and plays the test's batch
+        batch = (values.get("pgpe_kwargs") or {}).get("batch_size", 1)
+        test = {**test, "pgpe_kwargs batch_size": batch}
+    samples = sections.get("Noise", {}).get("analysis_samples") or 1
+    sizes = max(train, test, {"[Noise] analysis_samples": samples}, key=_product)
+    sizes = {**sizes, "parallel_updates": values.get("parallel_updates") or 1}
     names = [name for name, size in sizes.items() if size > 1] or ["batch_size_train"]
-    return math.prod(sizes.values()), " times ".join(names)
+    return _product(sizes), " times ".join(names)
+
+
+def _product(sizes: Mapping[str, int]) -> int:
+    return math.prod(sizes.values())
 
 
 def _ground(model: Any, names: Any) -> int:

@@ -102,6 +102,7 @@ class _Checks:
             raise self._error(f"[Compiler] method: JaxPlan has no relaxing compiler {method!r}")
         self._check_keys("Compiler", compiler_parameters(compiler) | {"method"})
         self._check_positive("Compiler", *sorted(relaxation_weights(compiler)))
+        self._check_positive("Compiler", "binomial_nbins", "poisson_nbins", integer=True)
 
     def _check_planner(self) -> None:
         values = self._section("Planner")

@@ -15,6 +15,8 @@ from jax import Array
 
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
+_MOST_STEPS = 100
+
 
 @dataclass(frozen=True)
 class MemoryShape:
@@ -44,7 +46,8 @@ class MemoryShape:
           values: the attributes by name; None for nothing.
 
         Raises:
-          ValueError: if there are others, or an entry is no list of steps of at least 1.
+          ValueError: if there are others, or an entry is no list of steps of at least 1, or of
+            more than a hundred.
         """
         values = {} if values is None else values
         if not isinstance(values, Mapping):
@@ -55,6 +58,8 @@ class MemoryShape:
                 raise ValueError(f"memory: unknown key {name!r}, known are {', '.join(known)}")
             if not isinstance(steps, list | tuple):
                 raise ValueError(f"memory: {name} must be a list of steps, got {steps!r}")
+            if len(steps) > _MOST_STEPS:
+                raise ValueError(f"memory: {name} must be at most {_MOST_STEPS}, got {len(steps)}")
             for each in steps:
                 if not isinstance(each, int | float) or not each >= 1:
                     raise ValueError(f"memory: {name} must be steps of at least 1, got {each!r}")

@@ -8,6 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
+from mdpo_rddl.machine.pictures import literal
+
 _INCUMBENT_COLOUR = "#c8553d"
 _COLOURS = ("#1f6f8b", "#e0a030", "#5b7553", "#7d5a91", "#7fb7be", "#b07aa1", "#8c6d46", "#444444")
 _MARKERS = "osD^vP*X"
@@ -34,7 +36,7 @@ def draw_race(path: Path, race: Mapping[str, Any], title: str) -> None:
             color=_COLOURS[number % len(_COLOURS)],
             markersize=5.0,
             linewidth=1.0,
-            label=arm,
+            label=literal(arm),
         )
     for name, line in (("noop_return", "--"), ("random_return", ":")):
         if race[name] is not None:

@@ -107,7 +107,7 @@ class RunFolder:
     @property
     def checkpoints(self) -> list[str]:
         """Names of the checkpoints that `unfinished` holds."""
-        return sorted({path.name for path in self.unfinished.iterdir()} & CHECKPOINTS)
+        return sorted(_names(self.unfinished) & CHECKPOINTS)
 
     def commit(self, is_finished: bool = True) -> None:
         """Puts the staged folder in its place.
@@ -132,7 +132,11 @@ class RunFolder:
         _remove(replaced)
         try:
             os.replace(self.target, replaced)
-            os.replace(self.staging, self.target)
+            if _names(replaced) <= RUN_FILES:
+                os.replace(self.staging, self.target)
+            else:  # somebody has put more there meanwhile
+                os.replace(replaced, self.target)
+                self._move_to_free_name()
         except BaseException:  # an interrupt must not cost the earlier run either
             with contextlib.suppress(OSError):
                 os.replace(replaced, self.target)
@@ -165,7 +169,7 @@ class RunFolder:
         if os.path.ismount(target) or Path.cwd().is_relative_to(target.resolve()):
             # it cannot be replaced, or not under the feet of who is in it
             raise InputError(f"{target}: cannot write the run there: name a folder inside it")
-        entries = {entry.name for entry in target.iterdir()}
+        entries = _names(target)
         self._replaces = bool(entries)
         if entries and SUMMARY not in entries:
             raise InputError(f"{target}: not overwritten: it is not empty and holds no run")
@@ -191,8 +195,7 @@ class RunFolder:
         for path in self.unfinished.iterdir():
             if is_temporary(path.name):  # killed while it was written
                 path.unlink()
-        names = {path.name for path in self.unfinished.iterdir()}
-        foreign = sorted(names - CHECKPOINTS - {_LOCK, _STAGING, _REPLACED})
+        foreign = sorted(_names(self.unfinished) - CHECKPOINTS - {_LOCK, _STAGING, _REPLACED})
         if foreign:
             raise InputError(f"{self.unfinished}: is in the way: it also holds {foreign[0]}")
         kept = self.checkpoints
@@ -223,6 +226,10 @@ class RunFolder:
         with contextlib.suppress(OSError):  # another run may be in there by now
             for folder in self._made:
                 folder.rmdir()
+
+
+def _names(folder: Path) -> set[str]:
+    return {entry.name for entry in folder.iterdir()}
 
 
 def _is_folder(path: Path) -> bool:

@@ -6,7 +6,7 @@ import pytest
 from helpers.config_texts import TEXT
 from helpers.files import changed
 from helpers.mistakes import one_line
-from helpers.toys import toy
+from helpers.toys import FOLDER, problem_from, toy
 
 from mdpo_rddl.planner.build import build_baseline, build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -45,6 +45,21 @@ HUGE = 10**9
         ("[8]", "[True]", "method_kwargs: topology must be integers from 1 to 65,536, units of a "),
         ("[8]", "'ab'", "method_kwargs: topology must be a list of integers, got 'ab'"),
         ("[8]", str([1] * 101), "method_kwargs: topology must have at most 100 layers, got 101"),
+        (
+            "{'learning_rate': 0.01}",
+            "{'memory_size': 1000000000}",
+            "optimizer_kwargs: memory_size must be an integer of at most 1,000, got 1000000000",
+        ),
+        (
+            "pgpe=None",
+            "pgpe_kwargs={'optimizer_kwargs_mu': {'memory_size': 'x'}}",
+            "pgpe_kwargs: memory_size must be an integer of at most 1,000, got 'x'",
+        ),
+        (
+            "pgpe=None",
+            "line_search_kwargs={'max_linesearch_steps': 100000}",
+            "line_search_kwargs: max_linesearch_steps must be an integer of at most 1,000, got 1",
+        ),
     ],
 )
 def test_a_planner_that_is_too_large(old: str, new: str, said: str) -> None:
@@ -114,8 +129,8 @@ def test_what_is_too_large_for_a_problem(key: str, rollouts: str, most: str) -> 
     problem, started = toy("signal"), time.monotonic()
     for build in (build_planner, build_baseline):
         assert one_line(lambda build=build: build(problem, config)) == (
-            f"my.cfg: [Planner] {key}: {rollouts} rollouts of 100,000 steps, "
-            f"at most {most} can be planned with"
+            f"my.cfg: [Planner] {key}: {rollouts} rollouts of 100,000 "
+            f"steps, at most {most} can be planned with"
         )
     assert time.monotonic() - started < 1.0
 
@@ -125,3 +140,59 @@ def test_a_net_counts_its_inputs_and_actions() -> None:
     said = one_line(lambda: build_planner(toy("signal"), config))
     assert said.startswith("my.cfg: [Planner] method_kwargs: topology makes 134,")
     assert said.endswith(" parameters, at most 134,217,728 can be trained")
+
+
+def test_a_long_horizon_of_the_configuration_is_bounded_as_the_instance_s() -> None:
+    config = PlannerConfig.from_text(TEXT, "my.cfg").with_values("Planner", rollout_horizon=10**5)
+    many = ", ".join(f"l{number}" for number in range(20_000))
+    domain = (FOLDER / "quest.rddl").read_text().replace("l0, l1, l2", many)
+    said = one_line(lambda: build_planner(problem_from(domain), config))
+    assert said == (
+        "my.cfg: [Planner] rollout_horizon: the horizon is 100,000, at most 24,977 steps can be "
+        "planned for"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "weight=20",
+            "weight=20\npoisson_nbins=20000",
+            "[Compiler] poisson_nbins: must be at most",
+        ),
+        ("weight=20", "weight=20\npoisson_nbins='x'", "[Compiler] poisson_nbins: must be a positi"),
+        (
+            "[Optimize]",
+            "[Noise]\nanalysis_samples=2000000\n[Optimize]",
+            "[Noise] analysis_samples: must be at most 1,000,000, got 2000000",
+        ),
+        (
+            "pgpe=None",
+            "pgpe=None\nparallel_updates=50\n[Noise]\nanalysis_samples=100000",
+            "[Planner] [Noise] analysis_samples times parallel_updates: together at most 1,000,0",
+        ),
+    ],
+)
+def test_bins_and_analysis_rollouts(old: str, new: str, said: str) -> None:
+    text = changed(TEXT, old, new)
+    message = one_line(lambda: PlannerConfig.from_text(text, "my.cfg"))
+    assert message.startswith(f"my.cfg: {said}")
+
+
+def test_the_feedback_plan_s_sizes() -> None:
+    for wrong, said in (
+        ("'cosines': 2000", "cosines must be an integer of at most 1,000, got 2000"),
+        (f"'memory': {{'actions': {[1] * 101}}}", "memory: actions must be at most 100, got 101"),
+    ):
+        text = changed(
+            changed(TEXT, "JaxDeepReactivePolicy", "FeedbackPlan"), "'topology': [8]", wrong
+        )
+        text = changed(text, ", 'activation': 'relu', 'initializer': 'normal'", "")
+        message = one_line(lambda text=text: PlannerConfig.from_text(text, "my.cfg"))
+        assert message == f"my.cfg: [Planner] method_kwargs: {said}"
+
+
+def test_pgpe_plays_the_test_s_batch() -> None:
+    text = changed(TEXT, "pgpe=None", "batch_size_test=16\npgpe_kwargs={'batch_size': 16}")
+    assert PlannerConfig.from_text(changed(text, "train=4", "train=400000"))

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
+from mdpo_rddl.machine.pictures import literal
 from mdpo_rddl.session.report.page.style import Picture, rendered
 
 _DIVISIONS = 30
@@ -63,7 +64,7 @@ def draw_distribution(row: Returns) -> Picture:
     if len(finite):
         axes.axvline(float(np.mean(finite)), color="#222222", linewidth=1.2)
     axes.xaxis.set_major_formatter(EngFormatter())
-    axes.set(xlabel=f"return of an episode, {row.name}", ylabel="episodes")
+    axes.set(xlabel=f"return of an episode, {literal(row.name)}", ylabel="episodes")
     axes.grid(axis="y", alpha=0.25)
     return Picture(rendered(figure), f"distribution of the returns of {row.name}")
 
@@ -91,7 +92,7 @@ def draw_searches(
             where="post",
             color=colour,
             linewidth=1.6,
-            label=name.replace("$", r"\$"),
+            label=literal(name),
         )
     axes.set(xlabel="wall-clock time (s)", ylabel="return on the exact model")
     axes.set_title(title, parse_math=False)
