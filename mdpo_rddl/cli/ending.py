@@ -62,7 +62,8 @@ def ending_in_order(name: str) -> Callable[[Main], Main]:
 def without_waiting(status: int) -> int:
     """Ends the process if something is still being compiled; else that is left to the caller.
 
-    Python would wait for it, and nothing interrupts a compilation.
+    Python would wait for it, and nothing interrupts a compilation. From here on a signal ends the
+    process at once: what libraries do at the end of Python need not be told of.
 
     Args:
       status: of the command, which has written and printed all that it has to.
@@ -70,6 +71,8 @@ def without_waiting(status: int) -> int:
     Returns:
       The status.
     """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
     if is_at_work():
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError, AttributeError):

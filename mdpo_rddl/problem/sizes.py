@@ -152,6 +152,8 @@ def _expressions(ast: RDDL, params: dict[str, list[str]]) -> Iterator[tuple[str,
 def _values(expression: Any, values: int, counts: dict[str, int]) -> tuple[int, int]:
     """The largest number of values of an expression and its parts, and the sum of them all.
 
+    A determinant, or an inverse, of n rows counts n^3 for what is computed on the way.
+
     Args:
       expression: pyRDDLGym's.
       values: of whatever stands around it, at least 1.
@@ -163,7 +165,9 @@ def _values(expression: Any, values: int, counts: dict[str, int]) -> tuple[int, 
         parts = node
         while isinstance(parts, Expression):  # one inside the other where there are parentheses
             parts = parts._expr
-        total += around if isinstance(node, Expression) else 0
+        if isinstance(node, Expression):
+            is_matrix = node.etype[0] == "matrix"
+            total += around * (_rows(parts, around, counts) if is_matrix else 1)
         if not isinstance(parts, tuple | list):
             continue
         ranges = [part[1][1] for part in parts if _is_quantifier(part)]
@@ -171,6 +175,20 @@ def _values(expression: Any, values: int, counts: dict[str, int]) -> tuple[int, 
         most = max(most, around)
         waiting += [(part, around) for part in parts if not _is_quantifier(part)]
     return most, total
+
+
+def _rows(parts: Any, around: int, counts: dict[str, int]) -> int:
+    """Rows of what a matrix's expression has, times those values of it that `around` lacks.
+
+    Args:
+      parts: the operation, and what it is of: quantifiers of a determinant, names of others.
+      around: values of whatever stands around it.
+      counts: objects per type.
+    """
+    ranges = [part[1][1] for part in parts[1] if _is_quantifier(part)]
+    if ranges:
+        return int(math.prod(counts.get(name, 1) for name in ranges) ** 1.5)
+    return min(math.isqrt(around), max(counts.values(), default=1))
 
 
 def _is_quantifier(part: Any) -> bool:

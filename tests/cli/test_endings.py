@@ -182,6 +182,19 @@ sys.exit(without_waiting(3))
 """
 
 
+LATE = """
+import atexit, os, signal, sys
+from mdpo_rddl.cli.ending import without_waiting
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
+sys.exit(without_waiting(0))
+"""
+
+
+def test_an_interrupt_at_the_end_of_python_is_quiet() -> None:
+    done = subprocess.run([sys.executable, "-c", LATE], capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")
+
+
 def test_the_process_does_not_wait_for_a_compilation_that_nobody_needs() -> None:
     started = time.monotonic()
     done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, check=False)

@@ -125,3 +125,26 @@ def test_a_name_that_is_too_long(tmp_path: Path) -> None:
     assert said == (
         f"{tmp_path}/i.rddl: a name has 1,001 characters, at most 1,000 can be planned for"
     )
+
+
+@pytest.mark.parametrize(("rows", "is_planned"), [(500, True), (600, False)])
+def test_what_a_determinant_takes(rows: int, is_planned: bool, tmp_path: Path) -> None:
+    det = f"({SUM}) + 0 * (det_{{?a : tank, ?b : tank}} [(?a == ?b) * 2.0])"
+    domain = changed(DOMAIN, SUM, det)
+    if is_planned:
+        (tmp_path / "d.rddl").write_text(domain)
+        (tmp_path / "i.rddl").write_text(tanks(rows))
+        assert load_problem(str(tmp_path / "d.rddl"), str(tmp_path / "i.rddl"))
+        return
+    said = refused(tmp_path, domain, tanks(rows))
+    assert said.startswith(f"{tmp_path}/i.rddl: the reward has 217,")
+    assert said.endswith(" at most 200,000,000 can be planned for")
+
+
+def test_what_an_inverse_takes(tmp_path: Path) -> None:
+    inverse = "INV(?a, ?b) = inverse[row=?a, col=?b][(?a == ?b) * 1.0];"
+    domain = changed(DOMAIN, "cpfs {", f"cpfs {{ {inverse}")
+    fluent = "INV(tank, tank) : { interm-fluent, real };\n LEVEL(tank) :"
+    domain = changed(domain, "LEVEL(tank) :", fluent)
+    said = refused(tmp_path, domain, tanks(600))
+    assert said.startswith(f"{tmp_path}/i.rddl: the cpf of INV has 217,")
