@@ -51,9 +51,9 @@ def interrupt_behind(error: BaseException | None) -> KeyboardInterrupt | None:
     return None
 
 
-def one_line_cause(error: Exception) -> str:
-    """An error's message on one line of bounded length, without folders."""
-    text = " ".join(str(error).split()) or type(error).__name__
+def one_line_cause(error: Exception | str) -> str:
+    """An error's message on one line of bounded length, printable and without folders."""
+    text = printable(" ".join(str(error).split())) or type(error).__name__
     text = _FOLDER.sub("", text)
     return text if len(text) <= _CAUSE_LENGTH else text[: _CAUSE_LENGTH - 1] + "…"
 

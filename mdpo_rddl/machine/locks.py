@@ -81,22 +81,24 @@ class FolderLock:
 def locked_results(root: Path) -> Iterator[None]:
     """Holds the lock of a folder of results, made if missing and removed if it stays empty.
 
+    So are the folders on the way to it.
+
     Raises:
       InputError: if another process has it, or the folder cannot be written.
     """
-    is_new = not root.exists()
+    made = [folder for folder in (root, *root.parents) if not os.path.lexists(folder)]
     try:
-        root.mkdir(parents=True, exist_ok=True)
-        lock = FolderLock(root / RESULTS_LOCK, str(root))
-    except OSError as error:
-        raise InputError(f"{root}: cannot be written: {error.strerror}") from error
-    try:
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            lock = FolderLock(root / RESULTS_LOCK, str(root))
+        except OSError as error:
+            raise InputError(f"{root}: cannot be written: {error.strerror}") from error
         with lock:
             yield
     finally:
-        if is_new:
-            with contextlib.suppress(OSError):
-                root.rmdir()
+        for folder in made:
+            with contextlib.suppress(OSError):  # it is not empty, or was not made
+                folder.rmdir()
 
 
 def _is_still(path: Path, handle: int) -> bool:

@@ -14,6 +14,7 @@ from mdpo_rddl.problem.observation import is_observed
 KINDS = ("state", "action")
 _MOST_NUMBERS = 4_000_000
 _MOST_STEPS, _FEWEST_EPISODES = 500, 5
+_LONGEST_NAME = 1_000
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def parse_fluents(text: str) -> tuple[Fluent, ...]:
     """What `fluents_text` has written.
 
     Raises:
-      ValueError: if it is something else.
+      ValueError: if it is something else, or a name has more than 1,000 characters.
     """
     try:
         fluents = tuple(
@@ -94,6 +95,8 @@ def parse_fluents(text: str) -> tuple[Fluent, ...]:
         words = (fluent.kind, fluent.name, fluent.range, *fluent.objects, *fluent.values)
         if type(fluent.count) is not int or not all(isinstance(word, str) for word in words):
             raise ValueError("no descriptions of fluents: one has a value of another kind")
+        if any(len(word) > _LONGEST_NAME for word in words):
+            raise ValueError(f"a name of more than {_LONGEST_NAME:,} characters")
     return fluents
 
 

@@ -83,7 +83,9 @@ class KeptPair(Generic[Kept]):
             if number < 0:
                 raise ValueError(f"number {number}")
             differing = [name for name in self._terms if terms[name] != self._terms[name]]
-            kept = self._parse(text, tensors)
+            if differing:  # what it holds belongs to those terms
+                raise InputError(f"{path}: cannot be resumed: it is of another {differing[0]}")
+            return number, self._parse(text, tensors)
         except (
             ArithmeticError,
             AttributeError,
@@ -93,9 +95,6 @@ class KeptPair(Generic[Kept]):
             ValueError,
         ) as error:
             raise InputError(f"{path}: damaged checkpoint: {error!r:.200}") from error
-        if differing:
-            raise InputError(f"{path}: cannot be resumed: it is of another {differing[0]}")
-        return number, kept
 
 
 def identity(terms: FindTerms) -> Mapping[str, Any]:

@@ -1,9 +1,13 @@
 """One process at a time writes into a results folder, where it is not shared on purpose."""
 
 import argparse
+import errno
 import os
+from pathlib import Path
 
 import pytest
+from helpers.files import contents
+from helpers.mistakes import one_line
 
 from mdpo_rddl.cli import bench, ipc, ipc_commands
 from mdpo_rddl.cli.results_lock import results_lock
@@ -55,9 +59,25 @@ def test_shared_folders_and_reports_are_not_locked(tmp_path, shared):
         assert os.listdir(tmp_path) == [RESULTS_LOCK]
 
 
-def test_a_folder_that_stays_empty_is_removed_again(tmp_path):
-    out = tmp_path / "out"
+def test_a_folder_that_stays_empty_is_removed_again_with_those_on_the_way_to_it(tmp_path):
+    out = tmp_path / "runs" / "of" / "today"
     whole = argparse.Namespace(out=out, shard=(1, 1), run="noise-value", executor="local")
     with results_lock(whole):
         assert os.listdir(out) == [RESULTS_LOCK]
-    assert not out.exists()
+    assert os.listdir(tmp_path) == []
+    with results_lock(whole):
+        (out.parent / "yesterday").touch()
+    assert contents(tmp_path) == {"runs": None, "runs/of": None, "runs/of/yesterday": b""}
+
+
+def test_a_folder_that_cannot_be_locked_is_not_left_behind(tmp_path, monkeypatch):
+    out = tmp_path / "runs" / "today"
+
+    def full(path: Path, what: str) -> None:
+        assert path.parent.is_dir()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("mdpo_rddl.machine.locks.FolderLock", full)
+    said = one_line(lambda: locked_results(out).__enter__())
+    assert said == f"{out}: cannot be written: No space left on device"
+    assert os.listdir(tmp_path) == []

@@ -1,11 +1,14 @@
 """Files and words that nobody means: one line and exit status 2, or they are accepted."""
 
+from pathlib import Path
+
 import pytest
 from helpers.fuzzing import Fuzzer
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc import report
 
+RELIABILITY = Path(__file__).parents[2] / "docs" / "reliability.md"
 COUNTS = {
     "configuration": 600,
     "command line": 600,
@@ -35,8 +38,10 @@ def test_changed_inputs_are_refused_in_one_line_or_accepted(tmp_path, kind, monk
     assert [path.name for path in tmp_path.iterdir()] == ["fuzz"]
 
 
-def test_there_are_two_thousand_of_them():
-    assert sum(COUNTS.values()) >= 2000
+def test_every_kind_is_tried_and_as_many_inputs_as_is_said(tmp_path):
+    assert set(COUNTS) == set(Fuzzer(tmp_path).kinds)
+    thousands = sum(COUNTS.values()) // 1000
+    assert f"{thousands},000 of them are among the tests" in RELIABILITY.read_text()
 
 
 def test_a_traceback_and_an_empty_message_are_failures(tmp_path):

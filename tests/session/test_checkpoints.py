@@ -37,8 +37,8 @@ def left(folder: Path, **changed: Any) -> Path:
     return path
 
 
-def resumed(folder: Path) -> TrainingState:
-    state = training_checkpoints(folder, TERMS, 1.0).resumed
+def resumed(folder: Path, terms: FindTerms = TERMS) -> TrainingState:
+    state = training_checkpoints(folder, terms, 1.0).resumed
     assert state is not None
     return state
 
@@ -63,3 +63,15 @@ def test_one_whose_numbers_were_changed_is_not_used(
     (tmp_path / "checkpoint-0.safetensors").unlink()
     said = one_line(lambda: resumed(tmp_path))
     assert said.startswith(f"{path}: damaged checkpoint: ValueError('its {name} ")
+
+
+@pytest.mark.parametrize("iterations", [50, 100, 500])
+def test_one_of_another_configuration_is_not_taken_for_damaged(
+    tmp_path: Path, iterations: int
+) -> None:
+    left(tmp_path)
+    config = CONFIG.with_values("Optimize", epochs=iterations)
+    terms: FindTerms = SimpleNamespace(**{**vars(TERMS), "config": config})
+    said = one_line(lambda: resumed(tmp_path, terms))
+    path = tmp_path / "checkpoint-0.safetensors"
+    assert said == f"{path}: cannot be resumed: it is of another configuration"

@@ -14,7 +14,8 @@ import pytest
 from helpers.mistakes import one_line
 from helpers.run_pages import HINDSIGHT, SUMMARY, write_run
 
-from mdpo_rddl.session.report.page.panels import quantiles
+from mdpo_rddl.problem.trajectories import Fluent, Trajectories
+from mdpo_rddl.session.report.page.panels import Series, draw_panels, quantiles
 from mdpo_rddl.session.report.page.record import read_run
 from mdpo_rddl.session.report.page.results import compared, result_rows, returns_of
 from mdpo_rddl.session.report.page.write import write_comparison, write_page
@@ -110,6 +111,23 @@ def test_an_earlier_run_has_the_page_without_what_it_lacks(tmp_path):
     assert "Neither the no-op nor random actions were played on these episodes ." not in text
     assert "Neither the no-op nor random actions were played on these episodes." in text
     assert not (folder / "report.html").exists()
+
+
+def test_a_race_whose_parents_were_not_kept_is_shown_without_them(tmp_path):
+    race = {key: value for key, value in SUMMARY["auto"].items() if key != "parents"}
+    text = Page(write_page(write_run(tmp_path / "run", auto=race))).text
+    assert "The result is the candidate  rule ." in text
+
+
+def test_of_long_names_a_picture_has_the_beginning_and_its_description_all():
+    names = tuple("t" * 100 + end for end in "12")
+    fluent = Fluent("state", "level", "real", names, 2)
+    values = {("state", "level"): np.zeros((1, 3, 2))}
+    play = Trajectories((fluent,), np.arange(3), values, np.zeros((1, 3)))
+    one, other = draw_panels([Series("policy", "#000000", False, play)])[0].panels
+    assert one.png == other.png
+    assert names[0] in one.text
+    assert names[1] in other.text
 
 
 def test_what_knowing_the_future_adds_is_in_a_table(tmp_path):

@@ -22,7 +22,7 @@ from mdpo_rddl.session.report.page.write import write_page
 def test_a_damaged_run_is_told_in_a_line(tmp_path, name, content, said):
     folder = write_run(tmp_path / "run")
     (folder / name).write_text(content)
-    assert one_line(lambda: write_page(folder)).startswith(str(folder / said.split(":")[0]))
+    assert one_line(lambda: write_page(folder)).startswith(f"{folder}/{said}")
     assert not (folder / "report.html").exists()
 
 
@@ -60,6 +60,20 @@ def test_a_configuration_of_another_kind_is_named(tmp_path):
     assert message == f"{folder}/{said}"
 
 
+def test_texts_of_strangers_are_told_in_a_line_without_control_characters(tmp_path):
+    folder = write_run(tmp_path / "run", not_played="\x1b]0;owned\x07 a line\nand another")
+    said = "nothing to show, the policy was not played: \\x1b]0;owned\\x07 a line and another"
+    assert one_line(lambda: write_page(folder)) == f"{folder}/summary.json: {said}"
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_cannot_be_drawn_are_told_in_a_line_alone(tmp_path):
+    folder = write_run(tmp_path / "run", returns=[1e308, -1e308])
+    message = one_line(lambda: write_page(folder))
+    assert message.startswith(f"{folder}: no page can be made of it: ")
+    assert "Warning" not in message
+
+
 def flipped(data: bytearray, signature: bytes, offset: int, value: int) -> None:
     place = data.find(signature)
     while place >= 0:
@@ -92,14 +106,25 @@ def test_packed_bytes_that_are_damaged_are_told_in_a_line(tmp_path):
     assert one_line(lambda: write_page(folder)).startswith(f"{path}: damaged: ")
 
 
-@pytest.mark.parametrize("shape", ["(100000000000,)", "(-1,)", "(" * 5000, "(True,)"])
-def test_no_room_is_made_for_an_array_larger_than_its_bytes(tmp_path, shape):
+@pytest.mark.parametrize(
+    ("kind", "shape", "size"),
+    [
+        ("<f4", "(100000000000,)", 64),
+        ("<f4", "(-1,)", 64),
+        ("<f4", "(" * 5000, 64),
+        ("<f4", "(True,)", 64),
+        ("<f4", f"(0, {10**22})", 0),
+        ("|V0", f"({10**12},)", 0),
+        ("<U0", f"({10**22},)", 0),
+    ],
+)
+def test_no_room_is_made_for_an_array_larger_than_its_bytes(tmp_path, kind, shape, size):
     folder = write_run(tmp_path / "run")
     path = folder / "trajectories.npz"
-    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     head = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
     with zipfile.ZipFile(path, "w") as packed:
-        packed.writestr("fluents.npy", head + bytes(64))
+        packed.writestr("fluents.npy", head + bytes(size))
     message = one_line(lambda: write_page(folder))
     assert message.startswith(f"{path}: damaged: ")
     assert "allocate" not in message
@@ -117,6 +142,9 @@ def test_no_room_is_made_for_an_array_larger_than_its_bytes(tmp_path, shape):
         ("fluents", lambda old: np.array("[" * 100_000)),
         ("fluents", lambda old: np.array(str(old).replace("40", '"a"'))),
         ("fluents", lambda old: np.array(str(old).replace('"calm"', "1"))),
+        ("fluents", lambda old: np.array(str(old).replace("calm", "m" * 1001))),
+        ("fluents", lambda old: np.array(str(old).replace("t1", "t" * 1001))),
+        ("fluents", lambda old: np.array(str(old).replace('"count"', '"\x1b[31m"'))),
     ],
 )
 def test_arrays_that_do_not_fit_are_told_in_a_line(tmp_path, name, change):

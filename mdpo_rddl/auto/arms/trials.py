@@ -19,7 +19,11 @@ from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.table import Estimate
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.limits import (
+    EnumerationLimits,
+    NotEnumerableError,
+    OutOfTimeError,
+)
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.load import Problem
 
@@ -37,10 +41,6 @@ _MOST_MISSED = 0.5
 _PATIENCE = 3
 
 
-def _ignore() -> None:
-    pass
-
-
 class TrialsArm(Arm):
     """Offers tables of actions, with their returns in simulated episodes of the ground model."""
 
@@ -51,7 +51,7 @@ class TrialsArm(Arm):
         seed: int,
         clock: Clock,
         model: GroundModel,
-        pulse: Callable[[], None] = _ignore,
+        pulse: Callable[[], None] = lambda: None,
     ) -> None:
         """Does nothing yet.
 
@@ -146,7 +146,7 @@ class TrialsArm(Arm):
         limits = EnumerationLimits(until - started, clock=self._clock)
         try:
             best, played, missed = self._found(search, limits.check_time)
-        except NotEnumerableError:
+        except OutOfTimeError:
             self._closing = 2.0 * closing
             self._note_no_gain("there is too little time to see what was found")
             return

@@ -32,10 +32,6 @@ from mdpo_rddl.planner.plans.feedback import Params
 _ROLLOUTS = 4
 
 
-def _ignore() -> None:
-    pass
-
-
 class PlanPopulation:
     """Plays and evolves the plans of policies.
 
@@ -79,7 +75,7 @@ class PlanPopulation:
         self._random = np.random.default_rng([seed, 2])
         self.iterations = 0
         self.elites: np.ndarray | None = None
-        self.on_generation: Callable[[], None] = _ignore
+        self.on_generation: Callable[[], None] = lambda: None
 
     @property
     def compile_seconds(self) -> float:

@@ -6,9 +6,10 @@ action near it, as a pure function of the policy's probabilities and of the stat
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
 3. if that is still illegal, the no-op takes its changes one by one, the most probable first, each
-   only if the action stays legal; of a real's change it takes as large a share as is legal, found
-   by bisection to 1/256; where the no-op itself is illegal, the most probable legal change of it
-   comes first, and after the single ones a change of all bools of a fluent.
+   only if the action stays legal; of a real's change it takes a legal share, found by bisection
+   to 1/256, the largest one where every share below a legal one is legal; where the no-op itself
+   is illegal, the most probable legal change of it comes first, and after the single ones a change
+   of all bools of a fluent.
 
 Where no legal action is found like that, the proposal stands.
 """

@@ -9,6 +9,10 @@ class NotEnumerableError(Exception):
     """The states of a problem cannot be enumerated, or not within the limits; says why."""
 
 
+class OutOfTimeError(NotEnumerableError):
+    """The clock says so, whatever the problem is."""
+
+
 @dataclass(frozen=True)
 class EnumerationLimits:
     """What an enumeration may use.
@@ -37,9 +41,9 @@ class EnumerationLimits:
         return self.clock() - self._started
 
     def check_time(self) -> None:
-        """Raises `NotEnumerableError` once the time is over."""
+        """Raises `OutOfTimeError` once the time is over."""
         if self.used > self.seconds:
-            raise NotEnumerableError(f"more than {self.seconds:g} s")
+            raise OutOfTimeError(f"more than {self.seconds:g} s")
 
     def check_states(self, count: int) -> None:
         """Raises `NotEnumerableError` for too many states."""

@@ -15,7 +15,6 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.resumption import Resumption
-from mdpo_rddl.auto.search.trials import backward
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
@@ -244,15 +243,30 @@ def test_its_state_can_be_asked_for_between_two_batches(problem, model):
 
 
 def test_what_takes_too_long_to_look_at_costs_the_slice_only(arm, monkeypatch):
-    monkeypatch.setattr(backward, "_ROWS_UNTIMED", 0)
-    arm.work(100.0)  # an induction asks the clock more often than a quarter of that allows
+    def slow(*arguments, check_time, **others):
+        arm._clock.now += 100.0
+        check_time()
+
+    with monkeypatch.context() as patched:
+        patched.setattr(trials, "play", slow)
+        arm.work(100.0)
     assert not arm.take_candidates()
     assert not arm.is_exhausted
     first = arm.state().values["closing"]
-    monkeypatch.setattr(backward, "_ROWS_UNTIMED", 10**9)
-    arm.work(400.0)
+    arm.work(arm._clock.now + 200.0)
     assert arm.take_candidates()
     assert arm.state().values["closing"] < first
+
+
+def test_a_law_that_is_none_ends_the_arm_with_its_cause_however_late_it_is_met(arm, monkeypatch):
+    def broken(*arguments, **others):
+        raise NotEnumerableError("a probability outside of [0, 1]")
+
+    monkeypatch.setattr(trials, "play", broken)
+    arm.work(100.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "a probability outside of [0, 1]"
+    assert arm.log.slices == 1
 
 
 def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, monkeypatch):

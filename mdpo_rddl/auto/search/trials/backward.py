@@ -36,11 +36,9 @@ class Greedy(NamedTuple):
     popularity: np.ndarray
 
 
-def _ignore() -> None:
-    pass
-
-
-def induct(explored: Explored, trust: float, check_time: Callable[[], None] = _ignore) -> Greedy:
+def induct(
+    explored: Explored, trust: float, check_time: Callable[[], None] = lambda: None
+) -> Greedy:
     """The best policy.
 
     Args:

@@ -27,17 +27,13 @@ class Play(NamedTuple):
 _STEPS_UNTIMED = 32
 
 
-def _ignore() -> None:
-    pass
-
-
 def play(
     explored: Explored,
     greedy: Greedy,
     episodes: int,
     seed: int,
     fresh: bool = False,
-    check_time: Callable[[], None] = _ignore,
+    check_time: Callable[[], None] = lambda: None,
 ) -> Play:
     """Plays a policy; where it knows nothing, the default action or else one that is legal.
 

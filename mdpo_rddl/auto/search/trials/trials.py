@@ -18,7 +18,11 @@ from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.kept_policy import policy_state, read_policy
 from mdpo_rddl.auto.state import State, count_of, generator_place, joined, set_generator
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.limits import (
+    EnumerationLimits,
+    NotEnumerableError,
+    OutOfTimeError,
+)
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
 _TRIALS = 512
@@ -33,10 +37,6 @@ _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
 # states that one step of all trials may add
 _MOST_TOGETHER = 8 * _TRIALS
-
-
-def _ignore() -> None:
-    pass
 
 
 class TrialSearch:
@@ -72,7 +72,7 @@ class TrialSearch:
         self._inductions = 0
         self._searching = self._inducting = 0.0
 
-    def work(self, until: float, pulse: Callable[[], None] = _ignore) -> None:
+    def work(self, until: float, pulse: Callable[[], None] = lambda: None) -> None:
         """Plays trials; the steps of one are not begun after the end.
 
         Args:
@@ -92,7 +92,7 @@ class TrialSearch:
             if self._clock() < until:
                 self._induct_if_grown(until)
 
-    def found(self, trust: float, check_time: Callable[[], None] = _ignore) -> Greedy:
+    def found(self, trust: float, check_time: Callable[[], None] = lambda: None) -> Greedy:
         """The best policy on what was seen.
 
         Args:
@@ -161,7 +161,7 @@ class TrialSearch:
         started = self._clock()
         trust = _TRUSTS[(self._inductions + 1) % len(_TRUSTS)]
         limits = EnumerationLimits(until - started, clock=self._clock)
-        with contextlib.suppress(NotEnumerableError):  # the policy before is followed on
+        with contextlib.suppress(OutOfTimeError):  # the policy before is followed on
             self._greedy = induct(self.explored, trust, limits.check_time)
             self._rarity = _rarity(self.explored, self.explored.size)
             self._inductions += 1

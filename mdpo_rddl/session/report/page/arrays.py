@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.files import read_bounded, size_text
 
 _MOST_BYTES, _MOST_UNPACKED_BYTES = 2**26, 2**29
@@ -20,6 +20,7 @@ _HEADERS = {
 # what the packages say of an archive or a header that they cannot read
 _DAMAGES = (
     OSError,
+    OverflowError,
     ValueError,
     TypeError,
     EOFError,
@@ -50,7 +51,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
             members = packed.infolist()
             return {m.filename.removesuffix(".npy"): _array(packed.read(m)) for m in members}
     except _DAMAGES as error:
-        raise InputError(f"{path}: damaged: {' '.join(str(error).split())[:240]}") from error
+        raise InputError(f"{path}: damaged: {one_line_cause(error)}") from error
 
 
 def _array(content: bytes) -> np.ndarray:
@@ -67,7 +68,10 @@ def _array(content: bytes) -> np.ndarray:
     if kind.hasobject:
         raise ValueError("an array of objects")
     left = len(content) - file.tell()
-    if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != left:
+    # values of no bytes, and those of an empty array, could be of any number
+    is_bounded = kind.itemsize > 0 and max(shape, default=0) <= _MOST_UNPACKED_BYTES
+    is_whole = min(shape, default=0) >= 0 and math.prod(shape) * kind.itemsize == left
+    if not (is_bounded and is_whole):
         raise ValueError(f"an array of shape {shape} in {left:,} bytes")
     file.seek(0)
     return np.lib.format.read_array(file, allow_pickle=False)

@@ -15,6 +15,8 @@ _MOST_PANELS, _MOST_OF_A_FLUENT = 84, 12
 _LOW, _HIGH = 0.1, 0.9
 # the longest enumeration whose values are named at the axis
 _MOST_NAMES = 5
+# more characters of a title than fit above a panel: each takes its time
+_LONGEST_TITLE = 80
 _DPI = 150
 
 
@@ -121,7 +123,7 @@ class _Drawing:
         self._scale(fluent)
         objects = fluent.objects[place]
         title = f"{fluent.name}({objects})" if objects else fluent.name
-        axes.set_title(title, fontsize=7.5, loc="left", parse_math=False)
+        axes.set_title(title[:_LONGEST_TITLE], fontsize=7.5, loc="left", parse_math=False)
         names = ", ".join(each.name for each in self._series)
         text = f"{title} over the steps: {names}"
         return Picture(rendered(self._figure, _DPI), text)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError, printable
+from mdpo_rddl.errors import InputError, one_line_cause, printable
 from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json
 from mdpo_rddl.problem.trajectories import Trajectories, fluents_text, parse_fluents
 from mdpo_rddl.session.report.page.arrays import read_arrays
@@ -111,7 +111,7 @@ def read_play(path: Path) -> tuple[dict[str, Trajectories], np.ndarray | None]:
         seconds = arrays[_SECONDS]
         _check_seconds(seconds)
     except (ValueError, KeyError) as error:
-        raise InputError(f"{path}: damaged: {' '.join(str(error).split())[:240]}") from error
+        raise InputError(f"{path}: damaged: {one_line_cause(error)}") from error
     plays = {name: played for name, played in plays.items() if len(played.rewards)}
     return plays, seconds if len(seconds) else None
 
@@ -158,6 +158,7 @@ def _replanned(folder: Path) -> np.ndarray | None:
 def _check_played(path: Path, summary: Any) -> None:
     """As `check_summary`; of a run whose episodes failed there is nothing to check."""
     if isinstance(summary, Mapping) and (cause := summary.get("not_played")):
+        cause = one_line_cause(str(cause))
         raise InputError(f"{path}: nothing to show, the policy was not played: {cause}")
     check_summary(summary)
 
@@ -166,7 +167,7 @@ def _json(path: Path, check: Callable[[Any], None], what: str) -> Any:
     try:
         found = read_json(path, path.parent)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: damaged: {' '.join(str(error).split())}") from error
+        raise InputError(f"{path}: damaged: {one_line_cause(error)}") from error
     try:
         check(found)
     except ValueError as error:

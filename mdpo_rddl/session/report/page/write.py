@@ -1,6 +1,7 @@
 """Writes the page into a run folder, or one that compares several."""
 
 import logging
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,12 +19,10 @@ def add_page(folder: RunFolder) -> None:
     """Writes the page of a run under construction; a mistake in it costs the run nothing."""
     try:
         run = read_run(folder.staging)
-        write_atomically(
-            folder.staging / PAGE,
-            run_page(run, printable(folder.target.name)).encode("utf-8", "replace"),
-        )
+        name = printable(folder.target.name)
+        write_atomically(folder.staging / PAGE, _encoded(lambda: run_page(run, name)))
     except Exception as error:
-        logger.warning("no %s: %s: %s", PAGE, type(error).__name__, error)
+        logger.warning("no %s: %s", PAGE, _told(error))
 
 
 def write_page(folder: Path, out: Path | None = None) -> Path:
@@ -75,10 +74,22 @@ def _made(folders: Sequence[Path], make: Callable[[], str]) -> bytes:
       InputError: naming the folders, for whatever cannot be shown.
     """
     try:
-        return make().encode("utf-8", "replace")
+        return _encoded(make)
     except InputError:
         raise
     except Exception as error:
         names = ", ".join(map(str, folders))
-        cause = f"{type(error).__name__}: {one_line_cause(error)}"
-        raise InputError(f"{names}: no page can be made of it: {cause}") from error
+        raise InputError(f"{names}: no page can be made of it: {_told(error)}") from error
+
+
+def _encoded(make: Callable[[], str]) -> bytes:
+    """A page as a file holds it, made without a word."""
+    with warnings.catch_warnings():
+        # of numbers whose squares are too large, and characters that the pictures' font lacks
+        warnings.simplefilter("ignore")
+        return make().encode("utf-8", "replace")
+
+
+def _told(error: Exception) -> str:
+    """An error on one line, with the name of its class."""
+    return f"{type(error).__name__}: {one_line_cause(error)}"

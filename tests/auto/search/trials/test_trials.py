@@ -64,6 +64,15 @@ def test_without_trust_a_part_is_worth_no_more_than_the_whole(problem, optimum, 
     assert 0.0 < induct(explored, 0.0).value < optimum.value < induct(explored, 1.0).value
 
 
+def test_an_induction_over_many_rows_looks_at_the_clock(search, monkeypatch):
+    looks = []
+    induct(search.explored, 0.0, lambda: looks.append(0))
+    assert not looks  # it takes less than a millisecond
+    monkeypatch.setattr("mdpo_rddl.auto.search.trials.backward._ROWS_UNTIMED", 0)
+    induct(search.explored, 0.0, lambda: looks.append(0))
+    assert len(looks) == search.explored.model.horizon
+
+
 def test_the_discount_and_the_steps_left_count(tmp_path):
     lamp = toys.lamp(tmp_path, 3, 0.5)
     expected = find_optimum(lamp, 60.0).value
