@@ -10,6 +10,8 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
 from mdpo_rddl.session.requests import FindTerms
 
+_MOST_WRITTEN = 2**53
+
 logger = logging.getLogger(__name__)
 
 Kept = TypeVar("Kept")
@@ -80,7 +82,7 @@ class KeptPair(Generic[Kept]):
         text, tensors = read_container(path, (self._format,), path.parent)
         try:
             terms, number = json.loads(text["terms"]), int(text["number"])
-            if number < 0:
+            if not 0 <= number < _MOST_WRITTEN:
                 raise ValueError(f"number {number}")
             differing = [name for name in self._terms if terms[name] != self._terms[name]]
             if differing:  # what it holds belongs to those terms

@@ -1,8 +1,10 @@
 """What a run shows of how its policy plays, beside the returns."""
 
+import contextlib
+import copy
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -60,12 +62,21 @@ class Observed:
 
         return WatchedPolicy(policy, watched)
 
+    @contextlib.contextmanager
+    def replaced(self) -> Iterator["Observed"]:
+        """Keeps another policy's play, which replaces what is kept here if the block ends well."""
+        other = copy.copy(self)  # whose lists and recorder are replaced, not changed
+        yield other
+        vars(self).update(vars(other))
+
     def figures(self) -> dict[str, Any]:
         """Plays the no-op and random actions; JSON of their returns and of the decision times."""
         references: dict[str, Any] = {"noop": None, "random": None}
         if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
             most = min(max(_SHARE * (self._ended - self._began), _SHORTEST), _LONGEST)
             references["noop"] = _reference(lambda: noop_evaluation(self._terms, most, self._noop))
+            if references["noop"] is None:  # half an episode is none
+                self._noop = TrajectoriesRecorder(self._terms.problem.model, self._terms.episodes)
             references["random"] = _reference(
                 lambda: random_evaluation(self._terms, _RANDOM_SHARE * most)
             )

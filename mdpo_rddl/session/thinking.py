@@ -1,5 +1,6 @@
 """Plays a session's policy with a time for thinking at each decision."""
 
+import contextlib
 import dataclasses
 from typing import Any
 
@@ -78,7 +79,8 @@ def think(
     if choice.policy is None:
         return {**return_figures(plain), "thinking": thinking}
     reporter.stage("thinking")
-    played = Evaluator(terms, reporter).run(choice.policy, observed)
+    with contextlib.nullcontext() if observed is None else observed.replaced() as thought:
+        played = Evaluator(terms, reporter).run(choice.policy, thought)
     gains = played.returns - plain.returns
     error = float(np.std(gains, ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else None
     thinking |= decision_figures(choice.policy.decisions, seconds, terms.episodes)

@@ -75,3 +75,11 @@ def test_one_of_another_configuration_is_not_taken_for_damaged(
     said = one_line(lambda: resumed(tmp_path, terms))
     path = tmp_path / "checkpoint-0.safetensors"
     assert said == f"{path}: cannot be resumed: it is of another configuration"
+
+
+def test_a_number_too_large_to_be_counted_on_is_refused(tmp_path: Path) -> None:
+    path = left(tmp_path)
+    text, tensors = read_container(path, ("mdpo-rddl checkpoint 2",))
+    write_container(path, tensors, {**text, "number": "9" * 4300})
+    (tmp_path / "checkpoint-0.safetensors").unlink()
+    assert one_line(lambda: resumed(tmp_path)).startswith(f"{path}: damaged checkpoint: ValueError")

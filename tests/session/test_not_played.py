@@ -10,13 +10,14 @@ from helpers.mistakes import one_line
 from helpers.plan_command import TANKS, run
 from helpers.tanks import DOMAIN, INSTANCE
 from helpers.toys import problem_from
+from pyRDDLGym.core.simulator import RDDLSimulator
 
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.played import NotPlayedError, PlayedSimulator
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
-from mdpo_rddl.session.report.page.record import read_run
+from mdpo_rddl.session.report.page.record import read_play, read_run
 from mdpo_rddl.session.requests import Terms
 
 # numpy draws from no Poisson distribution with a mean over 9.2e18
@@ -67,6 +68,24 @@ def test_a_reference_that_the_environment_refuses_is_left_out():
     observed = Observed(Terms(problem, seed=5, episodes=20))
     assert set(observed.figures()["references"]) == {"noop", "random"}
     assert observed.figures()["references"]["random"] is None
+
+
+def test_half_an_episode_of_a_reference_is_not_kept(tmp_path, monkeypatch):
+    step, steps = RDDLSimulator.step, []
+
+    def fails_once(self, actions):
+        steps.append(actions)
+        if len(steps) == 14:  # the policy's three episodes are four steps each
+            raise ArithmeticError
+        return step(self, actions)
+
+    monkeypatch.setattr(RDDLSimulator, "step", fails_once)
+    terms = Terms(problem_from(DOMAIN + INSTANCE, horizon=4), seed=5, episodes=3)
+    observed = Observed(terms)
+    Evaluator(terms, Silent()).run(fill, observed)
+    assert observed.figures()["references"]["noop"] is None
+    observed.write(tmp_path)
+    assert set(read_play(tmp_path / "trajectories.npz")[0]) == {"policy"}
 
 
 @pytest.mark.long

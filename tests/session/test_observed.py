@@ -1,6 +1,7 @@
 """What a run keeps of how its policy plays."""
 
 import numpy as np
+import pytest
 from helpers.tanks import DOMAIN, INSTANCE
 from helpers.toys import problem_from
 
@@ -50,3 +51,22 @@ def test_a_reference_ends_with_its_time():
     times = iter(range(100))
     found = noop_evaluation(terms, 3.0, clock=lambda: float(next(times)))
     assert len(found.returns) == 3
+
+
+def test_a_play_that_fails_replaces_nothing(tmp_path):
+    terms = Terms(problem_from(DOMAIN + INSTANCE, horizon=4), seed=5, episodes=3)
+    observed = Observed(terms)
+    found = Evaluator(terms, Silent()).run(fill, observed)
+
+    def failing(step, state):
+        return {"fill": np.full(2, 1.0 if step < 2 else 1 / 0)}
+
+    with pytest.raises(ZeroDivisionError), observed.replaced() as other:
+        Evaluator(terms, Silent()).run(failing, other)
+    observed.write(tmp_path)
+    plays, seconds = read_play(tmp_path / "trajectories.npz")
+    assert seconds.shape == (12,)
+    np.testing.assert_allclose(plays["policy"].rewards.sum(axis=1), found.returns, rtol=1e-5)
+    with observed.replaced() as other:
+        Evaluator(terms, Silent()).run(lambda step, state: {}, other)
+    np.testing.assert_array_equal(observed.recorder.result().values["action", "fill"], 0.0)
