@@ -12,8 +12,11 @@ from pyRDDLGym.core.compiler.model import RDDLLiftedModel
 from mdpo_rddl.problem.observation import is_observed
 
 KINDS = ("state", "action")
+MOST_STEPS = 500
+"""The most steps of an episode that are recorded."""
+
 _MOST_NUMBERS = 4_000_000
-_MOST_STEPS, _FEWEST_EPISODES = 500, 5
+_FEWEST_EPISODES = 5
 _LONGEST_NAME = 1_000
 
 
@@ -117,7 +120,7 @@ class TrajectoriesRecorder:
           episodes: that will be played.
           most_numbers: the most numbers that all fluents may take together.
         """
-        self._stride = -(-model.horizon // _MOST_STEPS)
+        self._stride = -(-model.horizon // MOST_STEPS)
         self._steps = np.arange(0, model.horizon, self._stride)
         self._places: dict[tuple[str, str], np.ndarray] = {}
         room = max(1, most_numbers // len(self._steps))

@@ -5,8 +5,10 @@ import zipfile
 import numpy as np
 import pytest
 from helpers.mistakes import one_line
-from helpers.run_pages import write_run
+from helpers.run_pages import FLUENTS, write_run
 
+from mdpo_rddl.problem.trajectories import Trajectories
+from mdpo_rddl.session.report.page.record import write_play
 from mdpo_rddl.session.report.page.write import write_page
 
 
@@ -155,6 +157,18 @@ def test_arrays_that_do_not_fit_are_told_in_a_line(tmp_path, name, change):
     arrays[name] = change(arrays[name])
     np.savez(path, **arrays)
     assert one_line(lambda: write_page(folder)).startswith(f"{path}: damaged: ")
+
+
+def test_more_steps_than_are_recorded_are_not_drawn(tmp_path):
+    folder = tmp_path / "run"
+    write_run(folder)
+    steps = 501
+    values = {(f.kind, f.name): np.zeros((1, steps, len(f.objects))) for f in FLUENTS}
+    play = Trajectories(FLUENTS, np.arange(steps), values, np.zeros((1, steps)))
+    write_play(folder, {"policy": play}, np.zeros(1))
+    path = folder / "trajectories.npz"
+    said = "'policy' has 501 steps, at most 500 are recorded"
+    assert one_line(lambda: write_page(folder)) == f"{path}: damaged: {said}"
 
 
 def test_whatever_else_goes_wrong_is_a_line_that_names_the_folder(tmp_path, monkeypatch):

@@ -13,7 +13,12 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause, printable
 from mdpo_rddl.machine.files import MOST_BYTES, read_bounded, read_json
-from mdpo_rddl.problem.trajectories import Trajectories, fluents_text, parse_fluents
+from mdpo_rddl.problem.trajectories import (
+    MOST_STEPS,
+    Trajectories,
+    fluents_text,
+    parse_fluents,
+)
 from mdpo_rddl.session.report.page.arrays import read_arrays
 from mdpo_rddl.session.report.page.checks import check_config, check_summary
 from mdpo_rddl.session.report.run_folder import SUMMARY, TRAJECTORIES
@@ -117,10 +122,12 @@ def read_play(path: Path) -> tuple[dict[str, Trajectories], np.ndarray | None]:
 
 
 def _check_play(name: str, play: Trajectories) -> None:
-    """Raises ValueError for arrays that are not numbers or do not fit each other."""
+    """Raises ValueError for arrays that are not numbers, not recorded or do not fit each other."""
     if play.rewards.ndim != 2:
         raise ValueError(f"{name[:80]!r} has no rewards of episodes and steps")
     episodes, steps = play.rewards.shape
+    if steps > MOST_STEPS:
+        raise ValueError(f"{name[:80]!r} has {steps:,} steps, at most {MOST_STEPS} are recorded")
     shapes = {"reward": (play.rewards, (episodes, steps)), "steps": (play.steps, (steps,))}
     for fluent in play.fluents:
         values = play.values[fluent.kind, fluent.name]
