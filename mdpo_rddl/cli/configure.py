@@ -57,8 +57,8 @@ def _configure_noise(config: PlannerConfig, options: argparse.Namespace) -> Plan
     values = config.section("Noise")
     if not values and options.noise is None and not any_noise_number(options):
         return config  # the planner's default
-    if not values:
-        values["unit"] = RANGE
+    if not values or "paired" in values:
+        values.setdefault("unit", RANGE)  # as it is read
     values.setdefault("method", "AdaptiveNoise")
     if options.noise is not None and _NOISE_METHODS[options.noise] != values["method"]:
         unit = {"unit": values["unit"]} if "unit" in values and options.noise != "none" else {}

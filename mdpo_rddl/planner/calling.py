@@ -135,7 +135,13 @@ class CallingPlanner(ActingPlanner):
         if not self.in_calls:
             return opt_aux
         test_model = self._broadcast_pytree(self.test_compiled.model_aux["params"])
-        return {**opt_aux, "call": self._calls.first_state(params, test_model, is_warm)}
+        state = self._calls.first_state(params, test_model, is_warm, self._watched)
+        return {**opt_aux, "call": state}
+
+    @property
+    def _watched(self) -> int | None:
+        """How many parallel updates, the first ones, a stopping rule is shown; None for all."""
+        return None
 
     def _batched_init_subs(self, init_values: Mapping[str, Any]) -> Any:
         subs = super()._batched_init_subs(init_values)

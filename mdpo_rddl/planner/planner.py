@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from mdpo_rddl.noise import ActionNoise, default_noise
@@ -26,13 +27,7 @@ from mdpo_rddl.planner.update.analysis import (
     mean_loss,
 )
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
-from mdpo_rddl.planner.update.pairs import (
-    PlainUpdatesRule,
-    finite_test_loss,
-    folded,
-    half_the_lanes,
-    side_by_side,
-)
+from mdpo_rddl.planner.update.pairs import finite_test_loss, folded, half_the_lanes, side_by_side
 from mdpo_rddl.planner.update.perturbed_policy import (
     action_specs,
     compile_raw_policy,
@@ -40,6 +35,7 @@ from mdpo_rddl.planner.update.perturbed_policy import (
     limited_policies,
     perturbed_policy,
 )
+from mdpo_rddl.planner.update.plain_rule import PlainUpdatesRule
 from mdpo_rddl.planner.update.restarts import PerRestart, Restarts, require_one_each
 from mdpo_rddl.planner.update.sharding import shard
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
@@ -144,9 +140,13 @@ class MDPOPlanner(CallingPlanner):
     def restarts(self) -> int:
         """How many policies are trained side by side, without their companions.
 
-        `parallel_updates` counts those too: one with noise beside each, where no rule was given.
+        `parallel_updates` counts those too: one with noise beside each, where the rule is paired.
         """
         return self.parallel_updates // (2 if self.is_paired else 1)
+
+    @property
+    def _watched(self) -> int | None:
+        return self.restarts if self.is_paired else None
 
     @functools.wraps(JaxBackpropPlanner.as_optimization_problem)
     def as_optimization_problem(self, *args: Any, **kwargs: Any) -> Any:
@@ -334,14 +334,15 @@ class MDPOPlanner(CallingPlanner):
             # JaxPlan's online controller tries the same guess again if compiling took all its time
             self._guess, self._noise_state_at_guess = guess, self._noise_state
         if rule is not None and self.is_paired:
-            given.arguments["stopping_rule"] = PlainUpdatesRule(rule)
+            best = self._calls.watched_entries if self.in_calls else None
+            given.arguments["stopping_rule"] = PlainUpdatesRule(rule, best)
         yield from super().optimize_generator(*given.args[1:], **given.kwargs)
 
     def _complete(self, callback: dict[str, Any]) -> None:
         super()._complete(callback)
         log, shape = callback["train_log"], (self.parallel_updates, self.horizon)
         for name in ("sigma", "sensitivity"):
-            callback[name] = log[name] if name in log else jnp.zeros(shape)
+            callback[name] = log[name] if name in log else np.zeros(shape, self.compiled.REAL)
 
     def _finish(self, callback: dict[str, Any]) -> None:
         super()._finish(callback)

@@ -13,7 +13,7 @@ from scipy import stats
 
 from mdpo_rddl.bench.noise_value import problems, run
 from mdpo_rddl.bench.noise_value.cells import Cell, is_missing, load, save
-from mdpo_rddl.bench.noise_value.compared import returns_of
+from mdpo_rddl.bench.noise_value.compared import BESIDE, returns_of
 from mdpo_rddl.bench.noise_value.cost import SECTIONS, cost_path
 from mdpo_rddl.bench.noise_value.lanes import (
     TooLongError,
@@ -22,7 +22,7 @@ from mdpo_rddl.bench.noise_value.lanes import (
     best_of,
     train_lanes,
 )
-from mdpo_rddl.bench.noise_value.methods import DEFAULT, LANES, METHODS, has_pgpe, task_config
+from mdpo_rddl.bench.noise_value.methods import DEFAULT, LANES, METHODS, NONE, has_pgpe, task_config
 from mdpo_rddl.bench.noise_value.report import write_report
 from mdpo_rddl.bench.noise_value.rule import Case, find_rule
 from mdpo_rddl.bench.noise_value.run import all_cells, common_unit
@@ -31,6 +31,7 @@ from mdpo_rddl.bench.noise_value.statistics import holm, mean_interval, normalis
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.executors import make_executor
+from mdpo_rddl.noise import ConstantNoise, default_noise
 from mdpo_rddl.noise.actions import ActionKind, ActionSpec
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.problem.load import load_problem
@@ -77,6 +78,22 @@ def test_the_rules_of_all_trainings_are_one_program():
     np.testing.assert_allclose(profile["annealed companion"], [0.3, 0.0], rtol=1e-6)
     in_range = LANES["paper"].in_range_units(4.0)
     np.testing.assert_allclose(in_range.profile(gradients, 0.0, 2)[0].sigma, [2.5, 0.0])
+
+
+def test_the_default_of_the_report_is_the_planner_s():
+    alone, companion = METHODS[DEFAULT]
+    lane = LANES[companion]
+    assert alone == NONE
+    assert (lane.sigma_min, lane.anneals) == (lane.sigma_max, False)
+    assert default_noise() == ConstantNoise(lane.sigma_max, lane.unit, paired=True)
+
+
+def test_which_second_trainings_begin_elsewhere_is_told(tmp_path):
+    assert {LANES[lanes[1]].stream for lanes in METHODS.values() if len(lanes) > 1} == {1}
+    assert {LANES[name].stream for name in (NONE, *BESIDE.values())} == {0}
+    said = write_report(tmp_path)
+    assert "other initial parameters in `none-twice`, `annealed beside`, `constant beside`" in said
+    assert "with the same in `adaptive beside`, `paper beside`, which are not to be" in said
 
 
 def test_units_are_common_where_all_components_have_the_same():

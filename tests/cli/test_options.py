@@ -9,6 +9,7 @@ from helpers.mistakes import one_line
 from mdpo_rddl import AdaptiveNoise, ConstantNoise
 from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.options import plan_parser
+from mdpo_rddl.noise import default_noise
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 
@@ -109,6 +110,12 @@ def test_options_on_a_file_with_its_own_noise() -> None:
     assert configured(config, "--sigma 4").noise() == ConstantNoise(4.0, "absolute")
     adaptive = AdaptiveNoise(sigma_max=10.0, unit="absolute")
     assert configured(config, "--noise adaptive").noise() == adaptive
+
+
+def test_a_sigma_of_the_command_line_is_in_the_unit_of_a_section_with_paired() -> None:
+    config = PlannerConfig.from_text(TEXT + "[Noise]\nmethod='ConstantNoise'\npaired=True\n")
+    assert configured(config, "").noise() == default_noise()
+    assert configured(config, "--sigma 0.3").noise() == ConstantNoise(0.3, paired=True)
 
 
 def test_the_policy_that_a_file_has_keeps_its_arguments() -> None:

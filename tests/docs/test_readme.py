@@ -15,6 +15,8 @@ from helpers.problems import ROOT
 import mdpo_rddl
 from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.cli.options import plan_parser
+from mdpo_rddl.noise import default_noise
+from mdpo_rddl.planner.config.presets.paper import paper_preset
 
 SETTINGS = ("hvac10", "hvac20", "powergen7", "powergen11", "reservoir15", "reservoir30")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -68,7 +70,8 @@ def test_what_noise_harms_is_what_was_measured():
     row = re.search(r"\| constant beside \|(.*)\|\n", table)[1].split("|")
     tasks, _, better, worse, _, worse_uncorrected = (cell.strip() for cell in row)
     assert (worse, worse_uncorrected) == ("0", "0")
-    assert f"beside an update without noise on none of {tasks} tasks" in " ".join(README.split())
+    said = f"beside an update without noise it harmed on none of {tasks} tasks"
+    assert said in " ".join(README.split())
     docs = " ".join((ROOT / "docs" / "jaxplan.md").read_text(encoding="utf-8").split())
     assert f"is better than JaxPlan's planner on {better} tasks" in docs
 
@@ -103,3 +106,17 @@ def test_the_documented_configuration_loads_with_the_documented_defaults():
         for field in dataclasses.fields(rule):
             value = repr(getattr(rule, field.name)).replace("e-08", "e-8")
             assert f"`{field.name}={value}`" in page
+
+
+def test_the_documented_default_is_the_planner_s():
+    docs = ROOT / "docs"
+    page = " ".join((docs / "configuration.md").read_text(encoding="utf-8").split())
+    values = re.search(r"which as a section is (.*?)\. \|", page)[1].replace("`", "").split(", ")
+    paper = paper_preset("hvac").without_section("Noise")
+    text = paper.to_text() + "\n".join(["[Noise]", *values])
+    rule = mdpo_rddl.load_config_from_string(text)[0]["configured_noise"]
+    assert rule == default_noise()
+    # the words of the options' table and of a summary
+    commands = (docs / "commands.md").read_text(encoding="utf-8")
+    assert rule.paired
+    assert "`--config` without `[Noise]`: constant, beside updates without noise" in commands

@@ -12,7 +12,11 @@ from mdpo_rddl.bench.noise_value.rule import Case
 from mdpo_rddl.bench.noise_value.statistics import LEVEL, holm, normalised, paired_p
 
 BESIDE = {f"{name} beside": name for name in ("adaptive", "paper")}
-"""Other companions for an update without noise: of each seed the better one by JaxPlan's test."""
+"""Other companions for an update without noise: of each seed the better one by JaxPlan's test.
+
+They begin with the same initial parameters as that update, those of `METHODS` with others. So they
+have one start less, and are not to be compared with those.
+"""
 
 COMPARED = (*METHODS, *BESIDE)
 """All methods of the report."""

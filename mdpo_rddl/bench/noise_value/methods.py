@@ -13,7 +13,7 @@ from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 NONE, TWICE = "none", "none-twice"
 
 DEFAULT = "constant beside"
-"""The planner's own rule where it is given none."""
+"""The planner's own rule where it is given none, `default_noise()`."""
 
 ABSOLUTE, RANGE = "absolute", "range"
 
@@ -27,7 +27,7 @@ class Lane:
 
     Attributes:
       sigma_min, sigma_max: of the adaptive rule; where they are the same, the noise is constant.
-      anneals: whether the scale falls in the default's cycles.
+      anneals: whether the scale falls in the cycles of `AnnealedNoise`.
       unit: of the two.
       stream: which initial parameters. The random numbers of the rollouts are the same for all, so
         that the test returns of two trainings differ by their parameters alone.
@@ -76,15 +76,17 @@ METHODS = {
     TWICE: (NONE, "second"),
     "constant": ("constant",),
     "annealed beside": (NONE, "annealed companion"),
-    "constant beside": (NONE, "constant companion"),
+    DEFAULT: (NONE, "constant companion"),
     "adaptive": ("adaptive",),
     "paper": ("paper",),
 }
 """Per method its trainings, of which a seed keeps the best iterate by JaxPlan's own test.
 
 `none` is JaxPlan's planner. Those beside it train a companion with noise for each of JaxPlan's
-parallel updates, as the planner's default does. `none-twice` has a second update without noise
-instead, so that what the noise adds can be told from what a second update adds.
+parallel updates, with initial parameters of its own, as the planner's default does; but here its
+rollouts have the random numbers of JaxPlan's update, and there their own. `none-twice` has a
+second update without noise instead, so that what the noise adds can be told from what a second
+update adds.
 """
 
 

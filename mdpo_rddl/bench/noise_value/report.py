@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.bench.noise_value.compared import (
+    BESIDE,
     COMPARED,
     Lead,
     Scores,
@@ -40,7 +41,7 @@ def write_report(out: Path) -> str:
     scores = {task: scores_of(kept) for task, kept in results.items()}
     leads = {name: compare(results, name) for name in COMPARED if name != NONE}
     lines = [*_summary(scores, leads), "", *_small(results, leads), *_pairs(results)]
-    for method in ("annealed beside", "constant beside"):
+    for method in ("annealed beside", DEFAULT):
         lines += [*_rule(method, cases(results, scores, method)), ""]
     lines += [*_costs(read_costs(out)), "", *_details(results, leads)]
     if failed:
@@ -66,8 +67,19 @@ def _summary(scores: Mapping[Task, Scores], leads: Leads) -> list[str]:
         lines.append("| " + " | ".join([method, str(len(scores)), score, *counts]) + " |")
     note = "Better and worse than no noise: p < 0.05, Student's paired t-test by seed, with Holm "
     note += "over the tasks; (p): without. A score is 0 at the no-op and 1 at the best method. "
-    note += "Beside: of each seed the better one of the method and no noise by JaxPlan's test."
-    return [*lines, "", note]
+    return [*lines, "", note + _note_on_pairs()]
+
+
+def _note_on_pairs() -> str:
+    """Which second trainings begin elsewhere than the first."""
+    elsewhere = [f"`{name}`" for name, lanes in METHODS.items() if len(lanes) > 1]
+    same = [f"`{name}`" for name in BESIDE]
+    return (
+        "Beside and twice: of each seed the better one by JaxPlan's test of `none` and a second "
+        f"training. That begins with other initial parameters in {', '.join(elsewhere)}, "
+        f"and with the same in {', '.join(same)}, which are not to be compared with the others: "
+        "they have one start less."
+    )
 
 
 def _counts(leads: Any) -> list[int]:

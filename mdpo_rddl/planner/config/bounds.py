@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from mdpo_rddl.planner.config.budgets import JAXPLAN_BATCH
 from mdpo_rddl.planner.config.values import is_number
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.sizes import MOST_STEPS, oversize
@@ -50,7 +51,6 @@ _MOST_WITHIN = {
     "max_linesearch_steps": 1_000,
     "memory_size": 1_000,
 }
-_JAXPLAN_BATCH = 32
 
 Sections = Mapping[str, Mapping[str, Any]]
 
@@ -202,7 +202,7 @@ def _too_many_rollouts(sections: Sections) -> str | None:
 def _rollouts(sections: Sections) -> tuple[int, str]:
     """The most rollouts side by side in an iteration, and the keys that they come from."""
     values = sections["Planner"]
-    train = {"batch_size_train": values.get("batch_size_train", _JAXPLAN_BATCH)}
+    train = {"batch_size_train": values.get("batch_size_train", JAXPLAN_BATCH)}
     tested = values.get("batch_size_test")
     test = {"batch_size_test": tested} if tested else train
     if values.get("pgpe", "") is not None:  # JaxPlan's default is one, and plays the test's batch

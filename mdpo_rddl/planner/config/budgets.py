@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 JAXPLAN_EPOCHS = 999999
 JAXPLAN_SECONDS = 120.0
-"""JaxPlan's own defaults."""
+JAXPLAN_BATCH = 32
+"""JaxPlan's own defaults: iterations and seconds of a training, rollouts of an iteration."""
 
 AUTO_SECONDS = 90.0
 """The preset `auto`, for everything before the evaluation."""

@@ -13,7 +13,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.config.bounds import out_of_bounds
 from mdpo_rddl.planner.config.extensions import OPTIMIZERS, PLANS
-from mdpo_rddl.planner.config.noise_section import NOT_NUMBERS, rule_values
+from mdpo_rddl.planner.config.noise_section import NOT_NUMBERS, lacks_unit, rule_values
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.values import (
     compiler_parameters,
@@ -39,7 +39,6 @@ SECTIONS = (*JAXPLAN_SECTIONS, "Noise", "MDPO", SEARCH)
 """All that a configuration may have, in the order in which they are written."""
 
 DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
-DEFAULT_NOISE = "AdaptiveNoise"
 
 _SWITCHES = {"stop_at_termination", "keep_group_limits"}
 _SIZES = ("iterations_per_call", "test_every")
@@ -192,6 +191,9 @@ class _Checks:
         for key, value in values.items():
             if key not in NOT_NUMBERS and not is_number(value, int | float):
                 raise self._error(f"[Noise] {key} must be a number, got {value!r}")
+        unclear = lacks_unit(self._section("Noise"))
+        if unclear is not None:
+            raise self._error(f"[Noise] {unclear}")
         try:
             rule(**values)
         except ValueError as error:

@@ -15,10 +15,9 @@ from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import decoded, read_bounded
 from mdpo_rddl.noise import ActionNoise
-from mdpo_rddl.planner.config.budgets import JAXPLAN_EPOCHS, JAXPLAN_SECONDS, Budget
+from mdpo_rddl.planner.config.budgets import JAXPLAN_BATCH, JAXPLAN_EPOCHS, JAXPLAN_SECONDS, Budget
 from mdpo_rddl.planner.config.checks import (
     DEFAULT_COMPILER,
-    DEFAULT_NOISE,
     JAXPLAN_SECTIONS,
     SECTIONS,
     check_sections,
@@ -124,8 +123,8 @@ class PlannerConfig:
 
     @property
     def batch_size(self) -> int:
-        """Training rollouts of one iteration; JaxPlan's 32 where none are given."""
-        return self.section("Planner").get("batch_size_train", 32)
+        """Training rollouts of one iteration; JaxPlan's where none are given."""
+        return self.section("Planner").get("batch_size_train", JAXPLAN_BATCH)
 
     @property
     def policy_method(self) -> str:
@@ -141,11 +140,6 @@ class PlannerConfig:
     def optimizer_arguments(self) -> dict[str, Any]:
         """What the optimiser is made with."""
         return dict(self.section("Planner").get("optimizer_kwargs") or {})
-
-    @property
-    def noise_method(self) -> str:
-        """The name of the noise rule; `AdaptiveNoise` where none is given."""
-        return self.section("Noise").get("method", DEFAULT_NOISE)
 
     @property
     def noise_numbers(self) -> dict[str, float]:

@@ -54,6 +54,7 @@ class CallState(NamedTuple):
       test_fluents: batched initial fluents and non-fluents of the test rollouts.
       test_model: the exact model's parameters.
       best: the best iterate.
+      watched: that of the restarts that a stopping rule is shown, if those are not all.
     """
 
     key: Array
@@ -62,6 +63,7 @@ class CallState(NamedTuple):
     test_fluents: tuple[Any, Any]
     test_model: Any
     best: Best
+    watched: Best | None
 
 
 class Turn(NamedTuple):
@@ -115,7 +117,14 @@ def make_call(
             done = state.done + count
             loss, log, test_model = test(subkey, results[0], state.test_model)
             best = _updated(state.best, loss, results[0], results[5]["grad"], done - 1)
-            state = state._replace(key=key, done=done, test_model=test_model, best=best)
+            watched = state.watched
+            if watched is not None:
+                tested = loss, results[0], results[5]["grad"]
+                first = jax.tree.map(lambda leaf: leaf[: watched.losses.shape[1]], tested)
+                watched = _updated(watched, *first, done - 1)
+            state = state._replace(
+                key=key, done=done, test_model=test_model, best=best, watched=watched
+            )
             return state, subkey, results, Turn(loss, log)
 
         results = jax.eval_shape(
@@ -161,6 +170,11 @@ def _updated(best: Best, loss: Array, params: Any, grad: Any, iteration: Array) 
     )
 
 
+def _of_first(best: Best, restarts: int) -> Best:
+    """A best iterate before the first test, of fewer restarts."""
+    return best._replace(losses=best.losses[:, :restarts], smooth_loss=best.smooth_loss[:restarts])
+
+
 def _not_compiled(*_: Any) -> Any:
     raise RuntimeError("the calls are not compiled yet")
 
@@ -204,13 +218,16 @@ class Calls:
         names = ("key", "epochs", "test_rolling_window")
         self._beginning = tuple(arguments[name] for name in names)
 
-    def first_state(self, params: Any, test_model: Any, is_warm: bool) -> CallState:
+    def first_state(
+        self, params: Any, test_model: Any, is_warm: bool, watched: int | None = None
+    ) -> CallState:
         """The state before the first iteration.
 
         Args:
           params: the initial parameters, with a leading axis of restarts [R, ...].
           test_model: the exact model's parameters, with that axis.
           is_warm: whether they were given, so that JaxPlan has used no key for them.
+          watched: how many of the restarts, the first ones, a stopping rule is shown; all if None.
         """
         key, total, window = self._beginning or (random.PRNGKey(0), 1, 1)
         restarts = jax.tree.leaves(params)[0].shape[0]
@@ -236,6 +253,7 @@ class Calls:
             test_fluents=jax.tree.map(np.asarray, self.test_fluents),
             test_model=test_model,
             best=best,
+            watched=None if watched is None else _of_first(best, watched),
         )
         return state if self._sharding is None else shard(state, replicated(self._sharding))
 
@@ -264,7 +282,14 @@ class Calls:
 
     def callback_entries(self) -> dict[str, Any]:
         """The entries of JaxPlan's callback that a call of several iterations knows better."""
-        state, best = self._state, self._state.best
+        return self._entries(self._state.best)
+
+    def watched_entries(self) -> dict[str, Any]:
+        """The same of the restarts that a stopping rule is shown."""
+        return self._entries(self._state.watched)
+
+    def _entries(self, best: Best) -> dict[str, Any]:
+        state = self._state
         return {
             "iteration": int(state.done) - 1,
             "key": state.key,

@@ -14,8 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
-from mdpo_rddl.planner.upstream import JaxPlannerStoppingRule
-
 # folded into JaxPlan's key of an iteration
 _NOISY_STREAM = 0x706169
 # what a return that is not a number counts as, in units of the largest finite one: it is never
@@ -117,40 +115,6 @@ def _select(tree: Any, lanes: Array) -> Any:
     return jax.tree.map(lambda leaf: leaf[lanes], tree)
 
 
-class PlainUpdatesRule(JaxPlannerStoppingRule):
-    """A stopping rule that is shown JaxPlan's own updates alone."""
-
-    def __init__(self, rule: JaxPlannerStoppingRule) -> None:
-        """Has seen nothing yet.
-
-        Args:
-          rule: the user's.
-        """
-        self._rule = rule
-        self._best = -np.inf
-
-    def reset(self) -> None:
-        """The user's rule's."""
-        self._best = -np.inf
-        self._rule.reset()
-
-    def monitor(self, callback: dict[str, Any]) -> bool:
-        """Whether the rule stops at what JaxPlan's callback [R, ...] would be.
-
-        Args:
-          callback: that of all lanes [2 R, ...].
-        """
-        lanes = np.arange(len(callback["test_return"]) // 2)
-        entries = {**callback, **_of_lanes(callback, lanes)}
-        self._best = max(self._best, float(np.max(entries["test_return"])))
-        entries["best_return"] = self._best
-        entries["best_index"] = int(np.argmax(entries["test_return"]))
-        return bool(self._rule.monitor(entries))
-
-    def __str__(self) -> str:
-        return str(self._rule)
-
-
 def folded(callback: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of a callback with one row for each pair: that of the better test return.
 
@@ -165,13 +129,18 @@ def folded(callback: Mapping[str, Any]) -> dict[str, Any]:
     pairs = np.arange(len(plain))
     lanes = np.where(noisy > plain, pairs + len(plain), pairs)
     return {
-        **_of_lanes(callback, lanes),
+        **of_lanes(callback, lanes),
         "best_index": int(callback["best_index"]) % len(plain),
     }
 
 
-def _of_lanes(callback: Mapping[str, Any], lanes: np.ndarray) -> dict[str, Any]:
-    """The entries of a callback that have a row for each lane, of some lanes."""
+def of_lanes(callback: Mapping[str, Any], lanes: np.ndarray) -> dict[str, Any]:
+    """The entries of a callback that have a row for each lane, of some lanes.
+
+    Args:
+      callback: JaxPlan's, with a leading axis of lanes.
+      lanes: their indices.
+    """
     entries: dict[str, Any] = {}
     on_device = {}
     for name in _BY_LANE:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, cast
 
 import jax
 
@@ -17,6 +17,8 @@ from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
 
 _NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
+# where each update with noise has one without beside it
+_BESIDE = ", beside updates without"
 _POLICY_NAMES = {
     "JaxDeepReactivePolicy": "drp",
     "JaxStraightLinePlan": "slp",
@@ -57,14 +59,18 @@ def identity(
 def planner_figures(config: PlannerConfig, planner: MDPOPlanner) -> dict[str, Any]:
     """The noise and the kind of policy of a planner.
 
+    Without a section `[Noise]` all numbers of the default are given, since nobody has named one.
+
     Args:
       config: of the planner.
       planner: compiled for it.
     """
-    noise, plan = type(config.noise()).__name__, type(planner.plan).__name__
+    rule, plan = config.noise(), type(planner.plan).__name__
+    name = type(rule).__name__
+    numbers = config.noise_numbers if "Noise" in config.sections else asdict(cast(Any, rule))
     return {
-        "noise": _NOISE_NAMES.get(noise, noise),
-        "noise_parameters": config.noise_numbers,
+        "noise": _NOISE_NAMES.get(name, name) + (_BESIDE if planner.is_paired else ""),
+        "noise_parameters": numbers,
         "policy": _POLICY_NAMES.get(plan, plan),
     }
 

@@ -95,6 +95,14 @@ def test_the_first_placeholder_of_a_template_is_named_with_its_line(path: Path) 
         ("[Noise]\nmethod='NoNoise'\n", NoNoise()),
         ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", ConstantNoise(2.0, "absolute")),
         ("[Noise]\nmethod='ConstantNoise'\nunit='range'\n", ConstantNoise(0.1, "range")),
+        # with a key that no file from before the units has: the documented default, written out
+        ("[Noise]\nmethod='ConstantNoise'\npaired=True\n", default_noise()),
+        ("[Noise]\nmethod='ConstantNoise'\npaired=False\n", ConstantNoise()),
+        ("[Noise]\npaired=True\nalpha=2\n", AdaptiveNoise(alpha=2.0, paired=True)),
+        (
+            "[Noise]\nmethod='ConstantNoise'\nsigma=0.1\nunit='range'\npaired=True\n",
+            default_noise(),
+        ),
         (
             "[Noise]\nsigma_min=1.5\nquantile=1\n",
             AdaptiveNoise(1.5, 10.0, quantile=1, unit="absolute"),

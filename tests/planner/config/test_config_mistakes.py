@@ -111,6 +111,11 @@ def test_an_unknown_name(old: str, new: str, said: str) -> None:
     [
         ("sigma_max=3", "sigma_max=-1", "[Noise] sigma_max must be at least 0, got -1"),
         ("sigma_max=3", "sigma_min=4\nsigma_max=3", "[Noise] sigma_max must be at least 4, got 3"),
+        (
+            "sigma_max=3",
+            "sigma_max=3\npaired=True",
+            "[Noise] sigma_max: beside paired it needs unit='absolute' or unit='range'",
+        ),
         ("sigma_max=3", "sigma_max=True", "[Noise] sigma_max must be a number, got True"),
         ("sigma_max=3", "sigma_max='3'", "[Noise] sigma_max must be a number, got '3'"),
         ("sigma_max=3", "sigma_max=[3]", "[Noise] sigma_max must be a number, got [3]"),

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.problems import assert_same_bits, make_plan, make_planner, tiny_files
@@ -13,6 +14,8 @@ from helpers.problems import assert_same_bits, make_plan, make_planner, tiny_fil
 from mdpo_rddl import AdaptiveNoise, NoNoise
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import select_restart
+from mdpo_rddl.planner.update.calls import Calls
+from mdpo_rddl.planner.update.sizes import CallSizes
 from mdpo_rddl.problem.load import load_problem
 
 KEY = jax.random.PRNGKey(5)
@@ -266,3 +269,40 @@ def test_a_sweep_is_counted_without_companions(problem):
         with pytest.raises(ValueError, match=f"learning_rate: 1 needed, got {given}"):
             planner.vary_restarts(learning_rate=RATES[:given])
     planner.vary_restarts(learning_rate=RATES[:1])
+
+
+def falling(*arguments):
+    """An update in place of JaxPlan's: each lane's loss falls at a pace of its own, and swings."""
+    _, params, *_, model, _, state, aux = arguments
+    step = 1.0 + jnp.arange(len(params["p"]), dtype=jnp.float32)
+    params = {"p": params["p"] + step}
+    flags = jnp.ones(len(step), bool)
+    return params, flags, state, aux, -params["p"], {"grad": params}, model, ~flags
+
+
+def swinging(key, params, *_):
+    return jnp.sin(params["p"]) - 0.1 * params["p"], ({}, None)
+
+
+def entries_of_three_calls(lanes, watched):
+    """Of all lanes, and of the first ones."""
+    calls = Calls()
+    calls.compile(falling, swinging, None)
+    calls.test_fluents = None, None
+    calls.begin({"key": KEY, "epochs": 23, "test_rolling_window": 2})
+    params = {"p": np.zeros(lanes, np.float32)}
+    aux = {"call": calls.first_state(params, None, True, watched)}
+    found = []
+    for _ in range(3):
+        rest = params, None, None, None, None, None, None, aux
+        params, _, _, aux, *_ = calls.update(lambda: CallSizes(8, 1), KEY, *rest)
+        found.append((calls.callback_entries(), watched and calls.watched_entries()))
+    return found
+
+
+@pytest.mark.parametrize("watched", [1, 2, 3])
+def test_the_best_of_the_first_lanes_is_that_of_calls_with_these_alone(watched):
+    both, alone = entries_of_three_calls(4, watched), entries_of_three_calls(watched, None)
+    for (of_all, of_first), (theirs, _) in zip(both, alone, strict=True):
+        assert_same_bits(of_first, theirs)
+        assert of_all["best_return"] > theirs["best_return"]

@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers.problems import make_plan, make_planner, optimize, tiny_files
+from helpers.problems import FOREVER, make_plan, make_planner, optimize, tiny_files
 
 from mdpo_rddl import MDPOPlanner, load_problem
-from mdpo_rddl.noise import ConstantNoise, default_noise
+from mdpo_rddl.noise import ConstantNoise, NoNoise, default_noise
 from mdpo_rddl.planner.update.pairs import finite_test_loss, folded
+from mdpo_rddl.planner.update.plain_rule import PlainUpdatesRule
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.planner.upstream import planner as jaxplan
 
@@ -57,11 +58,25 @@ def test_jaxplans_own_updates_are_among_the_lanes(tmp_path):
     assert not np.allclose(lanes[-1]["push"][1], lanes[-1]["push"][0])
 
 
-class Noting(jaxplan.NoImprovementStoppingRule):
-    """Stops after one iteration without a gain, and keeps what it was shown."""
+SHOWN = (
+    "test_return",
+    "train_return",
+    "best_return",
+    "best_index",
+    "last_iteration_improved",
+    "params",
+    "best_params",
+    "grad",
+    "best_grad",
+)
+OF_PGPE = ("pgpe_return", "pgpe_improved", "pgpe_params")
 
-    def __init__(self):
-        super().__init__(patience=1)
+
+class Noting(jaxplan.NoImprovementStoppingRule):
+    """Stops after some iterations without a gain, and keeps what it was shown."""
+
+    def __init__(self, patience=1):
+        super().__init__(patience=patience)
         self.seen = []
 
     def monitor(self, callback):
@@ -69,24 +84,68 @@ class Noting(jaxplan.NoImprovementStoppingRule):
         return super().monitor(callback)
 
 
+def watched(planner_class, folder, patience=1, **arguments):
+    problem = load_problem(*tiny_files(folder, spread=0.2))
+    planner = make_planner(planner_class, problem, make_plan("slp"), **arguments)
+    rule = Noting(patience)
+    optimize(planner, 60, stopping_rule=rule, train_seconds=FOREVER)
+    return rule.seen
+
+
+def assert_shown(ours, theirs, names=SHOWN):
+    assert len(ours) == len(theirs)
+    for mine, other in zip(ours, theirs, strict=True):
+        for name in ("iteration", *names):
+            for one, two in zip(*map(jax.tree.leaves, (mine[name], other[name])), strict=True):
+                np.testing.assert_allclose(one, two, rtol=1e-3, atol=1e-5, err_msg=name)
+
+
 @pytest.mark.parametrize("updates", [1, 2])
 def test_a_stopping_rule_watches_jaxplans_own_updates(tmp_path, updates):
-    problem = load_problem(*tiny_files(tmp_path, spread=0.2))
-    rules = []
+    theirs = watched(JaxBackpropPlanner, tmp_path, patience=4, parallel_updates=updates)
+    ours = watched(MDPOPlanner, tmp_path, patience=4, parallel_updates=updates)
+    assert len(theirs) < 60
+    # without a gain, so that what is kept of an earlier iteration shows
+    assert theirs[-1]["last_iteration_improved"] == theirs[-1]["iteration"] - 4
+    assert_shown(ours, theirs)
+
+
+@pytest.mark.long
+def test_a_stopping_rule_watches_jaxplans_own_pgpe(tmp_path):
+    found = []
     for planner_class in (JaxBackpropPlanner, MDPOPlanner):
-        plan, rule = make_plan("slp"), Noting()
-        planner = make_planner(planner_class, problem, plan, parallel_updates=updates)
-        callback = optimize(planner, 60, stopping_rule=rule)
-        rules.append((rule, callback["iteration"]))
-    (theirs, their_last), (ours, our_last) = rules
-    assert our_last == their_last < 59
-    for mine, other in zip(ours.seen, theirs.seen, strict=True):
-        assert mine["best_index"] == other["best_index"]
-        np.testing.assert_allclose(mine["best_return"], other["best_return"], rtol=1e-4)
-        np.testing.assert_allclose(mine["test_return"], other["test_return"], rtol=1e-4)
-        np.testing.assert_allclose(
-            mine["params"]["push"], other["params"]["push"], rtol=1e-3, atol=1e-6
-        )
+        pgpe = jaxplan.GaussianPGPE(optimizer_kwargs_mu={"learning_rate": 0.05})
+        found.append(watched(planner_class, tmp_path, patience=60, pgpe=pgpe))
+    theirs, ours = found
+    assert 0 < sum(callback["pgpe_improved"] for callback in theirs) < 60
+    assert_shown(ours, theirs, (*SHOWN, *OF_PGPE))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("updates", [1, 2])
+def test_a_stopping_rule_watches_what_calls_without_noise_tell(tmp_path, updates):
+    calls = {"parallel_updates": updates, "iterations_per_call": 10, "test_every": 1}
+    theirs = watched(MDPOPlanner, tmp_path, patience=60, noise=NoNoise(), **calls)
+    ours = watched(MDPOPlanner, tmp_path, patience=60, **calls)
+    bests = [callback["best_return"] for callback in theirs]
+    # the best test is not the last one of a call, which is all that the returns tell
+    assert any(np.max(c["test_return"]) < c["best_return"] for c in theirs)
+    assert bests == sorted(bests)
+    assert_shown(ours, theirs)
+
+
+def test_pgpe_improves_where_it_undercuts_jaxplans_own_update():
+    rule = Noting(patience=9)
+    plain = PlainUpdatesRule(rule)
+    plain.reset()
+    zeros = {"params": {"p": np.zeros(2)}, "grad": {"p": np.zeros(2)}, "train_return": np.ones(2)}
+    # one pair: the companion's PGPE always improves, JaxPlan's where it is ahead of all before
+    for iteration, (tested, found) in enumerate([(1.0, 1.0), (3.0, 0.5), (3.0, 3.0), (4.0, 4.0)]):
+        returns = {"test_return": np.array([tested, 9.0]), "pgpe_return": np.array([found, 9.0])}
+        plain.monitor({**zeros, **returns, "iteration": iteration, "pgpe_improved": True})
+    assert [seen["pgpe_improved"] for seen in rule.seen] == [True, False, False, True]
+    assert [seen["last_iteration_improved"] for seen in rule.seen] == [0, 1, 1, 3]
+    assert [seen["best_return"] for seen in rule.seen] == [1.0, 3.0, 3.0, 4.0]
 
 
 def test_a_silent_rule_has_no_companions(tmp_path):

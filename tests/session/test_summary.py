@@ -1,0 +1,38 @@
+"""What a summary says of the noise."""
+
+from types import SimpleNamespace
+
+import pytest
+from helpers.config_texts import TEXT
+
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.session.report.summary import planner_figures, title
+
+
+@pytest.mark.parametrize(
+    ("section", "is_paired", "noise", "parameters"),
+    [
+        # the planner's default, of which the configuration says nothing
+        (
+            "",
+            True,
+            "constant, beside updates without",
+            {"sigma": 0.1, "unit": "range", "paired": True},
+        ),
+        ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", False, "constant", {"sigma": 2}),
+        (
+            "[Noise]\nmethod='AnnealedNoise'\ncycle=9\n",
+            True,
+            "AnnealedNoise, beside updates without",
+            {"cycle": 9},
+        ),
+        ("[Noise]\nmethod='NoNoise'\n", False, "none", {}),
+    ],
+)
+def test_the_noise_is_told_from_noise_in_all_updates(section, is_paired, noise, parameters):
+    config = PlannerConfig.from_text(TEXT + section)
+    planner = SimpleNamespace(plan=object(), is_paired=is_paired)
+    figures = planner_figures(config, planner)
+    assert (figures["noise"], figures["noise_parameters"]) == (noise, parameters)
+    head = title({**figures, "label": "a", "horizon": 3, "seed": 0, "policy": "slp"})
+    assert head == f"a (H = 3), slp, {noise} noise, seed 0"
