@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,8 @@ os.environ.setdefault(
 )
 # before anything imports JAX or matplotlib
 use_own_caches()
+# in the background of a script it would be ignored, and commands would not be interrupted
+signal.signal(signal.SIGINT, signal.default_int_handler)
 # tracing makes many objects that live on: to look through them all again and again takes long
 gc.set_threshold(200_000, 50, 100)
 

@@ -15,7 +15,7 @@ def test_a_rule_that_cannot_be_written_costs_nothing_else(caplog, monkeypatch, i
     policy = create_autospec(Policy, instance=True, planner=None)
     policy.explain.side_effect = ValueError("need at least\none array")
     observed = SimpleNamespace(episode_seconds=0.0 if is_quick else 1e3)
-    assert plan._rule(policy, observed, True) is None
+    assert plan._rule(policy, observed, was_played=True, in_haste=False) is None
     assert caplog.messages == ["no rule: ValueError: need at least one array"] * is_quick
 
 
@@ -25,6 +25,6 @@ def test_a_run_that_was_stopped_compiles_nothing_for_its_rule(monkeypatch, compi
     policy = create_autospec(Policy, instance=True, planner=None)
     policy.explain.return_value = SimpleNamespace(equations=[1], to_json=lambda: {"note": "words"})
     observed = SimpleNamespace(episode_seconds=0.0)
-    found = plan._rule(policy, observed, in_haste=True)
+    found = plan._rule(policy, observed, was_played=True, in_haste=True)
     assert found == ({"note": "words"} if compiled else None)
     assert policy.explain.called == compiled
