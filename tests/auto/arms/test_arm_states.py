@@ -212,7 +212,7 @@ def no_scalars(state: State) -> str:
     """As a number of another shape."""
     key = next(name for name in state.tensors if name.endswith("found/every"))
     state.tensors[key] = np.zeros(2)
-    return "only 0-dim"
+    return "can only convert an array of size 1"
 
 
 def other_shapes(state: State) -> str:
