@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
 from mdpo_rddl.cli.bench_tasks_parser import default_published
-from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.ending import ending_in_order, without_waiting
 from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.cli.markdown import print_markdown
@@ -47,4 +47,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(without_waiting(main()))

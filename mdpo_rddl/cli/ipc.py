@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.ending import ending_in_order, without_waiting
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int, seed_int
@@ -114,4 +114,4 @@ def _add_rules(parser: argparse.ArgumentParser) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(without_waiting(main()))

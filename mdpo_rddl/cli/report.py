@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdpo_rddl.cli.ending import ending_in_order
+from mdpo_rddl.cli.ending import ending_in_order, without_waiting
 from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.logs import show_log
 from mdpo_rddl.cli.options import OneLineParser
@@ -60,4 +60,4 @@ def _write(options: argparse.Namespace) -> Path:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(without_waiting(main()))

@@ -35,5 +35,6 @@ def ipc() -> int:
 def report() -> int:
     """`mdpo-report`."""
     with ended_at_once():
+        from mdpo_rddl.cli.ending import without_waiting
         from mdpo_rddl.cli.report import main
-    return main()
+    return without_waiting(main())

@@ -16,7 +16,7 @@ _COLOURS = ("#c8553d", "#1f6f8b", "#7fb7be", "#9aa5b1", "#d9c27e", "#5b7553", "#
 def draw_domains(scores: Scores) -> bytes:
     """Bars: the mean normalised score of each domain and planner, as a PNG.
 
-    Of more than sixty domains or twenty planners the first ones, as the report's tables have all.
+    Of more than sixty domains or twenty planners only the first; the report's tables have all.
     """
     domains, planners = list(scores.domains)[:_MOST_DOMAINS], _drawn(scores)
     width = 0.8 / len(planners)
