@@ -298,3 +298,22 @@ def test_an_unknown_problem_is_named():
 def test_the_competition_s_problems_have_five_instances():
     assert problems.with_instances(["HVAC_ippc2023"]) == [("HVAC_ippc2023", n) for n in "12345"]
     assert problems.with_instances(["Elevators:0"]) == [("Elevators", "0")]
+
+
+def test_a_problem_that_stands_twice_in_the_repository_is_measured_once():
+    names = [name for name, _ in problems.with_instances(None)]
+    assert "CrossingTraffic_MDP_ippc2011" in names  # 2014 has the same two files
+    assert "CrossingTraffic_MDP_ippc2014" not in names
+    assert "TriangleTireworld_MDP_ippc2014" in names
+    by_name = problems.with_instances(["CrossingTraffic_MDP_ippc2014"])
+    assert by_name == [("CrossingTraffic_MDP_ippc2014", "1")]
+
+
+def test_the_committed_cells_can_be_gone_on_with():
+    folder = Path(__file__).parents[2] / "results" / "noise_value"
+    for file in sorted((folder / "cells").iterdir()):
+        kept = json.loads(file.read_text())["conditions"]
+        sizes = {name: kept[name] for name in Cell.__dataclass_fields__ if name in kept}
+        committed = Cell(folder, **sizes)
+        assert committed.path == file
+        assert load(committed) is not None

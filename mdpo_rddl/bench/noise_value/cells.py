@@ -61,7 +61,7 @@ class Cell:
         values = {name: value for name, value in asdict(self).items() if name not in _NOT_RESULTS}
         config = task_config(self.problem, self.plan, self.configuration, self.seeds)
         lanes = {name: asdict(lane) for name, lane in LANES.items()}
-        rules = {"trainings": lanes, "annealed": repr(AnnealedNoise())}
+        rules = {"trainings": lanes, "annealed": asdict(AnnealedNoise())}
         return {**values, "text": config.to_text(), **rules, "versions": versions("optax")}
 
 

@@ -1,5 +1,7 @@
 """The problems on which noise is measured by default."""
 
+from pathlib import Path
+
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem.repository import rddl_repository
 
@@ -21,7 +23,8 @@ def with_instances(names: list[str] | None) -> list[tuple[str, str]]:
     """Problems and their instances: all five of 2023's competition, else the first.
 
     Args:
-      names: "Problem" or "Problem:instance" of rddlrepository; all of it if None.
+      names: "Problem" or "Problem:instance" of rddlrepository. If None all of it, but for what has
+        the same files as another problem (2014's competition used some of 2011's again).
 
     Raises:
       InputError: for an unknown problem.
@@ -38,7 +41,18 @@ def with_instances(names: list[str] | None) -> list[tuple[str, str]]:
             pairs += [(problem, number) for number in INSTANCES_2023]
         else:
             pairs.append((problem, rddl_repository().get_problem(problem).list_instances()[0]))
-    return pairs
+    return pairs if names is not None else _without_repetitions(pairs)
+
+
+def _without_repetitions(pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The first of those whose domain and instance files are equal."""
+    distinct: dict[tuple[bytes, bytes], tuple[str, str]] = {}
+    for name, instance in pairs:
+        problem = rddl_repository().get_problem(name)
+        files = problem.get_domain(), problem.get_instance(instance)
+        domain, text = (Path(file).read_bytes() for file in files)
+        distinct.setdefault((domain, text), (name, instance))
+    return list(distinct.values())
 
 
 def repository() -> list[str]:
