@@ -24,6 +24,7 @@ def noise_value(options: argparse.Namespace) -> str:
         max_horizon=options.max_horizon,
         rollouts=options.rollouts,
         most_seconds=options.most_seconds,
+        sigma=options.sigma,
     )
     if options.cost:
         keep_no_programs()  # the time of compilation is one of the figures

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, NOISE_VALUE_PLANS
+from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, DEFAULT_SIGMA, NOISE_VALUE_PLANS
 from mdpo_rddl.cli.executor_options import add_executor_options
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
@@ -44,6 +44,13 @@ def add_noise_command(commands: Any) -> OneLineParser:
         default=math.inf,
         metavar="SECONDS",
         help="leave out what has trainings of more CPU time, as their first iterations foresee it",
+    )
+    command.add_argument(
+        "--sigma",
+        type=number(above=0.0),
+        default=DEFAULT_SIGMA,
+        help="of constant and adaptive noise, as a share of the action's range (default: "
+        "%(default)s); another one needs another --out",
     )
     command.add_argument(
         "--shard",

@@ -22,7 +22,15 @@ from mdpo_rddl.bench.noise_value.lanes import (
     best_of,
     train_lanes,
 )
-from mdpo_rddl.bench.noise_value.methods import DEFAULT, LANES, METHODS, NONE, has_pgpe, task_config
+from mdpo_rddl.bench.noise_value.methods import (
+    DEFAULT,
+    METHODS,
+    NONE,
+    has_pgpe,
+    lanes,
+    task_config,
+)
+from mdpo_rddl.bench.noise_value.names import DEFAULT_SIGMA
 from mdpo_rddl.bench.noise_value.report import write_report
 from mdpo_rddl.bench.noise_value.rule import Case, find_rule
 from mdpo_rddl.bench.noise_value.run import all_cells, common_unit
@@ -64,33 +72,34 @@ def test_a_configuration_without_pgpe_is_measured_once():
 
 
 def test_the_rules_of_all_trainings_are_one_program():
-    rules = [lane.rule() for lane in LANES.values() if lane.unit == "range"]
+    rules = [lane.rule() for lane in lanes(DEFAULT_SIGMA).values() if lane.unit == "range"]
     assert len({str(jax.tree.structure(rule)) for rule in rules}) == 1
     assert not any(rule.silent for rule in rules)
     gradients = {"a": jnp.array([[1.0], [0.0]])}
     profile = {
         name: lane.rule().profile(gradients, jnp.zeros(()), 2)[0].sigma
-        for name, lane in LANES.items()
+        for name, lane in lanes(DEFAULT_SIGMA).items()
     }
     np.testing.assert_allclose(profile["none"], [0.0, 0.0])
     np.testing.assert_allclose(profile["constant"], [0.1, 0.1])
     np.testing.assert_allclose(profile["adaptive"], [0.1, 0.0], rtol=1e-6)
     np.testing.assert_allclose(profile["annealed companion"], [0.3, 0.0], rtol=1e-6)
-    in_range = LANES["paper"].in_range_units(4.0)
+    in_range = lanes(DEFAULT_SIGMA)["paper"].in_range_units(4.0)
     np.testing.assert_allclose(in_range.profile(gradients, 0.0, 2)[0].sigma, [2.5, 0.0])
 
 
 def test_the_default_of_the_report_is_the_planner_s():
     alone, companion = METHODS[DEFAULT]
-    lane = LANES[companion]
+    lane = lanes(DEFAULT_SIGMA)[companion]
     assert alone == NONE
     assert (lane.sigma_min, lane.anneals) == (lane.sigma_max, False)
     assert default_noise() == ConstantNoise(lane.sigma_max, lane.unit, paired=True)
 
 
 def test_which_second_trainings_begin_elsewhere_is_told(tmp_path):
-    assert {LANES[lanes[1]].stream for lanes in METHODS.values() if len(lanes) > 1} == {1}
-    assert {LANES[name].stream for name in (NONE, *BESIDE.values())} == {0}
+    trained = lanes(DEFAULT_SIGMA)
+    assert {trained[names[1]].stream for names in METHODS.values() if len(names) > 1} == {1}
+    assert {trained[name].stream for name in (NONE, *BESIDE.values())} == {0}
     said = write_report(tmp_path)
     assert "other initial parameters in `none-twice`, `annealed beside`, `constant beside`" in said
     assert "with the same in `adaptive beside`, `paper beside`, which are not to be" in said
@@ -307,6 +316,14 @@ def test_a_problem_that_stands_twice_in_the_repository_is_measured_once():
     assert "TriangleTireworld_MDP_ippc2014" in names
     by_name = problems.with_instances(["CrossingTraffic_MDP_ippc2014"])
     assert by_name == [("CrossingTraffic_MDP_ippc2014", "1")]
+
+
+def test_another_sigma_is_another_measurement(tmp_path):
+    assert lanes(0.3)["constant companion"].sigma_max == 0.3
+    assert lanes(0.3)[NONE] == lanes(DEFAULT_SIGMA)[NONE]
+    save(cell(tmp_path), {"status": "error"})
+    with pytest.raises(InputError, match="another trainings; use another --out"):
+        is_missing(cell(tmp_path, sigma=0.3))
 
 
 def test_the_committed_cells_can_be_gone_on_with():

@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.noise_value.methods import LANES, task_config
+from mdpo_rddl.bench.noise_value.methods import lanes, task_config
+from mdpo_rddl.bench.noise_value.names import DEFAULT_SIGMA
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.machine.versions import versions
@@ -18,7 +19,8 @@ OK = "ok"
 LIMIT = "most_seconds"
 """The key of a cell that was left out: which limit was too low for it."""
 
-_NOT_RESULTS = ("out", "most_seconds")
+# the trainings have the sigma
+_NOT_RESULTS = ("out", "most_seconds", "sigma")
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Cell:
       rollouts: of each best iterate on the exact compiled model.
       most_seconds: CPU time that a training's iterations may take; a cell of longer ones is left
         out.
+      sigma: of the constant rules and the adaptive one, as a share of the range.
     """
 
     out: Path
@@ -48,6 +51,7 @@ class Cell:
     max_horizon: int
     rollouts: int
     most_seconds: float = math.inf
+    sigma: float = DEFAULT_SIGMA
 
     @property
     def path(self) -> Path:
@@ -60,8 +64,8 @@ class Cell:
         """What its results depend on, but for the machine."""
         values = {name: value for name, value in asdict(self).items() if name not in _NOT_RESULTS}
         config = task_config(self.problem, self.plan, self.configuration, self.seeds)
-        lanes = {name: asdict(lane) for name, lane in LANES.items()}
-        rules = {"trainings": lanes, "annealed": asdict(AnnealedNoise())}
+        trainings = {name: asdict(lane) for name, lane in lanes(self.sigma).items()}
+        rules = {"trainings": trainings, "annealed": asdict(AnnealedNoise())}
         return {**values, "text": config.to_text(), **rules, "versions": versions("optax")}
 
 

@@ -60,16 +60,22 @@ class Lane:
         )
 
 
-LANES = {
-    NONE: Lane(),
-    "constant": Lane(0.1, 0.1),
-    "adaptive": Lane(0.0, 0.1),
-    "annealed companion": Lane(anneals=True, stream=1),
-    "constant companion": Lane(0.1, 0.1, stream=1),
-    "second": Lane(stream=1),
-    "paper": Lane(0.0, 10.0, unit=ABSOLUTE),
-}
-"""What is trained."""
+def lanes(sigma: float) -> dict[str, Lane]:
+    """What is trained.
+
+    Args:
+      sigma: of the constant rules, and the largest of the adaptive one, as a share of the range.
+    """
+    return {
+        NONE: Lane(),
+        "constant": Lane(sigma, sigma),
+        "adaptive": Lane(0.0, sigma),
+        "annealed companion": Lane(anneals=True, stream=1),
+        "constant companion": Lane(sigma, sigma, stream=1),
+        "second": Lane(stream=1),
+        "paper": Lane(0.0, 10.0, unit=ABSOLUTE),
+    }
+
 
 METHODS = {
     NONE: (NONE,),

@@ -40,7 +40,8 @@ def write_report(out: Path) -> str:
     results, failed = load_results(out)
     scores = {task: scores_of(kept) for task, kept in results.items()}
     leads = {name: compare(results, name) for name in COMPARED if name != NONE}
-    lines = [*_summary(scores, leads), "", *_small(results, leads), *_pairs(results)]
+    lines = [*_summary(scores, leads), "", *_sigmas(results)]
+    lines += [*_small(results, leads), *_pairs(results)]
     for method in ("annealed beside", DEFAULT):
         lines += [*_rule(method, cases(results, scores, method)), ""]
     lines += [*_costs(read_costs(out)), "", *_details(results, leads)]
@@ -68,6 +69,12 @@ def _summary(scores: Mapping[Task, Scores], leads: Leads) -> list[str]:
     note = "Better and worse than no noise: p < 0.05, Student's paired t-test by seed, with Holm "
     note += "over the tasks; (p): without. A score is 0 at the no-op and 1 at the best method. "
     return [*lines, "", note + _note_on_pairs()]
+
+
+def _sigmas(results: Mapping[Task, Mapping[str, Any]]) -> list[str]:
+    """The sigma that constant and adaptive noise have."""
+    found = {kept["conditions"]["trainings"]["constant"]["sigma_max"] for kept in results.values()}
+    return [f"Sigma of `constant` and `adaptive`: {sigma:g} of the range.\n" for sigma in found]
 
 
 def _note_on_pairs() -> str:

@@ -21,12 +21,12 @@ from mdpo_rddl.bench.noise_value.lanes import (
 )
 from mdpo_rddl.bench.noise_value.methods import (
     ABSOLUTE,
-    LANES,
     METHODS,
     NONE,
     RANGE,
     Lane,
     has_pgpe,
+    lanes,
     task_config,
     with_rule,
 )
@@ -113,7 +113,7 @@ def _measure(cell: Cell) -> dict[str, Any]:
     config = task_config(cell.problem, cell.plan, cell.configuration, cell.seeds)
     planners = _planners(problem, config)
     trained, returns = {}, {}
-    for name, lane in LANES.items():
+    for name, lane in lanes(cell.sigma).items():
         built, rule = _prepared(planners, lane)
         built.planner.noise = rule
         sizes = cell.iterations, cell.seeds, cell.most_seconds
