@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array, lax, random
 
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.changes import Changes
+from mdpo_rddl.planner.plans.changes import Changes, choices
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.programs.staging import Stages
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
@@ -58,8 +58,10 @@ class Continuations:
     """Rollouts on the exact model that begin in a given state at a given step.
 
     A candidate is an array [k, D] over an action's D components side by side, in the order of
-    `changes`: the first row is the action that is played at once, the others are added to the
-    policy's real actions at the k - 1 steps after it. Then the policy plays to the horizon, never
+    `changes`: the first row is the action that is played at once, the others change the policy's
+    actions at the k - 1 steps after it. They are added to reals; a component with few values has
+    the n-th of them where they are n, counted from 1, and the policy's where they are 0. Where
+    that is illegal, the policy's own action is played. Then the policy plays to the horizon, never
     beyond. No reward counts after a termination condition or a broken invariant.
     """
 
@@ -79,6 +81,8 @@ class Continuations:
         fluents, self._nonfluents = initial_values(planner).test
         self._fluents = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), fluents)
         self._kinds = {name: planner.rddl.variable_ranges[name] for name in self.action_names}
+        listed = {name: choices(compiled, name) for name in self._kinds}
+        self._lowest = {name: values[0] for name, values in listed.items() if values}
         self._stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
 
     @property
@@ -192,16 +196,27 @@ class Continuations:
         return ({**common[0], **first}, common[1]), (fluents, memory)
 
     def _overridden(self, actions: Any, row: Array, is_first: Array, state: Any) -> Actions:
-        """The row's actions at the first step, the policy's and the row's at others."""
-        given = self._tree(row)
-        chosen: Actions = {}
-        for name, value in actions.items():
-            later = value
-            if self._kinds[name] == "real":
-                lower, upper = self._compiled.constraints.bounds[name]
-                later = jnp.clip(value + given[name], lower, upper).astype(value.dtype)
-            chosen[name] = jnp.where(is_first, given[name].astype(value.dtype), later)
-        return chosen
+        """The row's actions at the first step, the policy's as the row changes them at others."""
+        first, numbers = self._tree(row), self.changes.numbers(row)
+        later = {name: self._changed(name, actions[name], numbers[name]) for name in actions}
+        if self._lowest and self._legal.is_needed:
+            legal = self._legal.is_legal(later, state)
+            for name in self._lowest:
+                later[name] = jnp.where(legal, later[name], actions[name])
+        return {
+            name: jnp.where(is_first, first[name].astype(value.dtype), later[name])
+            for name, value in actions.items()
+        }
+
+    def _changed(self, name: str, value: Array, numbers: Array) -> Array:
+        """The policy's actions of a fluent [*shape], changed as a later row says."""
+        if self._kinds[name] == "real":
+            lower, upper = self._compiled.constraints.bounds[name]
+            return jnp.clip(value + numbers, lower, upper).astype(value.dtype)
+        if name not in self._lowest:
+            return value
+        given = (self._lowest[name] + numbers - 1.0).astype(value.dtype)
+        return jnp.where(numbers > 0.0, given, value)
 
     def _tree(self, flat: Array) -> Actions:
         """A vector [D] as actions of the model's types."""

@@ -20,7 +20,7 @@ class SlowSimulator:
     may_draw: bool = True
     is_random: bool = True
     horizon: int = 4
-    depth: int = 1
+    depth: int = 12
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     def __post_init__(self):

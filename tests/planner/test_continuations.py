@@ -58,3 +58,21 @@ def test_what_is_legal():
     legality = Continuations(lever_policy(RULES=rules).planner).compile_legality()
     state = {"pulled": np.array([True, False, True])}
     np.testing.assert_array_equal(legality(state, actions), [True, False, True])
+
+
+def returns_of_plan(policy, plan):
+    program = Continuations(policy.planner).compile(Size(1, 1))
+    given = policy.params, policy.policy_hyperparams, NOWHERE, 0, np.array([plan], np.float32)
+    return float(program(jax.random.PRNGKey(0), *given)[0, 0])
+
+
+def test_later_rows_change_the_policy_s_actions():
+    # the policy pulls the first arm at the other steps, and where a row says nothing of it
+    plan = [(1, 0, 0), (0, 0, 2), (1, 0, 0)]
+    assert returns_of_plan(lever_policy((1, 0, 0)), plan) == 1.0 + (1.0 + 3.0) + 0.0 + 1.0
+
+
+def test_a_later_row_that_is_illegal_is_not_played():
+    policy = lever_policy((1, 0, 0), MOST="1")
+    # two arms at once, then the third instead of the first
+    assert returns_of_plan(policy, [(1, 0, 0), (2, 0, 2), (1, 0, 2)]) == 1.0 + 1.0 + 3.0 + 1.0

@@ -76,6 +76,10 @@ class Changes:
             actions[name] = jnp.where(same, given, value.astype(given.dtype))
         return actions
 
+    def numbers(self, flat: Array) -> dict[str, Array]:
+        """A vector [D] per action fluent, as floating-point numbers [*shape]."""
+        return {name: jnp.reshape(flat[p], self._shapes[name]) for name, p in self._parts.items()}
+
     def count(self, flat: Array) -> Array:
         """How many components differ from the no-op."""
         return jnp.sum(flat != self.noop)

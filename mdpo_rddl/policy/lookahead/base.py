@@ -114,9 +114,10 @@ class Situation:
 class Method(Protocol):
     """Proposes candidates for the state at hand.
 
-    A candidate is an array [k, D] over an action's D components: the action to play, and what is
-    added to the policy's real actions at the k - 1 steps after it. Illegal ones are left out by
-    whoever asks.
+    A candidate is an array [k, D] over an action's D components: the action to play, and how the
+    policy's actions are changed at the k - 1 steps after it, as
+    `mdpo_rddl.planner.continuations.Continuations` says. Those with an illegal action to play are
+    left out by whoever asks.
 
     Attributes:
       name: for the summary.

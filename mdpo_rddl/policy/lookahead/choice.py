@@ -15,6 +15,7 @@ from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.residuals import Residuals
+from mdpo_rddl.policy.lookahead.sequences import Sequences
 from mdpo_rddl.policy.lookahead.simulator import Simulator
 from mdpo_rddl.policy.lookahead.table_base import TableBase
 from mdpo_rddl.policy.lookahead.trials import (
@@ -174,7 +175,7 @@ def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> Looka
 
 
 def _methods() -> list[Method]:
-    return [FirstActions(), Coordinate(), Residuals()]
+    return [FirstActions(), Coordinate(), Sequences(), Residuals()]
 
 
 def _unsuitable(policy: Prepared | Tabled) -> str:

@@ -11,6 +11,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
 from mdpo_rddl.policy.lookahead.belief import Believer, is_unmatched, known_at, note_played
+from mdpo_rddl.policy.lookahead.gains import changed_steps
 from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -34,6 +35,7 @@ class Decision(NamedTuple):
       calls: of the simulator.
       left_base: whether something else than the prepared policy's action was chosen, and played.
       gain: what it is expected to return more than the base, in fresh rollouts; 0 for the base.
+        Of a candidate that changes several steps, a step's share.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
       replaced: whether another action than the decision's was played, which it expects no gain of.
@@ -157,7 +159,10 @@ class LookaheadPolicy(PolicyAgent):
         action = components.action(candidate[0], proposed) if left else proposed
         self._known, self._decided = state, action
         note_played(self.base, state, action)
-        gain, error = (0.0, 0.0) if chosen is None else (chosen.mean, chosen.error)
+        gain, error = 0.0, 0.0
+        if chosen is not None:
+            steps = changed_steps(candidate, base, self._simulator.horizon - step)
+            gain, error = chosen.mean / steps, chosen.error / steps
         took = self._clock() - started
         unmatched = is_unmatched(state)
         self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))

@@ -31,6 +31,18 @@ def paired_gains(returns: np.ndarray, steps: int) -> np.ndarray:
     return np.where(np.isfinite(gains), kept, NOT_FINITE)
 
 
+def changed_steps(candidate: np.ndarray, base: np.ndarray, steps: int) -> int:
+    """At how many steps a candidate differs from the base, at least 1.
+
+    What it gains is the gain of so many decisions: the first one's share is that of a step.
+
+    Args:
+      candidate, base: [k, D].
+      steps: that are left, at least 1.
+    """
+    return max(1, int(np.any(candidate != base, axis=1)[:steps].sum()))
+
+
 @dataclass
 class Scores:
     """What is known of n candidates' gains over the scenarios.

@@ -27,6 +27,8 @@ _NOISE = AdaptiveNoise(sigma_min=0.1, sigma_max=1.0)
 _MEASURED_STEPS, _MOST_CLIMBS = 20, 500
 # candidates of a call, the base among them; the rest of its size are scenarios
 _CANDIDATES = {WIDE: 32, NARROW: 4}
+# of several steps there are many, however few the actions are
+_FEWEST_SEQUENCES = 16
 # enough where nothing is random: two that are the same tell that
 _CERTAIN_SCENARIOS = 2
 # how far actions are from the policy's where that is found out, in units of the components
@@ -291,8 +293,11 @@ class Simulator:
         self._per_step[kind] = max(0.0, whole - self._overhead[kind]) / steps
 
     def _size(self, kind: str, rollouts: int) -> Size:
-        # where there are fewer actions more would be copies of the base
-        most = min(self.components.joint_actions, self.components.most_candidates(self.depth))
+        # where there are fewer actions more would be copies of the base, but for several steps
+        different = self.components.joint_actions
+        if self.depth > 1:
+            different = max(_FEWEST_SEQUENCES, different)
+        most = min(different, self.components.most_candidates(self.depth))
         most = max(_CANDIDATES[NARROW], most)
         count = int(min(_CANDIDATES[kind], most))
         # what returns have not shown yet the finalists' test may show

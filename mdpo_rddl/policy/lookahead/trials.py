@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.lookahead.gains import changed_steps
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 
 State = Mapping[str, Any]
@@ -32,7 +33,10 @@ _CLEAR, _CLEARLY_BETTER, _CLEAR_STATES = 6.0, 3.0, 20
 
 @dataclass(frozen=True)
 class Trial:
-    """What a method gained at states that the base policy visits.
+    """What a method gained a decision at states that the base policy visits.
+
+    Of a candidate that changes several steps, a step's share counts: the other steps will have
+    decisions of their own.
 
     Attributes:
       method: its name.
@@ -127,7 +131,9 @@ class Trials:
             fresh = np.concatenate(calls, axis=1)
             if gains.shape[1] == 1:
                 gains = np.zeros((len(chosen), fresh.shape[1]))
-            gains[places] = fresh
+            left = self.simulator.horizon - step
+            shares = [changed_steps(chosen[p], base, left) for p in places]
+            gains[places] = fresh / np.array(shares)[:, np.newaxis]
         return gains
 
     def _is_clear(self) -> bool:
