@@ -74,11 +74,22 @@ class Gain:
       candidate: [k, D].
       mean: over the scenarios.
       error: the mean's standard error.
+      steps: until the candidate's last difference from the base.
     """
 
     candidate: np.ndarray
     mean: float
     error: float
+    steps: int = 1
+
+    @property
+    def rate(self) -> float:
+        """What is gained a step.
+
+        By the gain itself a change that is put off would be put off again at each decision: what
+        the policy does now is mostly worth more than what it is expected to do later.
+        """
+        return self.mean / self.steps
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
 from mdpo_rddl.policy.lookahead.belief import Believer, is_unmatched, known_at, note_played
-from mdpo_rddl.policy.lookahead.gains import changed_steps
 from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -35,7 +34,7 @@ class Decision(NamedTuple):
       calls: of the simulator.
       left_base: whether something else than the prepared policy's action was chosen, and played.
       gain: what it is expected to return more than the base, in fresh rollouts; 0 for the base.
-        Of a candidate that changes several steps, a step's share.
+        Of a candidate that changes later steps too, what it gains a step.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
       replaced: whether another action than the decision's was played, which it expects no gain of.
@@ -161,8 +160,7 @@ class LookaheadPolicy(PolicyAgent):
         note_played(self.base, state, action)
         gain, error = 0.0, 0.0
         if chosen is not None:
-            steps = changed_steps(candidate, base, self._simulator.horizon - step)
-            gain, error = chosen.mean / steps, chosen.error / steps
+            gain, error = chosen.rate, chosen.error / chosen.steps
         took = self._clock() - started
         unmatched = is_unmatched(state)
         self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))
@@ -200,8 +198,8 @@ class LookaheadPolicy(PolicyAgent):
         if not len(finalists):
             return None
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
-        best = max(tested, key=lambda gain: gain.mean)
-        return best if best.mean > _ERRORS * best.error else None
+        sure = [gain for gain in tested if gain.mean > _ERRORS * gain.error]
+        return max(sure, key=lambda gain: gain.rate, default=None)
 
     def _finalists(self, play: Halving, until: float) -> np.ndarray:
         """The best of all rounds, [n, k, D]."""
@@ -227,7 +225,7 @@ class LookaheadPolicy(PolicyAgent):
             ]
             if not gains:
                 break
-        best.sort(key=lambda gain: -gain.mean)
+        best.sort(key=lambda gain: -gain.rate)
         return np.array([gain.candidate for gain in best[:most]])
 
     def _situation(self, play: Halving, seconds: float) -> Situation:

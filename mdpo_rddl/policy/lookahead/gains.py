@@ -31,16 +31,18 @@ def paired_gains(returns: np.ndarray, steps: int) -> np.ndarray:
     return np.where(np.isfinite(gains), kept, NOT_FINITE)
 
 
-def changed_steps(candidate: np.ndarray, base: np.ndarray, steps: int) -> int:
-    """At how many steps a candidate differs from the base, at least 1.
+def steps_to_last_change(candidate: np.ndarray, base: np.ndarray, steps: int) -> int:
+    """How many steps a candidate takes until its last difference from the base, at least 1.
 
-    What it gains is the gain of so many decisions: the first one's share is that of a step.
+    What it gains is the gain of so many decisions. Else a change that is put off from decision to
+    decision would count at each of them.
 
     Args:
       candidate, base: [k, D].
       steps: that are left, at least 1.
     """
-    return max(1, int(np.any(candidate != base, axis=1)[:steps].sum()))
+    differs = np.flatnonzero(np.any(candidate != base, axis=1)[:steps])
+    return int(differs[-1]) + 1 if len(differs) else 1
 
 
 @dataclass

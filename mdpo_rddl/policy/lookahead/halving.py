@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Gain
-from mdpo_rddl.policy.lookahead.gains import Scores
+from mdpo_rddl.policy.lookahead.gains import Scores, steps_to_last_change
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 
 # a candidate whose gain is below zero by so many errors is not played again
@@ -64,7 +64,7 @@ class Halving:
             ranking = [*order[~np.isin(order, kept)].tolist(), *ranking]
             left = kept
         mean, error = scores.mean, scores.error
-        return [Gain(candidates[p], float(mean[p]), float(error[p])) for p in ranking]
+        return [self._gain(candidates[p], mean[p], error[p]) for p in ranking]
 
     def test(self, finalists: np.ndarray, until: float, most_calls: int) -> list[Gain]:
         """Plays at most `challengers(NARROW)` candidates on fresh scenarios.
@@ -84,7 +84,12 @@ class Halving:
             if not np.any(self._is_hopeful(scores, everyone)):
                 break
         mean, error = scores.mean, scores.error
-        return [Gain(finalists[p], float(mean[p]), float(error[p])) for p in everyone]
+        return [self._gain(finalists[p], mean[p], error[p]) for p in everyone]
+
+    def _gain(self, candidate: np.ndarray, mean: float, error: float) -> Gain:
+        left = self.simulator.horizon - self.step
+        steps = steps_to_last_change(candidate, self.base, left)
+        return Gain(candidate, float(mean), float(error), steps)
 
     def _is_certain(self, scores: Scores, places: np.ndarray, is_random: bool) -> bool:
         """Whether more scenarios tell nothing new: equal gains do not say so where any differ."""

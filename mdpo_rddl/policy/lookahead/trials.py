@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
-from mdpo_rddl.policy.lookahead.gains import changed_steps
+from mdpo_rddl.policy.lookahead.gains import steps_to_last_change
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 
 State = Mapping[str, Any]
@@ -35,8 +35,7 @@ _CLEAR, _CLEARLY_BETTER, _CLEAR_STATES = 6.0, 3.0, 20
 class Trial:
     """What a method gained a decision at states that the base policy visits.
 
-    Of a candidate that changes several steps, a step's share counts: the other steps will have
-    decisions of their own.
+    Of a candidate that changes later steps too, what it gains a step until its last change counts.
 
     Attributes:
       method: its name.
@@ -132,7 +131,7 @@ class Trials:
             if gains.shape[1] == 1:
                 gains = np.zeros((len(chosen), fresh.shape[1]))
             left = self.simulator.horizon - step
-            shares = [changed_steps(chosen[p], base, left) for p in places]
+            shares = [steps_to_last_change(chosen[p], base, left) for p in places]
             gains[places] = fresh / np.array(shares)[:, np.newaxis]
         return gains
 
