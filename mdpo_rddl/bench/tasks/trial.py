@@ -48,6 +48,8 @@ _PLAY_SECONDS = 900.0
 # no task has more steps
 _MOST_STEPS = 500
 _DIGITS = 10
+# where `mdpo-thinking` does not think an episode costs next to nothing
+_PLAIN_EPISODES = 20
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,8 @@ class Conditions:
 
     Attributes:
       seconds: of preparation, compilation included.
-      episodes: on the exact environment, the same for all planners.
+      episodes: on the exact environment, the same for all planners; at least 20 where
+        `mdpo-thinking` plays its policy alone.
       memory_gb: of a trial's processes.
       decision_seconds: for `mdpo-thinking` at each decision; 0 where planners do not think.
     """
@@ -179,10 +182,13 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     prepared = time.perf_counter()
     row["prepare_seconds"] = round(prepared - started, 2)
     random = np.random.default_rng(trial.seed)
+    episodes = trial.conditions.episodes
+    if isinstance(planner, ThinkingMDPO) and planner.thinker is None:
+        episodes = max(episodes, _PLAIN_EPISODES)
     evaluation = evaluate(
         make_environment(problem),
         lambda step, state: planner.act(step, state, random),
-        trial.conditions.episodes,
+        episodes,
         _EVALUATION_SEED,
     )
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
