@@ -39,7 +39,8 @@ def cells(row: str) -> list[str]:
 
 def figures(cell: str) -> list[str]:
     """The numbers of a cell that holds nothing else; a mean and its deviation are two."""
-    parts = [DRESS.sub("", part.strip()) for part in re.split(r"[;±]", cell.replace("*", ""))]
+    bare = re.sub(r" ?\\?\*", "", cell)
+    parts = [DRESS.sub("", part.strip()) for part in re.split(r"[;±]", bare)]
     return parts if all(NUMBER.fullmatch(part) for part in parts) else []
 
 
