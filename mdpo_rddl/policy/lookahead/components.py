@@ -141,6 +141,13 @@ class Components:
         return chosen
 
 
+def some(count: int, most: int, random: np.random.Generator) -> list[int]:
+    """At most so many of the numbers below `count`, in random order."""
+    if count <= 4 * most:
+        return random.permutation(count)[:most].tolist()
+    return list(dict.fromkeys(random.integers(count, size=most).tolist()))
+
+
 def _units(planner: MDPOPlanner, parts: Mapping[str, slice]) -> np.ndarray:
     """The unit of each component [D]; 1 where the planner knows none."""
     specs = in_range_units(planner.action_specs, {})

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
-from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.components import Components, some
 
 _MOST_PROPOSALS = 600
 # the best changes are also tried together, so many at once
@@ -74,7 +74,7 @@ class Coordinate:
         values = [(p, value) for p in places for value in parts.near(p, float(centre[p]))]
         on = [place for place in places if centre[place] != parts.noop[place]]
         leaving = [None, *on]
-        drawn = _some(len(values) * len(leaving), most - 2, random)
+        drawn = some(len(values) * len(leaving), most - 2, random)
         found = [parts.noop, centre]
         for number in drawn:
             back, (place, value) = leaving[number // len(values)], values[number % len(values)]
@@ -89,13 +89,6 @@ class Coordinate:
 
     def reset(self) -> None:
         """Nothing is known for the next episode."""
-
-
-def _some(count: int, most: int, random: np.random.Generator) -> list[int]:
-    """At most so many of the numbers below `count`, in random order."""
-    if count <= 4 * most:
-        return random.permutation(count)[:most].tolist()
-    return list(dict.fromkeys(random.integers(count, size=most).tolist()))
 
 
 def _with(action: np.ndarray, place: int, value: float) -> np.ndarray:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
-from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.components import Components, some
 
 _DEPTH = 12
 _ROUNDS = 5
-# proposals of a round, in calls
-_CALLS = 2
+# proposals of a round: in calls, and at most
+_CALLS, _MOST_PROPOSALS = 2, 256
 _ELITES = 8
 # of the first round, at most this share changes one component of the first action alone
 _SINGLE_SHARE = 0.5
@@ -43,6 +43,9 @@ class Sequences:
     rounds: int = _ROUNDS
     climbs: bool = False
     _components: Components | None = field(default=None, init=False)
+    _places: np.ndarray = field(default_factory=lambda: np.zeros(0, int), init=False)
+    _lowest: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
+    _noop: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _known: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
     _elites: list[Gain] = field(default_factory=list, init=False)
@@ -51,7 +54,11 @@ class Sequences:
 
     def applies(self, components: Components) -> bool:
         """Some component has values that can be listed."""
-        self._components = components
+        self._components, self._places = components, np.array(components.discrete, int)
+        self._lowest = np.zeros(components.size, np.float32)
+        self._lowest[self._places] = [components.values[place][0] for place in self._places]
+        self._noop = np.zeros(components.size, np.float32)
+        self._noop[self._places] = self._numbers(components.noop)[self._places]
         self.reset()
         return bool(components.discrete)
 
@@ -64,7 +71,7 @@ class Sequences:
         """Starts with what the decisions before have found."""
         self._base, self._elites, self._is_first = situation.base, [], True
         most = self._parts.most_candidates(self.depth)
-        self._count = min(_CALLS * situation.capacity, most)
+        self._count = min(_CALLS * situation.capacity, _MOST_PROPOSALS, most)
 
     def propose(self, gains: Sequence[Gain], random: np.random.Generator) -> np.ndarray:
         """Candidates [P, k, D]: what is known, single changes, then children of the best."""
@@ -79,9 +86,7 @@ class Sequences:
             found = [self._changes(gain.candidate) for gain in self._elites]
             proposed, parents = [], np.stack(found) if found else nothing
         children = self._children(parents, self._count, random)
-        every = np.concatenate([*proposed, children])[: self._count]
-        distinct = np.sort(np.unique(every, axis=0, return_index=True)[1])
-        candidates = every[distinct]
+        candidates = _distinct(np.concatenate([*proposed, children])[: self._count])
         candidates[:, 0] = self._first_actions(candidates[:, 0])
         differs = np.any(candidates[:, 0] != self._base, axis=1)
         return candidates[differs | np.any(candidates[:, 1:], axis=(1, 2))]
@@ -91,43 +96,34 @@ class Sequences:
         found = [chosen, *(gain.candidate for gain in self._elites)]
         later = np.stack([candidate[1 : self.depth] for candidate in found])
         rest = np.pad(later, ((0, 0), (0, self.depth - later.shape[1]), (0, 0)))
-        distinct = np.sort(np.unique(rest, axis=0, return_index=True)[1])
-        rest = rest[distinct]
-        self._known = rest[np.any(rest, axis=(1, 2))]
+        self._known = _distinct(rest[np.any(rest, axis=(1, 2))])
 
     @property
     def _parts(self) -> Components:
         assert self._components is not None  # `applies` was asked first
         return self._components
 
-    def _number(self, place: int, value: float) -> float:
-        """Which of a component's values it is, counted from 1."""
-        return 1.0 + value - self._parts.values[place][0]
+    def _numbers(self, values: np.ndarray) -> np.ndarray:
+        """Which of their components' values these are, counted from 1 [D]."""
+        return 1.0 + values - self._lowest
 
     def _first_actions(self, rows: np.ndarray) -> np.ndarray:
         """Changes of the first action as the actions themselves [P, D]."""
-        actions = np.repeat(self._base[np.newaxis], len(rows), axis=0)
-        for place in self._parts.discrete:
-            numbers = rows[:, place]
-            value = self._parts.values[place][0] + numbers - 1.0
-            actions[:, place] = np.where(numbers > 0.0, value, actions[:, place])
-        return actions
+        return np.where(rows > 0.0, self._lowest + rows - 1.0, self._base).astype(np.float32)
 
     def _changes(self, candidate: np.ndarray) -> np.ndarray:
         """A candidate [k, D] with the changes of the policy's first action in its first row."""
         changes = candidate[: self.depth].copy()
-        changes[0] = 0.0
-        for place in self._parts.discrete:
-            if candidate[0, place] != self._base[place]:
-                changes[0, place] = self._number(place, float(candidate[0, place]))
+        differs = changes[0] != self._base
+        changes[0] = np.where(differs, self._numbers(changes[0]), 0.0)
         return changes
 
     def _single(self, random: np.random.Generator) -> np.ndarray:
         """One change of the first action each, in random order [P, k, D]."""
-        parts = self._parts
+        parts, places = self._parts, some(len(self._places), self._count, random)
         changes = [
             (place, value)
-            for place in parts.discrete
+            for place in self._places[places].tolist()
             for value in parts.values[place]
             if value != self._base[place]
         ]
@@ -140,9 +136,8 @@ class Sequences:
     def _set(self, changes: np.ndarray, steps: slice, place: int, value: float) -> None:
         """Gives a component a value at some steps of changes [k, D]."""
         if self._parts.most == 1:
-            for other in self._parts.discrete:
-                changes[steps, other] = self._number(other, float(self._parts.noop[other]))
-        changes[steps, place] = self._number(place, value)
+            changes[steps] = self._noop
+        changes[steps, place] = 1.0 + value - self._lowest[place]
 
     def _children(self, parents: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
         """Mutated parents [P, k, D]."""
@@ -163,11 +158,12 @@ class Sequences:
             for _ in range(number):
                 start = min(int(random.exponential(_MEAN_START)), self.depth - 1)
                 steps = slice(start, start + int(random.geometric(1.0 / _MEAN_LENGTH)))
-                place = int(random.choice(parts.discrete))
                 if kind[1] < _TAKEN_BACK:
                     child[steps] = 0.0
-                else:
-                    self._set(child, steps, place, float(random.choice(parts.values[place])))
+                    continue
+                place = int(self._places[random.integers(len(self._places))])
+                values = parts.values[place]
+                self._set(child, steps, place, values[random.integers(len(values))])
         return children
 
 
@@ -176,3 +172,9 @@ def _moved(changes: np.ndarray, later: bool) -> np.ndarray:
     if later:
         return np.pad(changes[:-1], ((1, 0), (0, 0)))
     return np.pad(changes[1:], ((0, 1), (0, 0)))
+
+
+def _distinct(changes: np.ndarray) -> np.ndarray:
+    """Changes [P, k, D] without what stands before."""
+    first = {each.tobytes(): place for place, each in reversed(list(enumerate(changes)))}
+    return changes[sorted(first.values())]
