@@ -26,6 +26,8 @@ LEARNING_FIRST, LATER = 0.7, 0.25
 of what begins late."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
+ALL_THE_SAME = 0.8
+"""The same of the arm that nothing else is likely to come near."""
 
 
 class Affording:
@@ -80,17 +82,19 @@ class Affording:
         """How long the program of an arm with a gradient is likely to take to compile."""
         return _COMPILATIONS[name] * self._arena.population.compile_seconds
 
-    def gradient(self, name: str, until: float) -> bool:
+    def gradient(self, name: str, until: float, share: float | None = None) -> bool:
         """Whether there is time for an arm with a gradient.
 
         Args:
           name: of the arm.
           until: how long it may work, by the clock.
+          share: of the time left, that it may need; the usual one if None.
         """
         seconds = _GRADIENT_EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
         needed = self.usual_seconds(name) + seconds
-        return not self._is_large and needed <= _AFFORDED[name] * left
+        share = _AFFORDED[name] if share is None else share
+        return not self._is_large and needed <= share * left
 
     def patience(self, until: float) -> float:
         """Until when compilations are waited for: not at all where others can work meanwhile.

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.affording import Affording
+from mdpo_rddl.auto.affording import ALL_THE_SAME, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -85,18 +85,26 @@ class Entrants:
         return ParameterExplorationArm(self._arena)
 
     def straight_line(self, until: float) -> CompilingArm | None:
-        """The one that comes first where no policy returns more than the best plan does.
-
-        That is so where chance plays no part; a gradient needs actions that are all real.
+        """The one that comes first where `a_plan_is_enough`.
 
         Args:
           until: how long it may work, by the clock.
         """
+        if not self.a_plan_is_enough or STRAIGHT_LINE in self._without:
+            return None
+        if not self._affording.gradient(STRAIGHT_LINE, until, ALL_THE_SAME):
+            return None
+        return TrainingArm(self._arena, STRAIGHT_LINE, self._affording.usual_seconds(STRAIGHT_LINE))
+
+    @property
+    def a_plan_is_enough(self) -> bool:
+        """Whether no policy returns more than the best plan, and a gradient leads to plans.
+
+        That is so where chance plays no part and all actions are real.
+        """
         ranges = self._arena.planner.rddl.variable_ranges
         kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
-        if not self._arena.probe.deterministic or kinds != {"real"}:
-            return None
-        return next(self.gradients((STRAIGHT_LINE,), until), None)
+        return self._arena.probe.deterministic and kinds == {"real"}
 
     def gradients(
         self, names: Sequence[str], until: float, arms: Sequence[Arm] = ()
