@@ -26,8 +26,8 @@ LEARNING_FIRST, LATER = 0.7, 0.25
 of what begins late."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
-ALL_THE_SAME = 0.8
-"""The same of the arm that nothing else is likely to come near."""
+# the same of one that nothing else is likely to come near, if so many seconds are left
+_AFFORDED_FIRST, _FIRST_AT_LEAST = 0.8, 15.0
 
 
 class Affording:
@@ -82,18 +82,19 @@ class Affording:
         """How long the program of an arm with a gradient is likely to take to compile."""
         return _COMPILATIONS[name] * self._arena.population.compile_seconds
 
-    def gradient(self, name: str, until: float, share: float | None = None) -> bool:
+    def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
         """Whether there is time for an arm with a gradient.
 
         Args:
           name: of the arm.
           until: how long it may work, by the clock.
-          share: of the time left, that it may need; the usual one if None.
+          comes_first: whether nothing else is likely to come near what it finds.
         """
         seconds = _GRADIENT_EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
         needed = self.usual_seconds(name) + seconds
-        share = _AFFORDED[name] if share is None else share
+        has_time = comes_first and left >= _FIRST_AT_LEAST
+        share = _AFFORDED_FIRST if has_time else _AFFORDED[name]
         return not self._is_large and needed <= share * left
 
     def patience(self, until: float) -> float:

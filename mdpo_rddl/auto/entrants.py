@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.affording import ALL_THE_SAME, Affording
+from mdpo_rddl.auto.affording import Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -85,29 +85,25 @@ class Entrants:
         return ParameterExplorationArm(self._arena)
 
     def straight_line(self, until: float) -> CompilingArm | None:
-        """The one that comes first where `a_plan_is_enough`.
+        """The one that comes first where no policy returns more than the best plan does.
+
+        That is so where chance plays no part; a gradient needs actions that are all real.
 
         Args:
           until: how long it may work, by the clock.
         """
-        if not self.a_plan_is_enough or STRAIGHT_LINE in self._without:
-            return None
-        if not self._affording.gradient(STRAIGHT_LINE, until, ALL_THE_SAME):
-            return None
-        return TrainingArm(self._arena, STRAIGHT_LINE, self._affording.usual_seconds(STRAIGHT_LINE))
-
-    @property
-    def a_plan_is_enough(self) -> bool:
-        """Whether no policy returns more than the best plan, and a gradient leads to plans.
-
-        That is so where chance plays no part and all actions are real.
-        """
         ranges = self._arena.planner.rddl.variable_ranges
         kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
-        return self._arena.probe.deterministic and kinds == {"real"}
+        if not self._arena.probe.deterministic or kinds != {"real"}:
+            return None
+        return next(self.gradients((STRAIGHT_LINE,), until, comes_first=True), None)
 
     def gradients(
-        self, names: Sequence[str], until: float, arms: Sequence[Arm] = ()
+        self,
+        names: Sequence[str],
+        until: float,
+        arms: Sequence[Arm] = (),
+        comes_first: bool = False,
     ) -> Iterator[CompilingArm]:
         """Those that follow a gradient, each asked for once the one before it has begun.
 
@@ -115,12 +111,13 @@ class Entrants:
           names: of the arms.
           until: how long they may work, by the clock.
           arms: that take part already.
+          comes_first: whether nothing else is likely to come near what they find.
         """
         taken = {*self._without, *(arm.name for arm in arms)}
         for name in names:
             if name in taken:
                 continue
-            if self._affording.gradient(name, until):
+            if self._affording.gradient(name, until, comes_first):
                 usual = self._affording.usual_seconds(name)
                 is_plain = name in METHODS
                 yield (

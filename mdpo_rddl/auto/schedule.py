@@ -128,11 +128,7 @@ class Schedule(Slices):
         leads = learner is not None and self._best.arm == learner.name
         # where it leads already, the exploration begins with what comes last
         comes_first = not self._marks.decided("learner leads", lambda: leads)
-        # a net comes before a plan's gradient only if that has the time all the same
-        share = LATER if self._entrants.a_plan_is_enough else 1.0
-        exploration = self._opened(
-            self._entrants.exploration(share) if comes_first else None, until
-        )
+        exploration = self._opened(self._entrants.exploration() if comes_first else None, until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
             simple.rules = Rules.FEW

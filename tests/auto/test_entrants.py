@@ -25,7 +25,7 @@ class Generous:
     def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
 
-    def gradient(self, name: str, until: float) -> bool:
+    def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
         return name not in self.refused
 
     def usual_seconds(self, name: str) -> float:
