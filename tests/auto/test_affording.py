@@ -33,3 +33,26 @@ def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, la
 )
 def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expected):
     assert affording(**case).value(0.4) == expected
+
+
+@pytest.mark.parametrize(
+    ("left", "expected"),
+    [
+        # 12 s for its program, 2 s for rollouts: half the time is enough for any
+        (28.0, (True, True)),
+        # four fifths for one that comes first
+        (20.0, (False, True)),
+        (17.0, (False, False)),
+    ],
+)
+def test_what_comes_first_may_need_most_of_the_time(left, expected):
+    asked = affording(0.01, left)
+    asked._arena.population = SimpleNamespace(compile_seconds=4.0, seconds=0.02)
+    until = 20.0 + left
+    assert (asked.gradient("slp", until), asked.gradient("slp", until, True)) == expected
+
+
+def test_a_program_that_leaves_few_seconds_comes_no_earlier():
+    asked = affording(0.01, 14.0)
+    asked._arena.population = SimpleNamespace(compile_seconds=3.0, seconds=0.01)
+    assert not asked.gradient("slp", 34.0, comes_first=True)
