@@ -54,7 +54,7 @@ def test_thinking_is_played_and_told_also_from_a_saved_policy(workplace, capsys)
     summary = outcome.summary
     thinking = summary["thinking"]
     assert set(thinking) == FIGURES
-    assert thinking["method"] in ("first actions", "coordinate-wise")
+    assert thinking["method"] in ("first actions", "coordinate-wise", "sequences")
     assert thinking["decisions"] == 8
     assert thinking["left_base"] > 0
     # nothing is random: the first and the third arm at each step

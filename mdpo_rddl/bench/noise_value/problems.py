@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.files import MOST_BYTES, read_bounded
 from mdpo_rddl.problem.repository import rddl_repository
 
 INSTANCES_2023 = ("1", "2", "3", "4", "5")
@@ -50,7 +51,7 @@ def _without_repetitions(pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
     for name, instance in pairs:
         problem = rddl_repository().get_problem(name)
         files = problem.get_domain(), problem.get_instance(instance)
-        domain, text = (Path(file).read_bytes() for file in files)
+        domain, text = (read_bounded(Path(file), MOST_BYTES) for file in files)
         distinct.setdefault((domain, text), (name, instance))
     return list(distinct.values())
 
