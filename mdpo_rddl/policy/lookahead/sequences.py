@@ -34,7 +34,7 @@ class Sequences:
     Where only one component may differ from the no-op, a change replaces the whole action.
 
     Attributes:
-      depth: number of steps k.
+      depth: number of steps k, at least 2.
       rounds: of proposals at a decision.
     """
 
@@ -65,7 +65,6 @@ class Sequences:
     def reset(self) -> None:
         """No changes are known in a new episode."""
         self._known = np.zeros((0, self.depth, self._parts.size), np.float32)
-        self._elites = []
 
     def begin(self, situation: Situation) -> None:
         """Starts with what the decisions before have found."""
@@ -145,7 +144,7 @@ class Sequences:
         chosen = random.integers(len(parents), size=(count, 2))
         children = parents[chosen[:, 0]].copy()
         kinds = random.random((count, 2))
-        cuts = random.integers(1, self.depth, size=count) if self.depth > 1 else np.ones(count, int)
+        cuts = random.integers(1, self.depth, size=count)
         numbers = 1 + random.poisson(_MORE_CHANGES, size=count)
         for child, other, kind, cut, number in zip(
             children, parents[chosen[:, 1]], kinds, cuts, numbers, strict=True
