@@ -4,10 +4,10 @@ Where all states can be enumerated, the optimum is known before any of this begi
 can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
-2. The arms begin in the order of what they cost: `ppo`, where all actions are bools; `pgpe`; the
-   weights that all objects share; an open-loop plan, or each object's own weights; and those that
-   need the model's gradient, as far as there is time to compile them; but where chance plays no
-   part, a straight-line plan is second.
+2. The arms begin in the order of what they cost: `greedy`, then `ppo`, where all actions are
+   bools; `pgpe`; the weights that all objects share; an open-loop plan, or each object's own
+   weights; and those that need the model's gradient, as far as there is time to compile them; but
+   where chance plays no part, a straight-line plan is second.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
@@ -49,10 +49,10 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for ppo, then for greedy, while slices gain; for a straight-line plan, while they gain so much
+# for greedy, then for ppo, while slices gain; for a straight-line plan, while they gain so much
 # of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_LEARNING_SHARE, _GREEDY_SHARE = 0.85, 0.8
+_GREEDY_SHARE, _LEARNING_SHARE = 0.85, 0.8
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for greedy after others; and what it has in any case, for its first iterations
 # tell little
@@ -116,16 +116,12 @@ class Schedule(Slices):
     def _search(self, simple: SimpleArm) -> None:
         """Everything that needs a population of rollouts."""
         arena = self._arena
-        learner = None
         # where rewards are rare, a law that explores finds none, and learns to do nothing
         if self._marks.decided("learns first", self._finds_reward):
-            until = self._end(_LEARNING, _LEARNING_SHARE)
-            learner = self._entrants.learner(until, LEARNING_FIRST)
-            self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
-            self._learn_value(_GREEDY_SHARE)
+            self._learn_first()
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
-        leads = learner is not None and self._best.arm == learner.name
+        leads = self._best.arm in (GREEDY, PPO)
         # where it leads already, the exploration begins with what comes last
         comes_first = not self._marks.decided("learner leads", lambda: leads)
         exploration = self._opened(self._entrants.exploration() if comes_first else None, until)
@@ -233,6 +229,13 @@ class Schedule(Slices):
         if self._arena.plans.is_compiled or self._affording.population():
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
+
+    def _learn_first(self) -> None:
+        """Slices for what learns from exact rollouts, before all others."""
+        self._learn_value(_GREEDY_SHARE)
+        compiling = LATER if any(arm.name == GREEDY for arm in self.arms) else LEARNING_FIRST
+        learner = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE), compiling)
+        self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
 
     def _learn_value(self, share: float) -> None:
         """Slices for what learns a value, in such a share of the time left."""

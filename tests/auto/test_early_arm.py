@@ -6,6 +6,7 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.lakes import preset
 
+from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
@@ -123,12 +124,40 @@ def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
 
-def first(returns, is_pending=False, gives_up=False, **given):
-    """An arm that came first, its schedule and the clock after that."""
-    clock = Stopped()
-    judge = Judge(1, 0, clock, 0.0)
+@pytest.mark.parametrize("has_greedy", [True, False])
+def test_a_value_is_learnt_before_a_law(has_greedy):
+    clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
-    arena = SimpleNamespace(
+    schedule = Schedule(raced_arena(judge, clock), Search(), lambda name: None)
+    shares = []
+
+    class Entering:
+        """Has both, or the second alone."""
+
+        def greedy(self, until, share):
+            return named("greedy", Planned(clock, [1.0])) if has_greedy else None
+
+        def learner(self, until, share):
+            shares.append(share)
+            return named("ppo", Planned(clock, [2.0]))
+
+    schedule._entrants = Entering()
+    schedule._learn_first()
+    assert [arm.name for arm in schedule.arms] == ["greedy", "ppo"][not has_greedy :]
+    # a program that comes second may take less of the time
+    assert shares == [LATER if has_greedy else LEARNING_FIRST]
+    assert LATER < LEARNING_FIRST
+
+
+def named(name, arm):
+    """The arm under another name."""
+    arm.name = name
+    return arm
+
+
+def raced_arena(judge, clock):
+    """What a schedule asks for, with 160 s."""
+    return SimpleNamespace(
         judge=judge,
         clock=clock,
         probe=SimpleNamespace(noop_return=-102.0),
@@ -136,7 +165,14 @@ def first(returns, is_pending=False, gives_up=False, **given):
         deadline=160.0,
         until=lambda share: 160.0 * share,
     )
-    schedule = Schedule(arena, Search(), lambda name: None)
+
+
+def first(returns, is_pending=False, gives_up=False, **given):
+    """An arm that came first, its schedule and the clock after that."""
+    clock = Stopped()
+    judge = Judge(1, 0, clock, 0.0)
+    judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
+    schedule = Schedule(raced_arena(judge, clock), Search(), lambda name: None)
     arm = Planned(clock, returns, is_pending)
     arm.gives_up = gives_up
     schedule._begin_with("plan first", arm, 0.6, **given)

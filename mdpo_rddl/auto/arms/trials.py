@@ -35,6 +35,8 @@ _EPISODES = 512
 _TRUSTS = (0.0, 0.9)
 # of a first slice: what it may take to see what was found
 _CLOSING_SHARE = 0.25
+# what that takes at most, in backward inductions: one for each trust, and three times the episodes
+_CLOSING_INDUCTIONS = 8.0
 # of the decisions: with more of them in unknown states, chance makes every episode a new one
 _MOST_MISSED = 0.5
 # slices without a better table, after which the arm is given up
@@ -100,7 +102,7 @@ class TrialsArm(Arm):
         try:
             if (search := self._begun(until, closing)) is None:
                 return
-            search.work(until - closing, self._pulse)
+            search.work(until, self._pulse, lambda one: max(closing, _CLOSING_INDUCTIONS * one))
             self._close(search, until, closing)
         except NotEnumerableError as error:
             self._give_up(str(error))

@@ -32,6 +32,8 @@ _ANY_ACTION = (0.05, 0.2, 0.5, 1.0)
 # from one backward induction to the next
 _TRUSTS = (1.0, 0.5, 1.0, 0.9)
 _GROWTH, _INDUCTION_SHARE = 1.25, 0.25
+# of an induction, for each row and step, as long as none was timed
+_ROW_SECONDS = 2e-8
 # of a trial that begins anywhere
 _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
@@ -71,26 +73,38 @@ class TrialSearch:
         self._rarity = np.ones(1)
         self._inductions = 0
         self._searching = self._inducting = 0.0
+        # of the latest induction
+        self._row_seconds = _ROW_SECONDS * model.horizon
 
-    def work(self, until: float, pulse: Callable[[], None] = lambda: None) -> None:
+    def work(
+        self,
+        until: float,
+        pulse: Callable[[], None] = lambda: None,
+        to_be_left: Callable[[float], float] = lambda induction: 0.0,
+    ) -> None:
         """Plays trials; the steps of one are not begun after the end.
 
         Args:
           until: when to end, by the clock.
           pulse: called between two batches.
+          to_be_left: seconds before that, by those that a backward induction is likely to take.
 
         Raises:
           NotEnumerableError: if a state has no legal action, or a probability is none.
         """
-        while not self.is_full and self._clock() < until:
+
+        def ends() -> float:
+            return until - to_be_left(self._induction_seconds)
+
+        while not self.is_full and self._clock() < ends():
             pulse()
             started = self._clock()
-            self._from_the_start(until)
-            self._from_rare_states(until)
+            self._from_the_start(ends)
+            self._from_rare_states(ends)
             self._searching += self._clock() - started
             self.batches += 1
-            if self._clock() < until:
-                self._induct_if_grown(until)
+            if self._clock() < (by := ends()):
+                self._induct_if_grown(by)
 
     def found(self, trust: float, check_time: Callable[[], None] = lambda: None) -> Greedy:
         """The best policy on what was seen.
@@ -109,6 +123,7 @@ class TrialSearch:
             "inductions": self._inductions,
             "searching": self._searching,
             "inducting": self._inducting,
+            "row_seconds": self._row_seconds,
             "generator": generator_place(self._random),
         }
         policy = policy_state(self._greedy, self.explored)
@@ -130,7 +145,7 @@ class TrialSearch:
             this search is of no use then.
         """
         values, own = state.values, state.part("explored")
-        seconds = float(values["searching"]), float(values["inducting"])
+        seconds = [float(values[each]) for each in ("searching", "inducting", "row_seconds")]
         if not all(math.isfinite(each) and each >= 0.0 for each in seconds):
             raise ValueError(f"it has searched for {seconds} s")
         if len(own.tensors["states"]) > self._most_states + _MOST_TOGETHER:
@@ -147,7 +162,7 @@ class TrialSearch:
             raise ValueError(str(error)) from error
         self._greedy = read_policy(state.part("policy"), explored)
         self._rarity = _rarity(explored, self._greedy.rows.shape[1])
-        self._searching, self._inducting = seconds
+        self._searching, self._inducting, self._row_seconds = seconds
         self._inductions, self.batches = count_of(values["inductions"]), count_of(values["batches"])
         self.is_full = bool(values["is_full"])
         set_generator(self._random, values["generator"])
@@ -165,18 +180,24 @@ class TrialSearch:
             self._greedy = induct(self.explored, trust, limits.check_time)
             self._rarity = _rarity(self.explored, self.explored.size)
             self._inductions += 1
+            self._row_seconds = (self._clock() - started) / max(1, self.explored.reward.count)
         self._inducting += self._clock() - started
+
+    @property
+    def _induction_seconds(self) -> float:
+        """That an induction over what was seen is likely to take."""
+        return self._row_seconds * self.explored.reward.count
 
     @property
     def _most_states(self) -> int:
         return min(_MOST_STATES, _MOST_DECISIONS // self.explored.model.horizon)
 
-    def _is_over(self, until: float) -> bool:
+    def _is_over(self, ends: Callable[[], float]) -> bool:
         explored = self.explored
         self.is_full = explored.size > self._most_states or explored.reward.count > _MOST_ROWS
-        return self.is_full or self._clock() >= until
+        return self.is_full or self._clock() >= ends()
 
-    def _from_the_start(self, until: float) -> None:
+    def _from_the_start(self, ends: Callable[[], float]) -> None:
         """Trials that mostly follow the greedy policy."""
         explored, random, known = self.explored, self._random, self._greedy.rows.shape[1]
         states = np.zeros(_TRIALS, np.int64)
@@ -185,7 +206,7 @@ class TrialSearch:
         for step in range(explored.model.horizon):
             alive = explored.row_count.values[states] > 0
             states, deviation, mixture = states[alive], deviation[alive], mixture[alive]
-            if not len(states) or self._is_over(until):
+            if not len(states) or self._is_over(ends):
                 return
             np.add.at(explored.visits.values, states, 1)
             rows = self._rows_at_random(states, mixture)
@@ -212,7 +233,7 @@ class TrialSearch:
         chosen = np.searchsorted(reached, drawn, side="right")
         return rows[np.clip(chosen, starts, ends - 1)]
 
-    def _from_rare_states(self, until: float) -> None:
+    def _from_rare_states(self, ends: Callable[[], float]) -> None:
         """Short trials from anywhere, for what was rarely seen."""
         explored, random = self.explored, self._random
         horizon = explored.model.horizon
@@ -227,7 +248,7 @@ class TrialSearch:
         for _ in range(_STEPS):
             alive = (explored.row_count.values[states] > 0) & (depth < horizon)
             states, depth = states[alive], depth[alive]
-            if not len(states) or self._is_over(until):
+            if not len(states) or self._is_over(ends):
                 return
             np.add.at(explored.visits.values, states, 1)
             counts = explored.row_count.values[states]
