@@ -124,28 +124,42 @@ def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
 
-@pytest.mark.parametrize("has_greedy", [True, False])
-def test_a_value_is_learnt_before_a_law(has_greedy):
+@pytest.mark.parametrize(
+    ("has_greedy", "finds_reward", "has_time", "expected"),
+    [
+        (True, True, False, (["greedy", "ppo"], [0.85], [LATER])),
+        # where its program is compiled soon, the law has its part
+        (True, True, True, (["greedy", "ppo"], [0.6], [LATER])),
+        (False, True, False, (["ppo"], [0.85], [LEARNING_FIRST])),
+        # a law would learn to do nothing
+        (True, False, False, (["greedy"], [0.6], [])),
+    ],
+)
+def test_a_value_is_learnt_before_a_law(has_greedy, finds_reward, has_time, expected):
     clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
-    schedule = Schedule(raced_arena(judge, clock), Search(), lambda name: None)
-    shares = []
+    arena = raced_arena(judge, clock)
+    arena.has_plan, arena.incumbent = True, None
+    arena.beats_noop = lambda candidate: finds_reward
+    schedule = Schedule(arena, Search(), lambda name: None)
+    values, laws = [], []
 
     class Entering:
         """Has both, or the second alone."""
 
         def greedy(self, until, share):
+            values.append(share)
             return named("greedy", Planned(clock, [1.0])) if has_greedy else None
 
         def learner(self, until, share):
-            shares.append(share)
+            laws.append(share)
             return named("ppo", Planned(clock, [2.0]))
 
     schedule._entrants = Entering()
+    schedule._affording = SimpleNamespace(learning=lambda share: has_time)
     schedule._learn_first()
-    assert [arm.name for arm in schedule.arms] == ["greedy", "ppo"][not has_greedy :]
+    assert ([arm.name for arm in schedule.arms], values, laws) == expected
     # a program that comes second may take less of the time
-    assert shares == [LATER if has_greedy else LEARNING_FIRST]
     assert LATER < LEARNING_FIRST
 
 
