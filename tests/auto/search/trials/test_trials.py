@@ -43,6 +43,21 @@ def optimum(problem):
     return find_optimum(problem, 60.0)
 
 
+def test_time_is_left_for_inductions_over_what_was_seen(problem):
+    clock, expected = Ticking(1.0), []
+    search = TrialSearch(ground_model(problem, LIMITS), LIMITS, 0, clock)
+
+    def to_be_left(induction):
+        expected.append(induction)
+        return 40.0
+
+    search.work(120.0, to_be_left=to_be_left)
+    # a batch looks at the clock a few times after its end
+    assert 80.0 <= clock.now < 90.0
+    # a guess by the rows at first, then the clock's seconds
+    assert 0.0 < expected[0] < 0.1 < expected[-1]
+
+
 @pytest.mark.parametrize("trust", [0.0, 0.9])
 def test_it_finds_the_optimum_of_a_problem_that_pays_only_at_a_goal(search, optimum, trust):
     greedy = search.found(trust)
