@@ -21,6 +21,8 @@ _LEAST_LEARNING_SECONDS = 8.0
 # of what learns a value: its program beside the judge's; an iteration takes about so many times as
 # long as the judge's rollouts of a candidate, and so many seconds; the fewest that find anything
 _VALUE_PROGRAMS, _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 1.5, 4.0, 0.03, 30
+MANY_VALUE_ITERATIONS = 350
+"""With fewer of them a value is behind what learns without a model's steps."""
 LEARNING_FIRST, LATER = 0.7, 0.25
 """Shares of the time left that a compilation may take: of what learns where rewards are found, and
 of what begins late."""
@@ -58,16 +60,17 @@ class Affording:
         ready = self._is_ready_in_time(_LEARNING_PROGRAMS / share)
         return not self._is_large and is_enough and ready
 
-    def value(self, share: float) -> bool:
+    def value(self, share: float, iterations: int = _VALUE_ITERATIONS) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.
 
         Args:
-          share: of the time left, that its compilation and its first iterations may take.
+          share: of the time left, that its compilation and so many iterations may take.
+          iterations: at least those that find anything.
         """
         judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
         compilation = max(_LEAST_LEARNING_SECONDS, _VALUE_PROGRAMS * judge.usual_seconds)
         iteration = _VALUE_EVALUATIONS * judge.rollout_seconds + _FITTING_SECONDS
-        needed = compilation + _VALUE_ITERATIONS * iteration
+        needed = compilation + iterations * iteration
         return not self._is_large and needed <= share * left
 
     def exploration(self, share: float = 1.0) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.affording import Affording
+from mdpo_rddl.auto.affording import MANY_VALUE_ITERATIONS, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -62,6 +62,10 @@ class Entrants:
         if not self.tries_changes or not self._affording.value(share):
             return None
         return PolicyIterationArm(self._arena, until)
+
+    def learns_fast(self, share: float) -> bool:
+        """Whether `greedy` takes part, and has many iterations in such a share of the time left."""
+        return self.tries_changes and self._affording.value(share, MANY_VALUE_ITERATIONS)
 
     @property
     def tries_changes(self) -> bool:

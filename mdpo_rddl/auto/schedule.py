@@ -51,13 +51,13 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
 # for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_LEARNING_SHARE = 0.8
+_LEARNING_SHARE = 0.85
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for greedy, while slices gain: with none after it, with ppo after it, where no
 # reward was found yet, and after others
 _GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85, 0.6, 0.6, 0.6
-# what it has in any case, for its first iterations tell little; where no reward was found yet
-_GREEDY_AT_LEAST, _RARE_GREEDY_AT_LEAST = 0.4, 0.2
+# what it has in any case, for its first iterations tell little
+_GREEDY_AT_LEAST = 0.4
 # names of their parts
 _LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
 # of the time left, at most, for an arm that needs no compilation, before the others
@@ -233,24 +233,36 @@ class Schedule(Slices):
         """Slices for what learns from exact rollouts, before all others."""
         if not self._marks.decided("learns first", self._finds_reward):
             # a law that explores finds no rare reward either, and learns to do nothing
-            self._learn_value(_RARE_GREEDY_SHARE, _RARE_GREEDY_AT_LEAST)
+            self._learn_value(_RARE_GREEDY_SHARE, is_rare=True)
             return
         leaves_time = self._affording.learning(LATER * (1.0 - _BEFORE_PPO_SHARE))
-        self._learn_value(_BEFORE_PPO_SHARE if leaves_time else _GREEDY_SHARE)
-        compiling = LATER if any(arm.name == GREEDY for arm in self.arms) else LEARNING_FIRST
-        learner = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE), compiling)
-        self._begin_with(_LEARNING, learner, _LEARNING_SHARE)
+        share = _BEFORE_PPO_SHARE if leaves_time else _GREEDY_SHARE
+        if self._marks.decided("value before law", lambda: self._entrants.learns_fast(share)):
+            self._learn_value(share)
+            self._learn_law(LATER)
+        else:
+            self._learn_law(LEARNING_FIRST)
+            self._learn_value(_GREEDY_SHARE)
 
-    def _learn_value(self, share: float, at_least: float = _GREEDY_AT_LEAST) -> None:
+    def _learn_law(self, compiling: float) -> None:
+        """Slices for what learns a law of actions.
+
+        Args:
+          compiling: share of the time left that its compilation may take.
+        """
+        arm = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE), compiling)
+        self._begin_with(_LEARNING, arm, _LEARNING_SHARE)
+
+    def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.
 
         Args:
           share: of the time left, for all of them.
-          at_least: of the time left, for what it has whatever it gains at first.
+          is_rare: whether no reward was found yet; its policies must soon find some then.
         """
-        until = self._end(_GREEDY_LEARNING, share)
-        arm = self._entrants.greedy(until, share)
-        self._begin_with(_GREEDY_LEARNING, arm, share, at_least=at_least)
+        arm = self._entrants.greedy(self._end(_GREEDY_LEARNING, share), share)
+        least = 0.0 if is_rare else _GREEDY_AT_LEAST
+        self._begin_with(_GREEDY_LEARNING, arm, share, at_least=least, by_policies=is_rare)
 
     def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
         return None if arm is None else self._open(arm, until, self._affording.patience(until))

@@ -171,6 +171,7 @@ class Slices:
         share: float,
         least_gain: float = 0.0,
         at_least: float = 0.0,
+        by_policies: bool = False,
     ) -> None:
         """Slices before others', while they gain.
 
@@ -183,6 +184,7 @@ class Slices:
           share: of the time left, for the part.
           least_gain: of what the first slice has gained.
           at_least: of the time left, for a slice that it has whatever the first one gains.
+          by_policies: whether the best policy must return more each time; else the arm's progress.
         """
         if arm is None:
             return
@@ -201,4 +203,11 @@ class Slices:
         for _ in self._marks.once(part, arena, until):
             if at_least and not arm.is_exhausted:
                 self.give(arm, min(until, arena.until(at_least)))
-            self._give_while(contender, until, lambda: arm.progress, least)
+            if by_policies:
+                self._give_while(contender, until, lambda: _known(arm.reached), least)
+            else:
+                self._give_while(contender, until, lambda: arm.progress, least)
+
+
+def _known(reached: float | None) -> float:
+    return -math.inf if reached is None else reached

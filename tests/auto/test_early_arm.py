@@ -120,43 +120,57 @@ def test_one_that_learns_slowly_at_first_has_a_slice_in_any_case(at_least, slice
     assert clock.now == until
 
 
+@pytest.mark.parametrize(("by_policies", "slices"), [(True, 2), (False, 11)])
+def test_one_that_finds_no_reward_is_left_though_its_rollouts_return_more(
+    by_policies, slices, monkeypatch
+):
+    progress = property(lambda self: 30.0 * self.log.slices)
+    monkeypatch.setattr(Planned, "progress", progress)
+    arm, _, _ = first([-40.0] * 99, by_policies=by_policies)
+    assert arm.log.slices == slices
+
+
 def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
 
 @pytest.mark.parametrize(
-    ("has_greedy", "finds_reward", "has_time", "expected"),
+    ("tells", "expected"),
     [
-        (True, True, False, (["greedy", "ppo"], [0.85], [LATER])),
+        (set(), (["greedy", "ppo"], [0.85], [LATER])),
         # where its program is compiled soon, the law has its part
-        (True, True, True, (["greedy", "ppo"], [0.6], [LATER])),
-        (False, True, False, (["ppo"], [0.85], [LEARNING_FIRST])),
+        ({"learning"}, (["greedy", "ppo"], [0.6], [LATER])),
+        ({"slow"}, (["ppo", "greedy"], [0.85], [LEARNING_FIRST])),
+        ({"without"}, (["ppo"], [0.85], [LEARNING_FIRST])),
         # a law would learn to do nothing
-        (True, False, False, (["greedy"], [0.6], [])),
+        ({"rare"}, (["greedy"], [0.6], [])),
     ],
 )
-def test_a_value_is_learnt_before_a_law(has_greedy, finds_reward, has_time, expected):
+def test_a_value_that_is_learnt_fast_comes_before_a_law(tells, expected):
     clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     arena = raced_arena(judge, clock)
     arena.has_plan, arena.incumbent = True, None
-    arena.beats_noop = lambda candidate: finds_reward
+    arena.beats_noop = lambda candidate: "rare" not in tells
     schedule = Schedule(arena, Search(), lambda name: None)
     values, laws = [], []
 
     class Entering:
         """Has both, or the second alone."""
 
+        def learns_fast(self, share):
+            return not tells & {"slow", "without"}
+
         def greedy(self, until, share):
             values.append(share)
-            return named("greedy", Planned(clock, [1.0])) if has_greedy else None
+            return None if "without" in tells else named("greedy", Planned(clock, [1.0]))
 
         def learner(self, until, share):
             laws.append(share)
             return named("ppo", Planned(clock, [2.0]))
 
     schedule._entrants = Entering()
-    schedule._affording = SimpleNamespace(learning=lambda share: has_time)
+    schedule._affording = SimpleNamespace(learning=lambda share: "learning" in tells)
     schedule._learn_first()
     assert ([arm.name for arm in schedule.arms], values, laws) == expected
     # a program that comes second may take less of the time

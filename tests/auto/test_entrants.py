@@ -19,8 +19,8 @@ class Generous:
     def learning(self, share: float) -> bool:
         return "ppo" not in self.refused
 
-    def value(self, share: float) -> bool:
-        return "greedy" not in self.refused
+    def value(self, share: float, iterations: int = 1) -> bool:
+        return ("many" if iterations > 1 else "greedy") not in self.refused
 
     def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
@@ -120,3 +120,16 @@ def test_few_bools_are_changed_one_by_one_where_the_state_is_seen(case, comes):
 
 def test_what_has_no_time_to_be_compiled_does_not_learn():
     assert entrants("greedy", kind="bool").greedy(60.0, 0.5) is None
+
+
+@pytest.mark.parametrize(
+    ("refused", "case", "expected"),
+    [
+        ((), {"kind": "bool"}, True),
+        (("many",), {"kind": "bool"}, False),
+        ((), {"kind": "bool", "without": ["greedy"]}, False),
+        ((), {"kind": "real"}, False),
+    ],
+)
+def test_a_value_is_learnt_fast_with_time_for_many_iterations(refused, case, expected):
+    assert entrants(*refused, **case).learns_fast(0.5) is expected
