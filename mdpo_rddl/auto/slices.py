@@ -203,11 +203,5 @@ class Slices:
         for _ in self._marks.once(part, arena, until):
             if at_least and not arm.is_exhausted:
                 self.give(arm, min(until, arena.until(at_least)))
-            if by_policies:
-                self._give_while(contender, until, lambda: _known(arm.reached), least)
-            else:
-                self._give_while(contender, until, lambda: arm.progress, least)
-
-
-def _known(reached: float | None) -> float:
-    return -math.inf if reached is None else reached
+            level, progress = (lambda: contender.level), (lambda: arm.progress)
+            self._give_while(contender, until, level if by_policies else progress, least)
