@@ -23,23 +23,32 @@ def _conditions(options: argparse.Namespace) -> Conditions:
     )
 
 
+def _shard(options: argparse.Namespace) -> tuple[int, int]:
+    first, slash, count = options.shard.partition("/")
+    if not (slash and first.isdecimal() and count.isdecimal() and int(first) < int(count)):
+        raise InputError(f"--shard: must be I/N with 0 <= I < N, got {options.shard!r}")
+    return int(first), int(count)
+
+
 def _everywhere(options: argparse.Namespace) -> str:
     records = run_everywhere(
-        options.out, options.problems, options.planners, options.seeds, _conditions(options)
+        options.out,
+        options.problems,
+        options.planners,
+        options.seeds,
+        _conditions(options),
+        _shard(options),
     )
     return everywhere_table(records)
 
 
 def _published(options: argparse.Namespace) -> str:
-    first, slash, count = options.shard.partition("/")
-    if not (slash and first.isdecimal() and count.isdecimal() and int(first) < int(count)):
-        raise InputError(f"--shard: must be I/N with 0 <= I < N, got {options.shard!r}")
     records = run_published(
         options.out,
         options.problems,
         options.seeds,
         _conditions(options),
-        (int(first), int(count)),
+        _shard(options),
     )
     draw_published(options.out / PUBLISHED_PICTURE, records)
     return published_table(records)

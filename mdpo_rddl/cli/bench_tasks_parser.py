@@ -24,9 +24,6 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     everywhere.set_defaults(run="everywhere", out=Path("results/everywhere"))
     published = commands.add_parser("published", help="81 tasks with published returns")
     published.add_argument(
-        "--shard", metavar="I/N", default="0/1", help="every N-th task, from the I-th on, from 0"
-    )
-    published.add_argument(
         "--decision-seconds",
         type=number(at_least=0),
         default=0.0,
@@ -43,6 +40,12 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         command.add_argument("--episodes", type=positive_int, default=episodes)
         command.add_argument("--seeds", type=positive_int, default=1)
         command.add_argument("--memory-gb", type=number(above=0), default=8.0)
+        command.add_argument(
+            "--shard",
+            metavar="I/N",
+            default="0/1",
+            help="every N-th task, from the I-th on, from 0; jobs may share a folder",
+        )
     anytime = commands.add_parser("anytime", help="what more time to prepare is worth")
     anytime.add_argument(
         "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(ANYTIME_TASKS)

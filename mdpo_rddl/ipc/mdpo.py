@@ -19,7 +19,14 @@ _FILE = "policy.safetensors"
 
 
 class MDPO:
-    """Finds a policy by the default preset, and plays a legal action near the policy's."""
+    """Finds a policy by the default preset, and plays a legal action near the policy's.
+
+    Attributes:
+      found_by: the arm that found the policy, after those whose policies it began with; empty
+        before `prepare`, and where a policy was restored.
+    """
+
+    found_by: tuple[str, ...] = ()
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy for the time given, less a margin."""
@@ -46,7 +53,9 @@ class MDPO:
         """A policy, after so many seconds with compilation."""
         config = PRESETS[DEFAULT_PRESET](problem.domain_name)
         config = config.with_values("Optimize", train_seconds=seconds)
-        return plan_automatically(problem, config, seed).policy
+        outcome = plan_automatically(problem, config, seed)
+        self.found_by = (*outcome.chosen.parents, outcome.chosen.arm)
+        return outcome.policy
 
     def _take_up(self, policy: AnyPolicy) -> None:
         self._policy, self._moves = policy, LegalMoves(policy.problem)

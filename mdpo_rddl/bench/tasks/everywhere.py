@@ -32,6 +32,7 @@ def run_everywhere(
     planners: Iterable[str],
     seeds: int,
     conditions: Conditions,
+    shard: tuple[int, int] = (0, 1),
 ) -> Records:
     """Tries the first instance of each problem; rows that are there already are skipped.
 
@@ -41,6 +42,7 @@ def run_everywhere(
       planners: out of `PLANNERS`.
       seeds: of the preparation.
       conditions: of all trials.
+      shard: (i, n): only every n-th problem, from the i-th on.
 
     Raises:
       InputError: for an unknown problem.
@@ -51,7 +53,8 @@ def run_everywhere(
     if unknown:
         raise InputError(f"rddlrepository has no problem {unknown[0]!r}")
     tasks = [Task(name, first_instance(name)) for name in names]
-    return run_tasks(out, tasks, planners, seeds, conditions)
+    number, count = shard
+    return run_tasks(out, tasks[number::count], planners, seeds, conditions)
 
 
 def everywhere_table(records: Records) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.ipc.planner import Improving
 from mdpo_rddl.ipc.registry import check_planner, make_planner
 from mdpo_rddl.ipc.thinking import ThinkingMDPO
@@ -34,6 +35,7 @@ FIGURES = (
     "fallback_actions",
     "peak_mb",
     "commit",
+    "arms",
     "returns",
 )
 COLUMNS = (*KEYS, "status", "cause", *FIGURES)
@@ -181,6 +183,8 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
             row["note"] = f"{type(error).__name__}: {one_line_cause(error)}"
     prepared = time.perf_counter()
     row["prepare_seconds"] = round(prepared - started, 2)
+    if isinstance(planner, MDPO):
+        row["arms"] = "; ".join(planner.found_by)
     random = np.random.default_rng(trial.seed)
     episodes = trial.conditions.episodes
     if isinstance(planner, ThinkingMDPO) and planner.thinker is None:
