@@ -5,11 +5,13 @@ import argparse
 from mdpo_rddl.bench.tasks.anytime import anytime_table, named_tasks, read_anytime, run_anytime
 from mdpo_rddl.bench.tasks.anytime_figure import draw_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
+from mdpo_rddl.bench.tasks.everywhere_figure import draw_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.trial import Conditions
 from mdpo_rddl.errors import InputError
 
+EVERYWHERE_PICTURE = "everywhere.png"
 PUBLISHED_PICTURE = "published.png"
 ANYTIME_PICTURE = "anytime.png"
 
@@ -39,6 +41,7 @@ def _everywhere(options: argparse.Namespace) -> str:
         _conditions(options),
         _shard(options),
     )
+    draw_everywhere(options.out / EVERYWHERE_PICTURE, records)
     return everywhere_table(records)
 
 

@@ -14,6 +14,7 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks import everywhere, trial
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
+from mdpo_rddl.bench.tasks.everywhere_figure import shares_of
 from mdpo_rddl.bench.tasks.published import published, published_table, read_published, score
 from mdpo_rddl.bench.tasks.published_figure import OURS, published_scores
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
@@ -133,11 +134,35 @@ def test_ours_is_below_where_the_paired_interval_is(tmp_path):
     assert lines[-1] == "Below another planner: 1 of 3 problems."
 
 
+def test_the_picture_places_planners_between_the_worst_and_the_best(tmp_path):
+    records = records_of(
+        tmp_path,
+        ("Two", "mdpo", [3.0, 3.0]),
+        ("Two", "noop", [1.0, 1.0]),
+        ("Two", "random", [1.0, 2.0]),
+        ("Same", "mdpo", [0.0]),
+        ("Same", "noop", [0.0]),
+        ("Alone", "mdpo", [1.0]),
+    )
+    records.add("Two", "1", "jaxplan-slp", 0, *row_of(status="timeout", cause="over 1 s"))
+    assert shares_of(records) == {
+        "Two": {"mdpo": 1.0, "noop": 0.0, "random": 0.25},
+        "Same": {"mdpo": 1.0, "noop": 1.0},
+    }
+
+
 def test_a_failure_of_ours_is_below_whoever_has_returns(tmp_path):
     records = records_of(tmp_path, ("P", "noop", [0.0, 0.0]))
     records.add("P", "1", "mdpo", 0, *row_of(status="timeout", cause="over 1 s"))
     assert "| timeout |" in everywhere_table(records)
     assert everywhere_table(records).endswith("Below another planner: 1 of 1 problems.\n")
+
+
+def test_jobs_share_the_problems(tmp_path):
+    names = ["Navigation_MDP_ippc2011", "SysAdmin_MDP_ippc2011", "TSP_or"]
+    run_everywhere(tmp_path, names, ["noop"], 1, QUICK, (1, 2))
+    records = run_everywhere(tmp_path, names, ["noop"], 1, QUICK, (0, 2))
+    assert [row["problem"] for row in records.rows] == [names[1], names[0], names[2]]
 
 
 def test_the_first_instance_is_rddlrepositorys():
@@ -192,6 +217,9 @@ def test_the_commands(tmp_path, capsys):
     assert bench.main(["everywhere", *arguments, *problems, "--planners", "noop"]) == 0
     assert "| Navigation_MDP_ippc2011 | 1 |" in capsys.readouterr().out
     assert (tmp_path / "table.md").is_file()
+    assert (tmp_path / "everywhere.png").is_file()
+    assert bench.main(["everywhere", *arguments, *problems, "--shard", "1/1"]) == 2
+    assert "--shard: must be I/N with 0 <= I < N" in capsys.readouterr().err
     assert bench.main(["published", *arguments, "--problems", "Nowhere"]) == 2
     assert "there are no published returns of 'Nowhere'" in capsys.readouterr().err
     assert bench.main(["published", *arguments, "--shard", "2/2"]) == 2

@@ -65,7 +65,7 @@ def everywhere_table(records: Records) -> str:
         "|" + "---|" * (len(PLANNERS) + 3),
     ]
     below, compared = 0, 0
-    for (problem, instance), rows in _by_task(records).items():
+    for (problem, instance), rows in by_task(records).items():
         cells = [_cell(rows.get(name)) for name in PLANNERS]
         ours = rows.get(OURS)
         losses = [] if ours is None else [n for n in others if _is_below(ours, rows.get(n))]
@@ -78,7 +78,7 @@ def everywhere_table(records: Records) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _by_task(records: Records) -> dict[tuple[str, str], dict[str, Mapping[str, str]]]:
+def by_task(records: Records) -> dict[tuple[str, str], dict[str, Mapping[str, str]]]:
     """Per task and planner the row of the first seed."""
     tasks: dict[tuple[str, str], dict[str, Mapping[str, str]]] = {}
     for row in records.rows:
