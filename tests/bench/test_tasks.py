@@ -134,6 +134,14 @@ def test_ours_is_below_where_the_paired_interval_is(tmp_path):
     assert lines[-1] == "Below another planner: 1 of 3 problems."
 
 
+def test_the_table_counts_the_arms_that_found_the_policies(tmp_path):
+    records = records_of(tmp_path, ("Other", "noop", [1.0]))
+    for problem, arms in (("A", "plan; polishing"), ("B", "polishing"), ("C", "constants; ppo")):
+        records.add(problem, "1", "mdpo", 0, *row_of(mean=1.0, returns="[1.0]", arms=arms))
+    table = everywhere_table(records)
+    assert table.endswith(" problems.\n\nOurs were found by: polishing 2, ppo 1.\n")
+
+
 def test_the_picture_places_planners_between_the_worst_and_the_best(tmp_path):
     records = records_of(
         tmp_path,

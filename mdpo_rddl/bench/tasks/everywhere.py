@@ -1,6 +1,7 @@
 """Every domain of rddlrepository: ours against JaxPlan, the no-op policy and random actions."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def run_everywhere(
 
 
 def everywhere_table(records: Records) -> str:
-    """Markdown: the mean returns, and whether ours is below any of the others."""
+    """Markdown: mean returns, whether ours is below any of the others, and which arms found it."""
     others = [name for name in PLANNERS if name != OURS]
     lines = [
         "| problem | instance | " + " | ".join(PLANNERS) + " | ours is below |",
@@ -75,6 +76,8 @@ def everywhere_table(records: Records) -> str:
             f"| {problem} | {instance} | " + " | ".join(cells) + f" | {', '.join(losses)} |"
         )
     lines += ["", f"Below another planner: {below} of {compared} problems."]
+    if found_by := _found_by(records):
+        lines += ["", f"Ours were found by: {found_by}."]
     return "\n".join(lines) + "\n"
 
 
@@ -85,6 +88,12 @@ def by_task(records: Records) -> dict[tuple[str, str], dict[str, Mapping[str, st
         if row["seed"] == "0":
             tasks.setdefault((row["problem"], row["instance"]), {})[row["planner"]] = row
     return dict(sorted(tasks.items()))
+
+
+def _found_by(records: Records) -> str:
+    """How many policies each arm has found, the most first."""
+    arms = [row["arms"].split("; ")[-1] for row in records.rows if row["arms"]]
+    return ", ".join(f"{name} {count}" for name, count in Counter(arms).most_common())
 
 
 def _cell(row: Mapping[str, str] | None) -> str:
