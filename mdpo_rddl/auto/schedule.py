@@ -20,7 +20,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
-from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, PATIENCE, Affording
+from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, LEARNING_LATER, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -235,11 +235,11 @@ class Schedule(Slices):
             # a law that explores finds no rare reward either, and learns to do nothing
             self._learn_value(_RARE_GREEDY_SHARE, is_rare=True)
             return
-        leaves_time = self._affording.learning(LATER * (1.0 - _BEFORE_PPO_SHARE))
+        leaves_time = self._affording.learning(LEARNING_LATER * (1.0 - _BEFORE_PPO_SHARE))
         share = _BEFORE_PPO_SHARE if leaves_time else _GREEDY_SHARE
         if self._marks.decided("value before law", lambda: self._entrants.learns_fast(share)):
             self._learn_value(share)
-            self._learn_law(LATER)
+            self._learn_law(LEARNING_LATER)
         else:
             self._learn_law(LEARNING_FIRST)
             self._learn_value(_GREEDY_SHARE)
@@ -274,7 +274,7 @@ class Schedule(Slices):
         patience = self._affording.patience(until)
         taken = {arm.name for arm in self.arms}
         if PPO not in taken:
-            self._opened(self._entrants.learner(until, LATER), until)
+            self._opened(self._entrants.learner(until, LEARNING_LATER), until)
         is_guided = self._best.planner is self._arena.planner and self._arena.beats_noop(self._best)
         if GREEDY not in taken and is_guided:
             self._learn_value(_LATE_GREEDY_SHARE)

@@ -6,7 +6,7 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.lakes import preset
 
-from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST
+from mdpo_rddl.auto.affording import LEARNING_FIRST, LEARNING_LATER
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
@@ -137,9 +137,9 @@ def test_one_that_has_given_up_has_no_slice():
 @pytest.mark.parametrize(
     ("tells", "expected"),
     [
-        (set(), (["greedy", "ppo"], [0.85], [LATER])),
+        (set(), (["greedy", "ppo"], [0.85], [LEARNING_LATER])),
         # where its program is compiled soon, the law has its part
-        ({"learning"}, (["greedy", "ppo"], [0.6], [LATER])),
+        ({"learning"}, (["greedy", "ppo"], [0.6], [LEARNING_LATER])),
         ({"slow"}, (["ppo", "greedy"], [0.85], [LEARNING_FIRST])),
         ({"without"}, (["ppo"], [0.85], [LEARNING_FIRST])),
         # a law would learn to do nothing
@@ -174,7 +174,7 @@ def test_a_value_that_is_learnt_fast_comes_before_a_law(tells, expected):
     schedule._learn_first()
     assert ([arm.name for arm in schedule.arms], values, laws) == expected
     # a program that comes second may take less of the time
-    assert LATER < LEARNING_FIRST
+    assert LEARNING_LATER < LEARNING_FIRST
 
 
 def named(name, arm):
