@@ -24,7 +24,7 @@ _LEAST_LEARNING_SECONDS = 8.0
 _VALUE_PROGRAMS, _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 1.5, 4.0, 0.03, 30
 MANY_VALUE_ITERATIONS = 350
 """With fewer of them a value is behind what learns without a model's steps."""
-LEARNING_FIRST, LEARNING_LATER, LATER = 0.75, 0.4, 0.25
+LEARNING_FIRST, LEARNING_LATER, LATER = 0.85, 0.4, 0.25
 """Shares of the time left that a compilation may take: of what learns a law where rewards are
 found, of the same after others, and of any other that begins late."""
 # of the time left: what an arm that must compile may need
