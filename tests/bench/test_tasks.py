@@ -134,6 +134,13 @@ def test_ours_is_below_where_the_paired_interval_is(tmp_path):
     assert lines[-1] == "Below another planner: 1 of 3 problems."
 
 
+def test_a_row_of_ours_names_the_arm_that_found_the_policy(tmp_path):
+    conditions = replace(QUICK, seconds=10.0)
+    tasks = [Task("Navigation_MDP_ippc2011", "1")]
+    ours, noop = run_tasks(tmp_path, tasks, ["mdpo", "noop"], 1, conditions).rows
+    assert (ours["status"], ours["arms"], noop["arms"]) == ("ok", "dynamic programming", "")
+
+
 def test_the_table_counts_the_arms_that_found_the_policies(tmp_path):
     records = records_of(tmp_path, ("Other", "noop", [1.0]))
     for problem, arms in (("A", "plan; polishing"), ("B", "polishing"), ("C", "constants; ppo")):
