@@ -161,6 +161,7 @@ PIECES: dict[str, Callable[[], str]] = {
     "index": index,
     "published": plain("published"),
     "published_thinking": plain("published_thinking"),
+    "anytime": plain("anytime"),
     "ipc2023": competition,
     "better-of-two": better_of_two,
     "auto": plain("auto"),
