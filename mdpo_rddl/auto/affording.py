@@ -27,6 +27,8 @@ MANY_VALUE_ITERATIONS = 350
 LEARNING_FIRST, LEARNING_LATER, LATER = 0.85, 0.4, 0.25
 """Shares of the time left that a compilation may take: of what learns a law where rewards are
 found, of the same after others, and of any other that begins late."""
+EXPLORING_FIRST = 0.4
+"""The same of what explores a net's parameters before the other arms."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
 # the same of one that nothing else is likely to come near, if so many seconds are left
@@ -74,7 +76,7 @@ class Affording:
         needed = compilation + iterations * iteration
         return not self._is_large and needed <= share * left
 
-    def exploration(self, share: float = 1.0) -> bool:
+    def exploration(self, share: float) -> bool:
         """Whether there is time for a net whose parameters are explored.
 
         Args:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.affording import MANY_VALUE_ITERATIONS, Affording
+from mdpo_rddl.auto.affording import EXPLORING_FIRST, MANY_VALUE_ITERATIONS, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -78,7 +78,7 @@ class Entrants:
         state = sum(np.asarray(known[name]).nbytes for name in rddl.state_fluents)
         return changes <= _MOST_CHANGES and state * planner.horizon <= _MOST_BYTES
 
-    def exploration(self, share: float = 1.0) -> CompilingArm | None:
+    def exploration(self, share: float = EXPLORING_FIRST) -> CompilingArm | None:
         """The one that explores the parameters of a net.
 
         Args:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mdpo_rddl.auto.affording import LEARNING_FIRST, Affording
+from mdpo_rddl.auto.affording import EXPLORING_FIRST, LEARNING_FIRST, Affording
 
 
 def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None):
@@ -49,6 +49,12 @@ def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expec
 )
 def test_a_law_is_learnt_where_there_is_time_for_its_program(case, expected):
     assert affording(0.01, **case).learning(LEARNING_FIRST) == expected
+
+
+@pytest.mark.parametrize(("left", "expected"), [(20.5, True), (19.5, False)])
+def test_a_net_is_explored_first_where_its_program_leaves_time_for_others(left, expected):
+    # 8 s for it
+    assert affording(0.01, left).exploration(EXPLORING_FIRST) == expected
 
 
 @pytest.mark.parametrize(
