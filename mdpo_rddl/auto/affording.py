@@ -24,11 +24,11 @@ _LEAST_LEARNING_SECONDS = 8.0
 _VALUE_PROGRAMS, _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 1.5, 4.0, 0.03, 30
 MANY_VALUE_ITERATIONS = 350
 """With fewer of them a value is behind what learns without a model's steps."""
-LEARNING_FIRST, LEARNING_LATER, LATER = 0.85, 0.4, 0.25
-"""Shares of the time left that a compilation may take: of what learns a law where rewards are
-found, of the same after others, and of any other that begins late."""
-EXPLORING_FIRST = 0.4
-"""The same of what explores a net's parameters before the other arms."""
+LEARNING_FIRST, LEARNING_LATER = 0.85, 0.4
+"""Shares of the time left that the compilation of what learns a law may take: before the other
+arms, and after some of them."""
+EXPLORING_FIRST, LATER = 0.4, 0.25
+"""The same of what explores a net's parameters."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
 # the same of one that nothing else is likely to come near, if so many seconds are left
