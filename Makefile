@@ -5,7 +5,7 @@ VENV := .venv
 HASHES ?=
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan auto-ablation audit hashes licences hardening load clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -102,14 +102,6 @@ auto-jaxplan: $(VENV)/.installed
 	taskset --cpu-list 0 $(BIN)/mdpo-bench auto --seconds 120 --seeds 1 \
 	  --planners auto jaxplan-slp jaxplan-drp --out runs/auto_jaxplan \
 	  --problems $(foreach d,HVAC PowerGen Reservoir,$(foreach i,1 2 3 4 5,$(d)_ippc2023:$(i)))
-
-# the default preset without each of its parts
-auto-ablation: $(VENV)/.installed
-	taskset --cpu-list 0 $(BIN)/mdpo-bench auto --seconds 60 --seeds 1 --out runs/auto_ablation \
-	  --planners auto auto-without-searches auto-without-own-weights auto-without-gradient \
-	  auto-without-last-search auto-without-noise auto-with-analysis-rollouts auto-without-plan \
-	  auto-without-net auto-without-cosines-and-squares auto-with-closed-loop-gradient \
-	  auto-with-plain-adam
 
 # the paper's table and figures, and the evidence for what docs/paper.md says
 paper: $(VENV)/.installed-paper

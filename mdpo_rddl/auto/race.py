@@ -104,7 +104,7 @@ def plan_automatically(
             if exact is not None:
                 resumption.enter(exact)
                 options.on_pulse()
-                _enumerate(exact, resumption, shares.optimum_until, started + seconds, clock)
+                _enumerate(exact, resumption, shares, started + seconds, clock)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, options)
                 trials = _trials_arm(problem, config, seed, exact, options)
@@ -192,16 +192,18 @@ def _dynamic_programming_arm(
 def _enumerate(
     exact: DynamicProgrammingArm,
     resumption: Resumption,
-    share: float,
+    shares: Shares,
     deadline: float,
     clock: Clock,
 ) -> None:
     """Looks for the optimum for a share of what is left; an arm that has given up has a model."""
     now = clock()
-    until = now + share * max(0.0, deadline - now)
-    if not resumption.marks.is_over(exact.name):
+    until = now + shares.optimum_until * max(0.0, deadline - now)
+    is_over = resumption.marks.is_over(exact.name)
+    is_left_out = exact.name in shares.without
+    if not (is_over or is_left_out):
         exact.work(until)
-    elif resumption.goes_on(TRIALS):
+    elif is_left_out or resumption.goes_on(TRIALS):
         exact.ground(until)
     resumption.marks.ended(exact.name)
 

@@ -89,7 +89,7 @@ class Schedule(Slices):
           initial: policies to begin with, whoever found them.
           resumption: where the race goes on; None if it begins.
         """
-        super().__init__(arena, on_stage, resumption)
+        super().__init__(arena, on_stage, resumption, shares.without)
         self._shares, self._initial, self._affording = shares, initial, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
         self.early: Arm | None = None

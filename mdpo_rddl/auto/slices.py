@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
@@ -32,7 +32,11 @@ class Slices:
     """
 
     def __init__(
-        self, arena: Arena, on_stage: Callable[[str], None], resumption: Resumption | None
+        self,
+        arena: Arena,
+        on_stage: Callable[[str], None],
+        resumption: Resumption | None,
+        without: Collection[str] = (),
     ) -> None:
         """Gives nothing yet.
 
@@ -40,8 +44,10 @@ class Slices:
           arena: where the arms meet.
           on_stage: called with the name of each part as it begins.
           resumption: where the race goes on; None if it begins.
+          without: names of arms that get none.
         """
         self._arena, self._on_stage, self._judge = arena, on_stage, arena.judge
+        self._without = without
         self._resumption = Resumption(lambda: 0.0) if resumption is None else resumption
         self._marks = self._resumption.marks
         self.arms: list[Arm] = []
@@ -56,6 +62,9 @@ class Slices:
         Raises:
           KeyboardInterrupt: if interrupted, once what was found till then was judged.
         """
+        if arm.name in self._without:
+            arm.is_exhausted = True
+            return False
         is_over = self._arena.clock() >= max(until, self._arena.deadline)
         if is_over and self._judge.incumbent is not None:
             return False
@@ -81,8 +90,11 @@ class Slices:
 
     def _contend(self, arm: Arm, reached: Callable[[], float | None]) -> Contender:
         """Has an arm take part in the rounds; the arguments are those of `Contender`."""
-        self._enter(arm)
         contender = Contender(arm, reached)
+        if arm.name in self._without:
+            arm.is_exhausted = True
+            return contender
+        self._enter(arm)
         self._contenders.append(contender)
         self._resumption.contend(contender)
         return contender

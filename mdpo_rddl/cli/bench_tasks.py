@@ -2,6 +2,7 @@
 
 import argparse
 
+from mdpo_rddl.bench.tasks.ablation import ablation_table, run_ablation
 from mdpo_rddl.bench.tasks.anytime import anytime_table, named_tasks, read_anytime, run_anytime
 from mdpo_rddl.bench.tasks.anytime_figure import draw_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
@@ -73,7 +74,14 @@ def _anytime(options: argparse.Namespace) -> str:
     return anytime_table(returns)
 
 
+def _ablation(options: argparse.Namespace) -> str:
+    tasks = named_tasks(options.problems)
+    records = run_ablation(options.out, tasks, options.seeds, _conditions(options), _shard(options))
+    return ablation_table(records)
+
+
 TASK_COMMANDS = {
+    "ablation": _ablation,
     "anytime": _anytime,
     "everywhere": _everywhere,
     "published": _published,

@@ -3,7 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.tasks.names import ANYTIME_SECONDS, ANYTIME_TASKS, PLANNERS
+from mdpo_rddl.bench.tasks.names import (
+    ABLATION_TASKS,
+    ANYTIME_SECONDS,
+    ANYTIME_TASKS,
+    PLANNERS,
+)
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
 PUBLISHED = Path("results/published")
@@ -16,7 +21,7 @@ def default_published(decision_seconds: float) -> Path:
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
-    """Adds `everywhere`, `published`, `published-report` and `anytime`."""
+    """Adds `everywhere`, `published`, `published-report`, `ablation` and `anytime`."""
     everywhere = commands.add_parser(
         "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
     )
@@ -34,8 +39,20 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         "published-report", help="the table and the picture of published, from its rows alone"
     )
     report.set_defaults(run="published-report", out=PUBLISHED)
-    for command, seconds, episodes in ((everywhere, 30.0, 20), (published, 60.0, 20)):
+    ablation = commands.add_parser(
+        "ablation", help="the race without each arm that had a part in its policy"
+    )
+    ablation.add_argument(
+        "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(ABLATION_TASKS)
+    )
+    ablation.set_defaults(run="ablation", out=Path("results/ablation"))
+    for command in (everywhere, published):
         command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
+    for command, seconds, episodes in (
+        (everywhere, 30.0, 20),
+        (published, 60.0, 20),
+        (ablation, 60.0, 20),
+    ):
         command.add_argument("--seconds", type=number(above=0), default=seconds)
         command.add_argument("--episodes", type=positive_int, default=episodes)
         command.add_argument("--seeds", type=positive_int, default=1)
@@ -57,4 +74,4 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     anytime.add_argument("--seeds", type=positive_int, default=5)
     anytime.add_argument("--memory-gb", type=number(above=0), default=8.0)
     anytime.set_defaults(run="anytime", out=Path("results/anytime"))
-    return [everywhere, published, report, anytime]
+    return [everywhere, published, report, ablation, anytime]

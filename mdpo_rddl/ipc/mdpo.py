@@ -1,6 +1,6 @@
 """Our planner."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.ipc.gradient import training_seconds
+from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.policy.file import load_policy, save_policy
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
@@ -16,6 +17,12 @@ from mdpo_rddl.problem.legal_moves import LegalMoves
 from mdpo_rddl.problem.load import Problem, make_environment
 
 _FILE = "policy.safetensors"
+
+ConfigChange = Callable[[PlannerConfig], PlannerConfig]
+
+
+def _unchanged(config: PlannerConfig) -> PlannerConfig:
+    return config
 
 
 class MDPO:
@@ -27,6 +34,14 @@ class MDPO:
     """
 
     found_by: tuple[str, ...] = ()
+
+    def __init__(self, change: ConfigChange = _unchanged) -> None:
+        """Prepares nothing yet.
+
+        Args:
+          change: of the preset's configuration.
+        """
+        self._change = change
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy for the time given, less a margin."""
@@ -51,7 +66,7 @@ class MDPO:
 
     def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
         """A policy, after so many seconds with compilation."""
-        config = PRESETS[DEFAULT_PRESET](problem.domain_name)
+        config = self._change(PRESETS[DEFAULT_PRESET](problem.domain_name))
         config = config.with_values("Optimize", train_seconds=seconds)
         outcome = plan_automatically(problem, config, seed)
         self.found_by = (*outcome.chosen.parents, outcome.chosen.arm)

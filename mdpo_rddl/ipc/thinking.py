@@ -31,6 +31,7 @@ class ThinkingMDPO(MDPO):
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         """Knows no trial's time yet, without which it does not think."""
+        super().__init__()
         self._clock = clock
         self._trial_seconds, self._trial_began = 0.0, 0.0
         # when the last action was given, and the longest that the environment has taken since

@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
+from helpers import toy_mdps as toys
 from helpers.clocks import Stopped
 from helpers.lakes import preset
 from helpers.races import CLOCK, means, raced
 
 from mdpo_rddl.auto import RaceOptions, race, schedule
+from mdpo_rddl.auto.arms import dynamic_programming
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
@@ -17,6 +19,7 @@ from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.slices import Slices
 from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS
 
 pytestmark = pytest.mark.usefixtures("one_core")
 NOOP, CONSTANT = "no-op", "constant"
@@ -127,3 +130,29 @@ def test_where_no_return_of_a_search_is_finite_the_best_so_far_is_kept(
     assert np.isfinite(outcome.chosen.mean)
     assert outcome.chosen.mean >= means(outcome)[CONSTANT]
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(outcome.policy.params))
+
+
+@pytest.mark.parametrize("problem", ["lake", "corridor"])
+def test_arms_that_are_left_out_get_no_slice(problem, request, monkeypatch):
+    toy, in_use = request.getfixturevalue(problem), []
+    work = Arm.work
+
+    def noted(arm, until):
+        in_use.append(arm.name)
+        work(arm, until)
+
+    monkeypatch.setattr(Arm, "work", noted)
+    outcome = raced(toy, 300.0, without=list(OPTIONAL_ARMS))
+    assert set(in_use) == {"constants and rules"}
+    assert [log.name for log in outcome.arms] == ["constants and rules"]
+    assert outcome.chosen.arm == "constants and rules"
+
+
+def test_without_the_optimum_its_model_is_there_for_the_trials(tmp_path, monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("asked for")
+
+    monkeypatch.setattr(dynamic_programming, "find_optimum", refuse)
+    outcome = raced(toys.walk(tmp_path, 6), 300.0, without=list(OPTIONAL_ARMS[:1]))
+    assert "trials" in [log.name for log in outcome.arms]
+    assert outcome.optimum is None

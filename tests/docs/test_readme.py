@@ -76,19 +76,6 @@ def test_what_noise_harms_is_what_was_measured():
     assert f"is better than JaxPlan's planner on {better} tasks" in docs
 
 
-def test_the_ablation_in_the_docs_is_the_one_in_results():
-    docs = (ROOT / "docs" / "auto.md").read_text(encoding="utf-8")
-    with (ROOT / "results" / "auto_ablation" / "runs.csv").open(newline="") as file:
-        returns = {
-            (r["problem"], r["planner"]): float(r["mean_return"]) for r in csv.DictReader(file)
-        }
-    planners = {planner for _, planner in returns}
-    assert "auto" in planners <= set(VARIANTS)
-    for planner in planners:
-        cells = [f"{returns[name, planner]:,.0f}" for name in SETTINGS]
-        assert f"| {planner} | {' | '.join(cells)} |" in docs
-
-
 def test_the_version_is_the_same_everywhere():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     assert mdpo_rddl.__version__ == declared

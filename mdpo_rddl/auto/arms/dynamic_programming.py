@@ -14,6 +14,7 @@ from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 
+DYNAMIC_PROGRAMMING = "dynamic programming"
 PROVEN = "proven optimum"
 _MEMORY_GB = 4.0
 
@@ -34,7 +35,7 @@ class DynamicProgrammingArm(Arm):
           config: of the race.
           clock: what is asked for the time.
         """
-        super().__init__("dynamic programming", clock)
+        super().__init__(DYNAMIC_PROGRAMMING, clock)
         self._problem, self._config = problem, config
         self.solution: Solution | None = None
         self.model: GroundModel | None = None

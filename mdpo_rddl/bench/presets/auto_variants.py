@@ -7,8 +7,10 @@ from mdpo_rddl.auto.fitting import without_plan
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS, SEARCH
 
-# a search must have some time, if only to compile
-_NO_TIME = 0.02
+
+def without(arm: str) -> str:
+    """The name of the variant without an arm."""
+    return f"auto-without-{arm.replace(' ', '-')}"
 
 
 def _searching(**shares: Any) -> Callable[[PlannerConfig], PlannerConfig]:
@@ -25,13 +27,10 @@ def _shaped(**arguments: Any) -> Callable[[PlannerConfig], PlannerConfig]:
 
 VARIANTS: dict[str, Callable[[PlannerConfig], PlannerConfig]] = {
     "auto": lambda config: config,
-    "auto-without-searches": _searching(shared_until=_NO_TIME, own_until=_NO_TIME),
-    "auto-without-own-weights": _searching(shared_until=0.32, own_until=0.32),
-    **{f"auto-without-{name}": _searching(without=[name]) for name in OPTIONAL_ARMS},
-    "auto-without-last-search": _searching(rounds_until=1.0),
+    **{without(name): _searching(without=[name]) for name in OPTIONAL_ARMS},
     "auto-without-noise": lambda config: config.with_section("Noise", {"method": "NoNoise"}),
     "auto-with-analysis-rollouts": lambda c: c.with_values("Noise", analysis_samples=1),
-    "auto-without-plan": without_plan,
+    "auto-without-open-loop-part": without_plan,
     "auto-without-net": _shaped(topology=[]),
     "auto-without-cosines-and-squares": _shaped(cosines=0, squares=False),
     "auto-with-closed-loop-gradient": _shaped(cut_feedback=False),

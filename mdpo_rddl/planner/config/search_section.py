@@ -6,7 +6,22 @@ from typing import Any
 
 SEARCH = "Search"
 """The section's name."""
-OPTIONAL_ARMS = ("ppo", "greedy", "gradient", "pgpe", "slp", "drp", "trials")
+OPTIONAL_ARMS = (
+    "dynamic programming",
+    "trials",
+    "greedy",
+    "ppo",
+    "pgpe",
+    "exploration",
+    "shared weights",
+    "plan",
+    "own weights",
+    "gradient",
+    "slp",
+    "drp",
+    "polishing the plan",
+    "polishing the weights",
+)
 """Arms that can be left out of the race."""
 
 
@@ -24,8 +39,7 @@ class Search:
       own_until: where the search for an open-loop plan ends, or, if none promises to become as
         good as the shared weights, that for each object's own weights.
       rounds_until: where the rounds end; the rest is for the arm of the best policy.
-      without: names of arms that are left out: "ppo", "greedy", "gradient", "pgpe", "slp", "drp",
-        "trials".
+      without: names of arms that are left out, out of `OPTIONAL_ARMS`.
       alternatives: whether JaxPlan's default planners are tried in a second process.
 
     Raises:

@@ -178,7 +178,7 @@ def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
         ("[Optimize]", "[Search]\noptimum_until=1\n[Optimize]", "0 <= optimum_until < 1"),
         ("[Optimize]", "[Search]\nuntil=2\n[Optimize]", "unexpected keyword argument 'until'"),
         ("[Optimize]", "[Search]\nalternatives=1\n[Optimize]", "must be True or False, got 1"),
-        ("[Optimize]", "[Search]\nwithout=['slq']\n[Optimize]", "'slq' is none of ppo, greedy"),
+        ("[Optimize]", "[Search]\nwithout=['slq']\n[Optimize]", "'slq' is none of dynamic prog"),
     ],
 )
 def test_mistakes_are_named(old, new, said):

@@ -1,0 +1,137 @@
+"""What each arm of the race is worth: the same task once more without it.
+
+Only an arm that had a part in the policy is left out: one from whose policies it was begun, or
+that found it. Without another one the race has the same parts, and some more time for them.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.presets.auto_variants import VARIANTS, without
+from mdpo_rddl.bench.tasks.everywhere import paired_interval
+from mdpo_rddl.bench.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks
+from mdpo_rddl.ipc.mdpo import MDPO
+from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS
+
+_GRADIENT = "gradient"
+
+
+def make_variant(name: str) -> MDPO:
+    """The race, changed.
+
+    Args:
+      name: a key of `VARIANTS`.
+    """
+    return MDPO(VARIANTS[name])
+
+
+def run_ablation(
+    out: Path,
+    tasks: Sequence[Task],
+    seeds: int,
+    conditions: Conditions,
+    shard: tuple[int, int] = (0, 1),
+) -> Records:
+    """Runs the whole race on each task, then without each arm that had a part in its policies.
+
+    Where the gradient had one, it runs without its noise, too. Rows that are there already are
+    skipped.
+
+    Args:
+      out: results folder.
+      tasks: in the order in which they are tried.
+      seeds: of the preparation, from 0; an arm is left out with all of them.
+      conditions: of all trials.
+      shard: (i, n): only every n-th task, from the i-th on.
+    """
+    number, count = shard
+    for task in tasks[number::count]:
+        whole = run_tasks(out, [task], [WHOLE], seeds, conditions, make_variant)
+        parts = arms_of([row for row in whole.rows if _task(row) == task])
+        variants = [without(arm) for arm in parts]
+        variants += [WITHOUT_NOISE] if _GRADIENT in parts else []
+        run_tasks(out, [task], variants, seeds, conditions, make_variant)
+    return Records(out / "rows.csv", COLUMNS, KEYS)
+
+
+def arms_of(rows: Sequence[Mapping[str, str]]) -> list[str]:
+    """The arms that had a part in the whole race's policies and can be left out."""
+    found = {name for row in rows if row["planner"] == WHOLE for name in row["arms"].split("; ")}
+    return [name for name in OPTIONAL_ARMS if name in found]
+
+
+def ablation_table(records: Records) -> str:
+    """Markdown: what each arm is worth, over the tasks and on each of them."""
+    tasks: dict[Task, dict[str, list[Mapping[str, str]]]] = {}
+    for row in records.rows:
+        tasks.setdefault(_task(row), {}).setdefault(row["planner"], []).append(row)
+    whole = {task: rows[WHOLE] for task, rows in tasks.items() if WHOLE in rows}
+    shown = {without(arm): arm for arm in OPTIONAL_ARMS} | {WITHOUT_NOISE: NOISE}
+    verdicts: dict[str, list[str]] = {arm: [] for arm in shown.values()}
+    details = []
+    for task, rows in whole.items():
+        for variant, arm in shown.items():
+            if variant not in tasks[task]:
+                continue
+            cells, verdict = _compared(rows, tasks[task][variant])
+            verdicts[arm].append(verdict)
+            details.append([task.problem, task.instance, arm, *cells, verdict])
+    seeds = max((len(rows) for rows in whole.values()), default=0)
+    lines = [
+        f"{len(whole)} tasks, seeds of each: {seeds}. Worse without it, better without it: the 95% "
+        "interval of the difference, paired over the episodes, of means over the seeds.",
+        "",
+        "| arm | had a part on | worse without it | as good | better without it |",
+        "|---|---|---|---|---|",
+        *(_row([arm, len(found), *_counts(found)]) for arm, found in verdicts.items()),
+        "",
+        "| problem | instance | arm | with | without | lost without it (95% interval) | verdict |",
+        "|---|---|---|---|---|---|---|",
+        *(_row(cells) for cells in details),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+_WORSE, _LEVEL, _BETTER = "worse", "as good", "better"
+
+
+def _row(cells: Sequence[object]) -> str:
+    return "| " + " | ".join(str(cell) for cell in cells) + " |"
+
+
+def _counts(verdicts: Sequence[str]) -> list[int]:
+    return [verdicts.count(name) for name in (_WORSE, _LEVEL, _BETTER)]
+
+
+def _task(row: Mapping[str, str]) -> Task:
+    return Task(row["problem"], row["instance"])
+
+
+def _compared(
+    whole: Sequence[Mapping[str, str]], rest: Sequence[Mapping[str, str]]
+) -> tuple[list[str], str]:
+    """Both means, the loss with its interval, and whether it is one."""
+    ours, theirs = _returns(whole), _returns(rest)
+    if ours is None or theirs is None:
+        verdict = _LEVEL if ours is theirs else _WORSE if theirs is None else _BETTER
+        return [_mean(ours), _mean(theirs), ""], verdict
+    low, mean, high = paired_interval(ours, theirs)
+    slack = 1e-6 * max(1.0, float(np.max(np.abs(ours))))
+    verdict = _WORSE if low > slack else _BETTER if high < -slack else _LEVEL
+    return [_mean(ours), _mean(theirs), f"{mean:,.4g} [{low:,.4g}, {high:,.4g}]"], verdict
+
+
+def _returns(rows: Sequence[Mapping[str, str]]) -> np.ndarray | None:
+    """Per episode [E] the mean over the seeds; None if one has no returns."""
+    if any(row["status"] != OK for row in rows):
+        return None
+    return np.mean([json.loads(row["returns"]) for row in rows], axis=0)
+
+
+def _mean(returns: np.ndarray | None) -> str:
+    return "failed" if returns is None else f"{returns.mean():,.6g}"
