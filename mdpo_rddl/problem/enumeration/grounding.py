@@ -1,7 +1,8 @@
 """The expressions of a lifted model, for given objects, as nodes of a graph."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ Binding = Mapping[str, int]
 
 # bindings of an aggregation, between two looks at the clock
 _CHECK_EVERY = 1024
+# of objects, at which a fluent is looked up where the state says at which
+_MAX_PLACES = 4096
 _LEAVES = {"state-fluent": Kind.STATE, "action-fluent": Kind.ACTION}
 _BOOLEAN = {"^": "and", "&": "and", "|": "or", "=>": "implies", "<=>": "iff"}
 _AGGREGATIONS = {
@@ -82,28 +85,23 @@ class Grounder:
         kind, name = expression.etype
         if kind == "randomvar":
             return self._draw(name, expression.args, binding)
-        if kind == "control" and name == "if":
-            condition, yes, no = expression.args
-            test = self.law(condition, binding)
-            if len(test) == 1 and self.graph.is_constant(test[0].value):
-                return self.law(yes if self.graph.values[test[0].value] else no, binding)
-            return self.laws.choose(test, self.law(yes, binding), self.law(no, binding))
+        if kind == "control":
+            return self._chosen(*self._cases(expression, binding), binding)
+        if kind == "pvar":
+            return self._drawn_place(expression, binding)
         operator, parts = self._parts(expression, binding)
         return self._combine(operator, [self.law(each, bound) for each, bound in parts])
 
     def node(self, expression: Any, binding: Binding) -> int:
         """The node of an expression without a draw of its own."""
-        kind, name = expression.etype
+        kind, _ = expression.etype
         if kind == "constant":
             return self.graph.constant(expression.args)
         if kind == "pvar":
             return self._variable(expression, binding)
-        if kind == "control" and name == "if":
-            condition, yes, no = expression.args
-            test = self.node(condition, binding)
-            if self.graph.is_constant(test):
-                return self.node(yes if self.graph.values[test] else no, binding)
-            return self.graph.make("if", test, self.node(yes, binding), self.node(no, binding))
+        if kind == "control":
+            (only,) = self._chosen(*self._cases(expression, binding), binding)
+            return only.value
         operator, parts = self._parts(expression, binding)
         if operator in ("and", "or"):
             return self._junction(operator, parts)
@@ -111,6 +109,38 @@ class Grounder:
             return self._product(parts)
         nodes = [self.node(each, bound) for each, bound in parts]
         return self._combine(operator, [self.laws.certain(node) for node in nodes])[0].value
+
+    def _cases(self, expression: Any, binding: Binding) -> tuple[list[tuple[Law, Any]], Any]:
+        """Conditions with what each chooses, the first that holds, and what is chosen else."""
+        _, name = expression.etype
+        condition, *choices = expression.args
+        if name == "if":
+            yes, no = choices
+            return [(self.law(condition, binding), yes)], no
+        if self._is_random(condition):
+            raise NotEnumerableError("a switch on a draw")
+        graph, subject = self.graph, self.node(condition, binding)
+        *cases, (kind, last) = sorted(choices, key=lambda choice: choice[0] == "default")
+        tests = [
+            self.laws.certain(graph.make("==", subject, graph.constant(self._object(value))))
+            for _, (value, _) in cases
+        ]
+        chosen = [each for _, (_, each) in cases]
+        # without a default its cases are all that there is
+        return list(zip(tests, chosen, strict=True)), last if kind == "default" else last[1]
+
+    def _chosen(self, cases: Sequence[tuple[Law, Any]], otherwise: Any, binding: Binding) -> Law:
+        """The law of a choice; what a constant rules out is not looked at."""
+        if not cases:
+            return self.law(otherwise, binding)
+        (test, chosen), *rest = cases
+        if len(test) == 1 and self.graph.is_constant(test[0].value):
+            if self.graph.values[test[0].value]:
+                return self.law(chosen, binding)
+            return self._chosen(rest, otherwise, binding)
+        return self.laws.choose(
+            test, self.law(chosen, binding), self._chosen(rest, otherwise, binding)
+        )
 
     def _junction(self, operator: str, parts: Iterator[tuple[Any, Binding]]) -> int:
         """A conjunction or disjunction, left as soon as a constant decides it."""
@@ -196,7 +226,49 @@ class Grounder:
             return self.graph.constant(binding[name])
         if arguments is None and name not in self._rddl.variable_types:
             return self.graph.constant(self._object(name))
-        indices = tuple(self._index(each, binding) for each in arguments or [])
+        return self._at(name, [self._place(each, binding) for each in arguments or []])
+
+    def _drawn_place(self, expression: Any, binding: Binding) -> Law:
+        """The law of a fluent whose object is drawn."""
+        name, arguments = expression.args
+        places = [
+            self.laws.certain(self._place(each, binding))
+            if isinstance(each, str)
+            else self.law(each, binding)
+            for each in arguments
+        ]
+        branches = []
+        for chosen in product(*places):
+            value = self._at(name, [each.value for each in chosen])
+            branches.append(
+                Branch(value, self.graph.make("*", *(each.probability for each in chosen)))
+            )
+        return self.laws.collected(branches)
+
+    def _at(self, name: str, places: list[int]) -> int:
+        """The node of a fluent whose objects are nodes: a choice where they are not known."""
+        graph = self.graph
+        unknown = [number for number, node in enumerate(places) if not graph.is_constant(node)]
+        if not unknown:
+            return self._fluent_node(name, tuple(int(graph.values[node]) for node in places))
+        sizes = [len(self._rddl.type_to_objects[kind]) for kind in self._types(name)]
+        if prod(sizes[number] for number in unknown) > _MAX_PLACES:
+            raise NotEnumerableError("a fluent whose object depends on the state")
+        first = unknown[0]
+        nodes = [
+            self._at(name, [*places[:first], graph.constant(place), *places[first + 1 :]])
+            for place in range(sizes[first])
+        ]
+        chosen = nodes[-1]
+        for place in reversed(range(sizes[first] - 1)):
+            test = graph.make("==", places[first], graph.constant(place))
+            chosen = graph.make("if", test, nodes[place], chosen)
+        return chosen
+
+    def _types(self, name: str) -> list[str]:
+        return list(self._rddl.variable_params[name])
+
+    def _fluent_node(self, name: str, indices: tuple[int, ...]) -> int:
         kind = self._rddl.variable_types[name]
         if kind == "non-fluent":
             return self.graph.constant(np.asarray(self._values[name])[indices])
@@ -210,13 +282,12 @@ class Grounder:
         self.drawn[name, indices] = leaf
         return leaf
 
-    def _index(self, argument: Any, binding: Binding) -> int:
-        if isinstance(argument, str):
-            return binding[argument] if argument in binding else self._object(argument)
-        node = self.node(argument, binding)
-        if not self.graph.is_constant(node):
-            raise NotEnumerableError("a fluent whose object depends on the state")
-        return int(self.graph.values[node])
+    def _place(self, argument: Any, binding: Binding) -> int:
+        """The node of an object's index."""
+        if not isinstance(argument, str):
+            return self.node(argument, binding)
+        known = binding[argument] if argument in binding else self._object(argument)
+        return self.graph.constant(known)
 
     def _object(self, name: str) -> int:
         try:
@@ -234,13 +305,20 @@ class Grounder:
         if name in ("Discrete", "UnnormDiscrete"):
             cases = [case for _, case in arguments[1:]]
             weights = [self.node(weight, binding) for _, weight in cases]
-            values = [self.graph.constant(self._object(value)) for value, _ in cases]
-            total = self.graph.make("+", *weights)
-            return tuple(
-                Branch(value, self.graph.make("/", weight, total))
-                for value, weight in zip(values, weights, strict=True)
-            )
+            return self._one_of([self._object(value) for value, _ in cases], weights)
+        if name in ("Discrete(p)", "UnnormDiscrete(p)"):
+            typed, (weight,) = arguments
+            nodes = [self.node(*each) for each in self._bindings([typed], weight, binding)]
+            return self._one_of(range(len(nodes)), nodes)
         raise NotEnumerableError(f"a draw from {name}")
+
+    def _one_of(self, values: Sequence[int], weights: Sequence[int]) -> Law:
+        """One of the values, each as likely as its weight's node says."""
+        graph, total = self.graph, self.graph.make("+", *weights)
+        return tuple(
+            Branch(graph.constant(value), graph.make("/", weight, total))
+            for value, weight in zip(values, weights, strict=True)
+        )
 
     def _is_random(self, expression: Any) -> bool:
         """Whether a draw stands in the expression itself."""

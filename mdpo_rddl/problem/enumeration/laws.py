@@ -75,7 +75,7 @@ class Laws:
             value = graph.make(operator, *(branch.value for branch in combination))
             probability = graph.make("*", *(branch.probability for branch in combination))
             branches.append(Branch(value, probability))
-        return self._collected(branches)
+        return self.collected(branches)
 
     def choose(self, condition: Law, yes: Law, no: Law) -> Law:
         """The law of if-then-else."""
@@ -98,7 +98,7 @@ class Laws:
     def _is_bool(self, law: Law) -> bool:
         return all(self.graph.is_bool[branch.value] for branch in law)
 
-    def _collected(self, branches: Sequence[Branch]) -> Law:
+    def collected(self, branches: Sequence[Branch]) -> Law:
         """The branches with those of equal values joined."""
         if all(self.graph.is_bool[branch.value] for branch in branches):
             return self.bernoulli(self.truth(tuple(branches)))
