@@ -29,6 +29,8 @@ logger = logging.getLogger(__name__)
 
 _BYTES_PER_TRANSITION = 60
 _TIE = 1e-12
+# of the time: where the rules alone take longer, so do the states
+_GROUNDING_SHARE = 0.25
 
 
 def _ignore(model: GroundModel) -> None:
@@ -96,7 +98,8 @@ def find_optimum(
     started = clock()
     most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
     limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most), clock=clock)
-    model = ground_model(problem, limits)
+    grounding = EnumerationLimits(seconds=_GROUNDING_SHARE * seconds, clock=clock)
+    model = ground_model(problem, grounding)
     on_grounded(model)
     try:
         enumeration = enumerate_factored(model, limits)

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
+from mdpo_rddl.bench.common.auto_variants import VARIANTS
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.bench.tasks.ablation import ablation_table, arms_of, make_variant, run_ablation
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task
 from mdpo_rddl.cli import bench

@@ -5,9 +5,9 @@ from helpers.lakes import write_lake
 
 from mdpo_rddl.auto.fitting import scaled
 from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.bench.common.auto_variants import VARIANTS
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.presets.auto import COLUMNS, KEYS, auto_table, run_auto
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset

@@ -2,9 +2,9 @@
 
 from helpers.mistakes import one_line
 
+from mdpo_rddl.bench.common.auto_variants import VARIANTS
 from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.settings import load_setting
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.bench.presets.names import VARIANT_NAMES
 from mdpo_rddl.bench.presets.paper_preset import PAPER
 

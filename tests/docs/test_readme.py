@@ -1,7 +1,6 @@
 """The README keeps its word: its code runs, its options exist, its figures are the results'."""
 
 import ast
-import csv
 import dataclasses
 import json
 import re
@@ -13,7 +12,6 @@ import pytest
 from helpers.problems import ROOT
 
 import mdpo_rddl
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.noise import default_noise
 from mdpo_rddl.planner.config.presets.paper import paper_preset

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import special
 
 from mdpo_rddl.auto import plan_automatically
+from mdpo_rddl.bench.common.auto_variants import VARIANTS
 from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.settings import load_setting
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS
 from mdpo_rddl.bench.presets.experts import expert
 from mdpo_rddl.bench.presets.names import PLANNERS
 from mdpo_rddl.errors import InputError

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from mdpo_rddl.bench.common.auto_variants import VARIANTS, without
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.presets.auto_variants import VARIANTS, without
 from mdpo_rddl.bench.tasks.everywhere import paired_interval
 from mdpo_rddl.bench.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks

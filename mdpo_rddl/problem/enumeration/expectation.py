@@ -1,13 +1,10 @@
 """The expectation of an expression over random variables of the same step."""
 
 from collections.abc import Mapping
-from itertools import product
 
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
+from mdpo_rddl.problem.enumeration.joint import combinations
 from mdpo_rddl.problem.enumeration.laws import Law
-from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
-
-_MAX_COMBINATIONS = 4096
 
 
 def expectation(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
@@ -18,7 +15,7 @@ def expectation(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
     Args:
       graph: of the nodes.
       node: whose expectation is wanted.
-      laws: per leaf that stands for a random variable its law, independent of the others.
+      laws: per leaf that stands for a random variable its law, which may read other leaves.
 
     Raises:
       NotEnumerableError: if a term reads too many random variables.
@@ -39,15 +36,8 @@ def expectation(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
 
 
 def _over_combinations(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
-    leaves = [each for each in graph.needed([node], Kind.DRAWN) if graph.operators[each] == "leaf"]
-    count = 1
-    for leaf in leaves:
-        count *= len(laws[leaf])
-        if count > _MAX_COMBINATIONS:
-            raise NotEnumerableError("a reward that reads many random fluents of the step")
     terms = []
-    for branches in product(*(laws[leaf] for leaf in leaves)):
-        values = {leaf: each.value for leaf, each in zip(leaves, branches, strict=True)}
+    for values, probability in combinations(graph, [node], laws):
         (value,) = graph.substitute([node], values)
-        terms.append(graph.make("*", value, *(each.probability for each in branches)))
+        terms.append(graph.make("*", value, probability))
     return graph.make("+", *terms)

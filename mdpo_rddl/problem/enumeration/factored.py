@@ -57,7 +57,8 @@ def enumerate_factored(model: GroundModel, limits: EnumerationLimits) -> Enumera
     """
     count = len(model.variables)
     search = Search(model, limits, follow=False)
-    if count > _MAX_VARIABLES or not all(model.is_bool) or not all(search.afterstates.is_random):
+    are_random = all(model.is_bool) and all(search.afterstates.is_random)
+    if count > _MAX_VARIABLES or not are_random or model.groups:
         raise NotEnumerableError("not all of few fluents are random bools")
     if len(model.actions) << count > _MAX_ROWS:
         raise NotEnumerableError(f"more than {_MAX_ROWS:,} states with actions")

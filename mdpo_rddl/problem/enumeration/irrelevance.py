@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdpo_rddl.problem.enumeration.graph import Kind
+from mdpo_rddl.problem.enumeration.joint import nodes_of
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
@@ -48,6 +49,8 @@ def merged(states: np.ndarray, merges: list[Merge]) -> np.ndarray:
 
 def _is_kept(model: GroundModel, number: int, value: bool) -> bool:
     """Whether a bool keeps a value, whatever is done."""
+    if any(number in group for group in model.groups):
+        return False  # it may well be, but its law is not one of its own
     leaf, constant = model.leaf(number), model.graph.constant(value)
     nodes = {action.laws[number][0].value for action in model.actions}
     new = model.graph.substitute(nodes, {leaf: constant})
@@ -73,12 +76,14 @@ def _relevant(model: GroundModel, number: int, value: bool) -> set[int]:
     relevant = {number, *ints}
     while waiting:
         relevant |= waiting
+        groups = [place for place, group in enumerate(model.groups) if waiting & {*group}]
         nodes = {
             node
             for action in model.actions
-            for each in waiting
-            for branch in action.laws[each]
-            for node in branch
+            for node in (
+                *(node for each in waiting for branch in action.laws[each] for node in branch),
+                *(node for place in groups for node in nodes_of(action.joint[place])),
+            )
         }
         waiting = reads(nodes) - relevant
     return relevant

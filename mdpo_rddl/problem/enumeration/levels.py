@@ -2,7 +2,8 @@
 
 Many states and actions lead to the same draw, so that what follows is worked out once for
 each afterstate. A variable that is never random stands in an afterstate with its value, any
-other one with the number of its distribution, its level.
+other one with the number of its distribution, its level; of a group of variables that are drawn
+together the first one stands for all.
 """
 
 from collections.abc import Callable, Iterable
@@ -10,12 +11,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.problem.enumeration.joint import JointLaw
 from mdpo_rddl.problem.enumeration.laws import Law
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.packing import Packing, pack
 
-_MAX_LEVELS = 1024
+_MAX_LEVELS, _MAX_JOINT_LEVELS = 1024, 2**14
+# of all distributions of some variables, and of those that are looked at together
+_MAX_NUMBERS, _NUMBERS_TOGETHER = 2_000_000, 10_000_000
 _TOLERANCE = 1e-9
 _CHUNK = 1_000_000
 
@@ -28,11 +32,24 @@ class Draws(NamedTuple):
     probability: np.ndarray
 
 
-class Levels:
-    """The distributions of one variable: each some values, with their probabilities."""
+_Tables = tuple[list[tuple[int, np.ndarray]], np.ndarray]
+"""Of all levels the bits [L, B] of their values in each word, and the probabilities [L, B]."""
 
-    def __init__(self) -> None:
-        """Starts with none."""
+
+class Levels:
+    """The distributions of one variable, or of some that are drawn together.
+
+    Each is a tuple of numbers: first all values of each variable, then their probabilities.
+    """
+
+    def __init__(self, variables: int = 1) -> None:
+        """Starts with none.
+
+        Args:
+          variables: number G of them.
+        """
+        self._most = _MAX_LEVELS if variables == 1 else _MAX_JOINT_LEVELS
+        self._parts = 1 + variables
         self._numbers: dict[tuple[float, ...], int] = {}
         self._tables: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -44,13 +61,13 @@ class Levels:
         return np.array([self._add([1, 0, each, 1 - each]) for each in unique])[inverse.ravel()]
 
     def of_rows(self, distributions: np.ndarray) -> np.ndarray:
-        """The level [N] of each row of distributions [N, 2 B]: values, then probabilities."""
+        """The level [N] of each row of distributions [N, (G + 1) B]."""
         unique, inverse = np.unique(distributions, axis=0, return_inverse=True)
         return np.array([self._add(row) for row in unique])[inverse.ravel()]
 
     @property
     def rows(self) -> list[tuple[float, ...]]:
-        """All of them, in the order of their numbers: values, then probabilities."""
+        """All of them, in the order of their numbers."""
         return list(self._numbers)
 
     def know(self, number: int, row: tuple[float, ...]) -> None:
@@ -59,25 +76,29 @@ class Levels:
         Raises:
           ValueError: if it is none, or not the next one.
         """
-        if not row or len(row) % 2 or self._add(row) != number:
+        if not row or len(row) % self._parts or self._add(row) != number:
             raise ValueError(f"its distribution {number} is none, or another one")
 
     def _add(self, row: Iterable[float]) -> int:
-        number = self._numbers.setdefault(tuple(map(float, row)), len(self._numbers))
-        if number >= _MAX_LEVELS:
-            raise NotEnumerableError(f"a fluent with more than {_MAX_LEVELS} distributions")
+        key = tuple(map(float, row))
+        number = self._numbers.setdefault(key, len(self._numbers))
+        if number >= self._most:
+            raise NotEnumerableError(f"a fluent with more than {self._most} distributions")
+        if number * len(key) > _MAX_NUMBERS:
+            raise NotEnumerableError("fluents with many distributions of many values together")
         return number
 
     def tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values and probabilities of all levels, both [L, B]."""
-        if self._tables is not None and len(self._tables[0]) == len(self._numbers):
+        """Values [G, L, B] and probabilities [L, B] of all levels."""
+        if self._tables is not None and len(self._tables[1]) == len(self._numbers):
             return self._tables
-        widest = max(map(len, self._numbers)) // 2
-        values, probabilities = np.zeros((2, len(self._numbers), widest))
+        widest = max(map(len, self._numbers)) // self._parts
+        table = np.zeros((self._parts, len(self._numbers), widest))
         for row, number in self._numbers.items():
-            half = len(row) // 2
-            values[number, :half], probabilities[number, :half] = row[:half], row[half:]
-        self._tables = values, probabilities
+            # of what has fewer branches the others have no probability
+            branches = len(row) // self._parts
+            table[:, number, :branches] = np.reshape(row, (self._parts, branches))
+        self._tables = table[:-1], table[-1]
         return self._tables
 
 
@@ -93,17 +114,24 @@ class Afterstates:
         """Sees which variables are random in some state, after some action."""
         self._model, self._limits = model, limits
         rules = [action.laws for action in model.actions]
+        grouped = {number for group in model.groups for number in group}
         self.is_random = [
-            any(self._may_be_random(laws[number], is_bool) for laws in rules)
+            number in grouped or any(self._may_be_random(laws[number], is_bool) for laws in rules)
             for number, is_bool in enumerate(model.is_bool)
         ]
-        self._levels = [Levels() for _ in model.variables]
-        bits = [1 << place.bits for place in model.packing.places]
+        # per variable that stands for itself or for a group, all that it stands for
+        self._random: dict[int, tuple[int, ...]] = {
+            number: (number,)
+            for number, is_random in enumerate(self.is_random)
+            if is_random and number not in grouped
+        }
+        self._random |= {group[0]: group for group in model.groups}
+        self._random = dict(sorted(self._random.items()))
+        self._levels = [
+            Levels(len(self._random.get(number, (number,)))) for number in range(len(rules[0]))
+        ]
         self.packing: Packing = pack(
-            [
-                _MAX_LEVELS if random else size
-                for random, size in zip(self.is_random, bits, strict=True)
-            ]
+            [self._size(number) for number in range(len(model.packing.places))]
         )
 
     def levels(self) -> list[list[tuple[float, ...]]]:
@@ -123,14 +151,21 @@ class Afterstates:
         """
         counts = [0] * len(self._levels)
         for variable, row in levels:
-            if not 0 <= variable < len(counts) or not self.is_random[variable]:
+            if variable not in self._random:
                 raise ValueError(f"its variable {variable} is not random")
             self._levels[variable].know(counts[variable], row)
             counts[variable] += 1
         for variable, count in enumerate(counts):
             if count:
-                values, _ = self._levels[variable].tables()
-                self._encoded(variable, values)
+                self._tables(variable)
+
+    def _size(self, number: int) -> int:
+        """How many values a variable's place in an afterstate has."""
+        if not self.is_random[number]:
+            return 1 << self._model.packing.places[number].bits
+        if number not in self._random:
+            return 1  # another one stands for it
+        return _MAX_LEVELS if len(self._random[number]) == 1 else _MAX_JOINT_LEVELS
 
     def _may_be_random(self, law: Law, is_bool: bool) -> bool:
         graph = self._model.graph
@@ -160,6 +195,28 @@ class Afterstates:
         shift = self._model.packing.places[number].shift
         return (bits >> np.uint64(shift)) << np.uint64(self.packing.places[number].shift)
 
+    def encode_group(
+        self, law: JointLaw, of: Callable[[int], np.ndarray], group: int
+    ) -> np.ndarray:
+        """The bits of a group's first variable in its word of afterstates [N].
+
+        Args:
+          law: of the next values.
+          of: the values [N] of a node.
+          group: its number.
+        """
+        first = self._model.groups[group][0]
+        columns = [of(branch.values[each]) for each in range(len(law[0].values)) for branch in law]
+        columns += [of(branch.probability) for branch in law]
+        together = max(1, _NUMBERS_TOGETHER // len(columns))
+        levels = [
+            self._levels[first].of_rows(
+                np.stack([each[start : start + together] for each in columns], axis=1).astype(float)
+            )
+            for start in range(0, len(columns[0]), together)
+        ]
+        return self.packing.encode(first, np.concatenate(levels))
+
     def _level(self, number: int, law: Law, of: Callable[[int], np.ndarray]) -> np.ndarray:
         levels = self._levels[number]
         if self._model.is_bool[number]:
@@ -176,8 +233,7 @@ class Afterstates:
         """
         tables = {
             number: (self.packing.decode(number, afterstates), *self._checked(number, afterstates))
-            for number, random in enumerate(self.is_random)
-            if random
+            for number in self._random
         }
         counts = np.ones(len(afterstates))
         for levels, _, probabilities in tables.values():
@@ -195,11 +251,10 @@ class Afterstates:
     def outcomes(self, afterstates: np.ndarray) -> np.ndarray:
         """How many next states are possible after each of afterstates [N]."""
         counts = np.ones(len(afterstates))
-        for number, is_random in enumerate(self.is_random):
-            if is_random:
-                level = self.packing.decode(number, afterstates)
-                _, probabilities = self._checked(number, afterstates)
-                counts *= np.count_nonzero(probabilities > 0, axis=1)[level]
+        for number in self._random:
+            level = self.packing.decode(number, afterstates)
+            _, probabilities = self._checked(number, afterstates)
+            counts *= np.count_nonzero(probabilities > 0, axis=1)[level]
         return counts
 
     def sample(
@@ -211,38 +266,47 @@ class Afterstates:
           NotEnumerableError: if a probability is none.
         """
         states, probability = self._fixed(afterstates), np.ones(len(afterstates))
-        for number, is_random in enumerate(self.is_random):
-            if is_random:
-                level = self.packing.decode(number, afterstates)
-                encoded, probabilities = self._checked(number, afterstates)
-                ends = np.cumsum(probabilities[level], axis=1)
-                drawn = random.random(len(level)) * ends[:, -1]
-                branch = np.count_nonzero(ends[:, :-1] <= drawn[:, np.newaxis], axis=1)
-                states[:, self._model.packing.places[number].word] |= encoded[level, branch]
-                probability *= probabilities[level, branch]
+        for number in self._random:
+            level = self.packing.decode(number, afterstates)
+            encoded, probabilities = self._checked(number, afterstates)
+            ends = np.cumsum(probabilities[level], axis=1)
+            drawn = random.random(len(level)) * ends[:, -1]
+            branch = np.count_nonzero(ends[:, :-1] <= drawn[:, np.newaxis], axis=1)
+            for word, bits in encoded:
+                states[:, word] |= bits[level, branch]
+            probability *= probabilities[level, branch]
         return states, probability
 
     def chances(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The level of a random bool in afterstates [N], and its chance of true at each [L]."""
-        encoded, probabilities = self._checked(number, afterstates)
+        ((_, encoded),), probabilities = self._checked(number, afterstates)
         chance = np.sum(probabilities * (encoded > 0), axis=1)
         return self.packing.decode(number, afterstates), chance
 
-    def _checked(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        values, probabilities = self._levels[number].tables()
+    def _checked(self, number: int, afterstates: np.ndarray) -> _Tables:
+        encoded, probabilities = self._tables(number)
         used = probabilities[np.unique(self.packing.decode(number, afterstates))]
         is_law = (used >= -_TOLERANCE).all() and np.allclose(used.sum(axis=1), 1.0)
         if not is_law:
             raise NotEnumerableError("a probability outside of [0, 1]")
-        encoded = self._encoded(number, values)
         return encoded, np.where(probabilities > 0, np.minimum(probabilities, 1.0), 0.0)
 
-    def _encoded(self, number: int, values: np.ndarray) -> np.ndarray:
-        """Values [L, B] of a variable as bits in its word [L, B]."""
-        try:
-            return self._model.packing.encode(number, values.ravel()).reshape(values.shape)
-        except OverflowError as error:
-            raise NotEnumerableError(str(error)) from error
+    def _tables(self, number: int) -> _Tables:
+        """Of the levels of a variable, or of the group that it stands for.
+
+        Raises:
+          NotEnumerableError: if a value does not fit.
+        """
+        values, probabilities = self._levels[number].tables()
+        encoded: dict[int, np.ndarray] = {}
+        for variable, own in zip(self._random[number], values, strict=True):
+            word = self._model.packing.places[variable].word
+            try:
+                bits = self._model.packing.encode(variable, own.ravel()).reshape(own.shape)
+            except OverflowError as error:
+                raise NotEnumerableError(str(error)) from error
+            encoded[word] = encoded[word] | bits if word in encoded else bits
+        return list(encoded.items()), probabilities
 
     def _fixed(self, afterstates: np.ndarray) -> np.ndarray:
         """Next states [N, words] of which the random variables are still 0."""
@@ -256,15 +320,15 @@ class Afterstates:
 
     def _draw(self, origin: np.ndarray, fixed: np.ndarray, tables: dict[int, Any]) -> Draws:
         states, probability = fixed[origin], np.ones(len(origin))
-        for number, (levels, encoded, probabilities) in tables.items():
-            word = self._model.packing.places[number].word
+        for levels, encoded, probabilities in tables.values():
             level = levels[origin]
             parts = []
-            for branch in range(encoded.shape[1]):
+            for branch in range(probabilities.shape[1]):
                 chosen = np.flatnonzero(probabilities[level, branch])
                 own = level[chosen]
                 new = states[chosen]
-                new[:, word] |= encoded[own, branch]
+                for word, bits in encoded:
+                    new[:, word] |= bits[own, branch]
                 weight = probability[chosen] * probabilities[own, branch]
                 parts.append((origin[chosen], new, weight))
             origin, states, probability = map(np.concatenate, zip(*parts, strict=True))

@@ -1,5 +1,7 @@
 """What may be done in each of many states: legal actions, rewards and afterstates."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,9 +51,13 @@ class RowMaker:
         outputs = {node for action in model.actions for node in action.nodes()}
         self._program = Program(model.graph, outputs)
         self._ends = Program(model.graph, [model.ends])
-        default = model.actions[0].laws
+        default = model.actions[0]
         self._differs = [
-            [number for number, law in enumerate(action.laws) if law != default[number]]
+            [number for number, law in enumerate(action.laws) if law != default.laws[number]]
+            for action in model.actions
+        ]
+        self._differing_groups = [
+            [group for group, law in enumerate(action.joint) if law != default.joint[group]]
             for action in model.actions
         ]
 
@@ -108,21 +114,35 @@ class RowMaker:
         """Afterstates [N, words] of the default action."""
         packing = self._afterstates.packing
         packed = np.zeros((batch.count, packing.words), np.uint64)
-        for number, law in enumerate(self._model.actions[0].laws):
-            word = packing.places[number].word
-            packed[:, word] |= self._afterstates.encode(number, law, batch.of)
+        default = self._model.actions[0]
+        for number, law in enumerate(default.laws):
+            if law:
+                word = packing.places[number].word
+                packed[:, word] |= self._afterstates.encode(number, law, batch.of)
+        for group, joint in enumerate(default.joint):
+            word = packing.places[self._model.groups[group][0]].word
+            packed[:, word] |= self._afterstates.encode_group(joint, batch.of, group)
         return packed
 
     def _changed(
         self, action: int, unchanged: np.ndarray, batch: _Batch, encoded: dict[Any, np.ndarray]
     ) -> np.ndarray:
         """Afterstates [N, words] of another action; `encoded` keeps what several share."""
-        packed = unchanged.copy()
-        for number in self._differs[action]:
-            law = self._model.actions[action].laws[number]
-            if (number, law) not in encoded:
-                encoded[number, law] = self._afterstates.encode(number, law, batch.of)
+        packed, rules = unchanged.copy(), self._model.actions[action]
+
+        def put(number: int, key: Any, encode: Callable[[], np.ndarray]) -> None:
+            if key not in encoded:
+                encoded[key] = encode()
             place = self._afterstates.packing.places[number]
             packed[:, place.word] &= ~place.mask
-            packed[:, place.word] |= encoded[number, law]
+            packed[:, place.word] |= encoded[key]
+
+        for number in self._differs[action]:
+            law = rules.laws[number]
+            encode = partial(self._afterstates.encode, number, law, batch.of)
+            put(number, (number, law), encode)
+        for group in self._differing_groups[action]:
+            joint, first = rules.joint[group], self._model.groups[group][0]
+            together = partial(self._afterstates.encode_group, joint, batch.of, group)
+            put(first, (first, joint), together)
         return packed
