@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 _BYTES_PER_TRANSITION = 60
 _TIE = 1e-12
 # of the time: where the rules alone take longer, so do the states
-_GROUNDING_SHARE = 0.25
+_GROUNDING_SHARE = 0.4
 
 
 def _ignore(model: GroundModel) -> None:
