@@ -162,6 +162,8 @@ PIECES: dict[str, Callable[[], str]] = {
     "published": plain("published"),
     "published_thinking": plain("published_thinking"),
     "anytime": plain("anytime"),
+    "ablation": plain("ablation"),
+    "ablation_settings": plain("ablation_settings"),
     "ipc2023": competition,
     "better-of-two": better_of_two,
     "auto": plain("auto"),

@@ -54,7 +54,9 @@ class Slices:
         self._contenders: list[Contender] = []
 
     def give(self, arm: Arm, until: float) -> bool:
-        """Gives an arm a slice of time and judges what it finds; none once the race is over.
+        """Gives an arm a slice of time and judges what it finds.
+
+        There is none once the race is over, and for an arm that is left out.
 
         Returns:
           Whether one of its candidates became the incumbent.

@@ -130,6 +130,14 @@ def test_problems_of_which_all_next_values_read_one_card(problem, optimum):
     assert abs(played.mean - solution.value) < 4 * error
 
 
+def test_a_switch_on_a_draw_is_refused():
+    switch = _CARDS.replace("switch (last)", "switch (NEXT(Discrete_{?i : item}[CHANCE(?i)]))")
+    fluent = "NEXT(item) : { non-fluent, item, default = @i1 };"
+    problem = problem_from(switch.replace("card : {", f"{fluent} card : {{", 1))
+    with pytest.raises(NotEnumerableError, match="a switch on a draw"):
+        ground_model(problem, LIMITS)
+
+
 def test_samples_are_drawn_as_the_list_of_successors_says(model):
     search = Search(model, LIMITS)
     search.expand(model.initial[np.newaxis])
