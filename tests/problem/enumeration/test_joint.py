@@ -55,7 +55,11 @@ non-fluents nf { domain = cards;
 instance i { domain = cards; non-fluents = nf; max-nondef-actions = 1; horizon = 3;
     discount = 1.0; }
 """
-LIMITS = EnumerationLimits(seconds=60)
+
+
+def limits() -> EnumerationLimits:
+    """Their time begins with them."""
+    return EnumerationLimits(seconds=60)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +69,7 @@ def cards():
 
 @pytest.fixture(scope="module")
 def model(cards):
-    return ground_model(cards, LIMITS)
+    return ground_model(cards, limits())
 
 
 def test_variables_that_share_a_draw_are_a_group(model):
@@ -78,12 +82,12 @@ def test_variables_that_share_a_draw_are_a_group(model):
         for number, law in enumerate(action.laws):
             assert bool(law) != (number in model.groups[0])
     with pytest.raises(NotEnumerableError, match="random bools"):
-        enumerate_factored(model, LIMITS)
+        enumerate_factored(model, limits())
 
 
 @pytest.mark.parametrize("take", [False, True])
 def test_joint_probabilities_are_those_of_the_environment(cards, model, take):
-    found = enumerate_states(model, LIMITS)
+    found = enumerate_states(model, limits())
     np.testing.assert_allclose(found.transitions.sum(axis=1), 1.0)
     (row,) = [
         row
@@ -135,11 +139,11 @@ def test_a_switch_on_a_draw_is_refused():
     fluent = "NEXT(item) : { non-fluent, item, default = @i1 };"
     problem = problem_from(switch.replace("card : {", f"{fluent} card : {{", 1))
     with pytest.raises(NotEnumerableError, match="a switch on a draw"):
-        ground_model(problem, LIMITS)
+        ground_model(problem, limits())
 
 
 def test_samples_are_drawn_as_the_list_of_successors_says(model):
-    search = Search(model, LIMITS)
+    search = Search(model, limits())
     search.expand(model.initial[np.newaxis])
     after = search.after_index.states
     states, probability = search.afterstates.sample(
@@ -156,9 +160,9 @@ def test_samples_are_drawn_as_the_list_of_successors_says(model):
 
 
 def test_what_was_seen_is_restored_with_its_groups(model):
-    explored = Explored(model, LIMITS)
+    explored = Explored(model, limits())
     explored.draw(np.arange(2), np.zeros(2, int), np.random.default_rng(0))
-    again = Explored(model, LIMITS)
+    again = Explored(model, limits())
     for _ in again.restoring(explored.state(), 4096):
         pass
     np.testing.assert_array_equal(again.index.states, explored.index.states)
@@ -196,13 +200,13 @@ def test_many_draws_that_are_read_together_are_refused():
 
 
 def test_distributions_that_are_looked_at_in_parts_get_the_same_levels(cards, model, monkeypatch):
-    whole = enumerate_states(model, LIMITS)
+    whole = enumerate_states(model, limits())
     monkeypatch.setattr(levels, "_NUMBERS_TOGETHER", 1)
-    parts = enumerate_states(ground_model(cards, LIMITS), LIMITS)
+    parts = enumerate_states(ground_model(cards, limits()), limits())
     # a level's number, and with it the order of the states, is that of its first part
     assert sorted(map(tuple, whole.states)) == sorted(map(tuple, parts.states))
     assert whole.transitions.nnz == parts.transitions.nnz
     np.testing.assert_allclose(parts.transitions.sum(axis=1), 1.0)
     monkeypatch.setattr(levels, "_MAX_NUMBERS", 100)
     with pytest.raises(NotEnumerableError, match="many distributions of many values"):
-        enumerate_states(model, LIMITS)
+        enumerate_states(model, limits())
