@@ -9,7 +9,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from scipy import special
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.bench.common.auto_variants import VARIANTS
@@ -24,7 +23,7 @@ from mdpo_rddl.planner.build import build_baseline
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.problem.evaluation import Policy, evaluate
+from mdpo_rddl.problem.evaluation import Policy, evaluate, mean_interval
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 logger = logging.getLogger(__name__)
@@ -155,10 +154,7 @@ def _is(row: Mapping[str, str], problem: str, planner: str) -> bool:
 def _lead(ours: np.ndarray, theirs: np.ndarray) -> list[str]:
     """Student's interval over the episodes, of means over the seeds: the same rain for both."""
     lead = ours.mean(axis=0) - theirs.mean(axis=0)
-    count = len(lead)
-    half = 0.0
-    if count > 1:
-        half = float(special.stdtrit(count - 1, 0.975) * lead.std(ddof=1) / np.sqrt(count))
     mean = float(lead.mean())
-    verdict = "yes" if mean - half > 0 else "no" if mean + half < 0 else "as good"
-    return [f"{mean:,.2f} [{mean - half:,.2f}, {mean + half:,.2f}]", verdict]
+    low, high = mean_interval(lead) or (mean, mean)
+    verdict = "yes" if low > 0 else "no" if high < 0 else "as good"
+    return [f"{mean:,.2f} [{low:,.2f}, {high:,.2f}]", verdict]

@@ -2,6 +2,7 @@
 
 Only an arm that had a part in the policy is left out: one from whose policies it was begun, or
 that found it. Without another one the race has the same parts, and some more time for them.
+Where the last part of a race is the polishing that is left out, the race ends there.
 """
 
 import json
@@ -10,15 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.bench.common.auto_variants import VARIANTS, without
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.tasks.everywhere import paired_interval
 from mdpo_rddl.bench.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS
-
-_GRADIENT = "gradient"
+from mdpo_rddl.problem.evaluation import mean_interval
 
 
 def make_variant(name: str) -> MDPO:
@@ -54,7 +54,7 @@ def run_ablation(
         whole = run_tasks(out, [task], [WHOLE], seeds, conditions, make_variant)
         parts = arms_of([row for row in whole.rows if _task(row) == task])
         variants = [without(arm) for arm in parts]
-        variants += [WITHOUT_NOISE] if _GRADIENT in parts else []
+        variants += [WITHOUT_NOISE] if GRADIENT in parts else []
         run_tasks(out, [task], variants, seeds, conditions, make_variant)
     return Records(out / "rows.csv", COLUMNS, KEYS)
 
@@ -120,7 +120,9 @@ def _compared(
     if ours is None or theirs is None:
         verdict = _LEVEL if ours is theirs else _WORSE if theirs is None else _BETTER
         return [_mean(ours), _mean(theirs), ""], verdict
-    low, mean, high = paired_interval(ours, theirs)
+    lost = ours - theirs
+    mean = float(np.mean(lost))
+    low, high = mean_interval(lost) or (mean, mean)
     slack = 1e-6 * max(1.0, float(np.max(np.abs(ours))))
     verdict = _WORSE if low > slack else _BETTER if high < -slack else _LEVEL
     return [_mean(ours), _mean(theirs), f"{mean:,.4g} [{low:,.4g}, {high:,.4g}]"], verdict
