@@ -9,6 +9,7 @@ from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.everywhere_figure import draw_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
+from mdpo_rddl.bench.tasks.sharing import read_sharing, run_sharing, sharing_table
 from mdpo_rddl.bench.tasks.trial import Conditions
 from mdpo_rddl.errors import InputError
 
@@ -80,11 +81,18 @@ def _ablation(options: argparse.Namespace) -> str:
     return ablation_table(records)
 
 
+def _sharing(options: argparse.Namespace) -> str:
+    tasks = named_tasks(options.problems)
+    run_sharing(options.out, tasks, options.seeds, _conditions(options), _shard(options))
+    return sharing_table(read_sharing(options.out))
+
+
 TASK_COMMANDS = {
     "ablation": _ablation,
     "anytime": _anytime,
     "everywhere": _everywhere,
     "published": _published,
     "published-report": _published_report,
+    "sharing": _sharing,
 }
 """By the commands' names."""

@@ -8,6 +8,7 @@ from mdpo_rddl.bench.tasks.names import (
     ANYTIME_SECONDS,
     ANYTIME_TASKS,
     PLANNERS,
+    SHARING_TASKS,
 )
 from mdpo_rddl.cli.options import OneLineParser, number, positive_int
 
@@ -21,7 +22,7 @@ def default_published(decision_seconds: float) -> Path:
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
-    """Adds `everywhere`, `published`, `published-report`, `ablation` and `anytime`."""
+    """Adds `everywhere`, `published` and its report, `ablation`, `sharing` and `anytime`."""
     everywhere = commands.add_parser(
         "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
     )
@@ -46,12 +47,21 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(ABLATION_TASKS)
     )
     ablation.set_defaults(run="ablation", out=Path("results/ablation"))
+    sharing = commands.add_parser(
+        "sharing", help="time for thinking at the decisions against as much for the preparation"
+    )
+    sharing.add_argument(
+        "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(SHARING_TASKS)
+    )
+    sharing.add_argument("--decision-seconds", type=number(above=0), default=0.2)
+    sharing.set_defaults(run="sharing", out=Path("results/sharing"))
     for command in (everywhere, published):
         command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
     for command, seconds, episodes in (
         (everywhere, 30.0, 20),
         (published, 60.0, 20),
         (ablation, 60.0, 20),
+        (sharing, 30.0, 10),
     ):
         command.add_argument("--seconds", type=number(above=0), default=seconds)
         command.add_argument("--episodes", type=positive_int, default=episodes)
@@ -74,4 +84,4 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     anytime.add_argument("--seeds", type=positive_int, default=5)
     anytime.add_argument("--memory-gb", type=number(above=0), default=8.0)
     anytime.set_defaults(run="anytime", out=Path("results/anytime"))
-    return [everywhere, published, report, ablation, anytime]
+    return [everywhere, published, report, ablation, sharing, anytime]

@@ -5,20 +5,17 @@ that found it. Without another one the race has the same parts, and some more ti
 Where the last part of a race is the polishing that is left out, the race ends there.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import numpy as np
 
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.bench.common.auto_variants import VARIANTS, without
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
-from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks
+from mdpo_rddl.bench.tasks.paired import paired
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS
-from mdpo_rddl.problem.evaluation import mean_interval
 
 
 def make_variant(name: str) -> MDPO:
@@ -78,7 +75,8 @@ def ablation_table(records: Records) -> str:
         for variant, arm in shown.items():
             if variant not in tasks[task]:
                 continue
-            cells, verdict = _compared(rows, tasks[task][variant])
+            cells, sign = paired(rows, tasks[task][variant])
+            verdict = _VERDICTS[sign]
             verdicts[arm].append(verdict)
             details.append([task.problem, task.instance, arm, *cells, verdict])
     seeds = max((len(rows) for rows in whole.values()), default=0)
@@ -97,7 +95,8 @@ def ablation_table(records: Records) -> str:
     return "\n".join(lines) + "\n"
 
 
-_WORSE, _LEVEL, _BETTER = "worse", "as good", "better"
+# without the arm, by the sign of what is lost then
+_VERDICTS = {1: "worse", 0: "as good", -1: "better"}
 
 
 def _row(cells: Sequence[object]) -> str:
@@ -105,35 +104,8 @@ def _row(cells: Sequence[object]) -> str:
 
 
 def _counts(verdicts: Sequence[str]) -> list[int]:
-    return [verdicts.count(name) for name in (_WORSE, _LEVEL, _BETTER)]
+    return [verdicts.count(name) for name in _VERDICTS.values()]
 
 
 def _task(row: Mapping[str, str]) -> Task:
     return Task(row["problem"], row["instance"])
-
-
-def _compared(
-    whole: Sequence[Mapping[str, str]], rest: Sequence[Mapping[str, str]]
-) -> tuple[list[str], str]:
-    """Both means, the loss with its interval, and whether it is one."""
-    ours, theirs = _returns(whole), _returns(rest)
-    if ours is None or theirs is None:
-        verdict = _LEVEL if ours is theirs else _WORSE if theirs is None else _BETTER
-        return [_mean(ours), _mean(theirs), ""], verdict
-    lost = ours - theirs
-    mean = float(np.mean(lost))
-    low, high = mean_interval(lost) or (mean, mean)
-    slack = 1e-6 * max(1.0, float(np.max(np.abs(ours))))
-    verdict = _WORSE if low > slack else _BETTER if high < -slack else _LEVEL
-    return [_mean(ours), _mean(theirs), f"{mean:,.4g} [{low:,.4g}, {high:,.4g}]"], verdict
-
-
-def _returns(rows: Sequence[Mapping[str, str]]) -> np.ndarray | None:
-    """Per episode [E] the mean over the seeds; None if one has no returns."""
-    if any(row["status"] != OK for row in rows):
-        return None
-    return np.mean([json.loads(row["returns"]) for row in rows], axis=0)
-
-
-def _mean(returns: np.ndarray | None) -> str:
-    return "failed" if returns is None else f"{returns.mean():,.6g}"

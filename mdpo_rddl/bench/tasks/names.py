@@ -61,4 +61,6 @@ ABLATION_TASKS = (
     "Zombies_arcade:2",
 )
 """The paper's settings, and every third problem of rddlrepository with its middle instance."""
+SHARING_TASKS = ABLATION_TASKS[6:]
+"""The same but for the paper's settings."""
 ANYTIME_SECONDS = (5.0, 10.0, 20.0, 45.0, 90.0, 300.0)

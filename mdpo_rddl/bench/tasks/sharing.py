@@ -1,0 +1,140 @@
+"""Where time is better spent: at the decisions, or before the first of them.
+
+Ours prepares for a while and may then think at its decisions. Where it chose to, the same task is
+prepared once more, longer by the time of all decisions of all episodes, and the policy is played
+alone.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.names import OURS, THINKING
+from mdpo_rddl.bench.tasks.paired import paired
+from mdpo_rddl.bench.tasks.trial import (
+    COLUMNS,
+    KEYS,
+    OK,
+    THINKING_COLUMNS,
+    Conditions,
+    Task,
+    run_tasks,
+)
+from mdpo_rddl.errors import InputError
+
+_THINKING = "thinking"
+_VERDICTS = {1: "better", 0: "as good", -1: "worse"}
+_HEADS = (
+    *("problem", "instance", "method", "with thinking", "prepared longer", "for (s)"),
+    *("gained by thinking (95% interval)", "verdict"),
+)
+
+Row = Mapping[str, str]
+
+
+@dataclass
+class Shared:
+    """What was measured on one task.
+
+    Attributes:
+      thinking: rows of the policy that may think, one for each seed.
+      longer: rows of the policy that was prepared longer; empty where no seed has thought.
+      seconds: of the longer preparation.
+    """
+
+    thinking: list[Row] = field(default_factory=list)
+    longer: list[Row] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def run_sharing(
+    out: Path,
+    tasks: Sequence[Task],
+    seeds: int,
+    conditions: Conditions,
+    shard: tuple[int, int] = (0, 1),
+) -> None:
+    """Plays with thinking and, where it was chosen, without; rows that are there stay.
+
+    Args:
+      out: results folder, with one folder for thinking and one for each longer preparation.
+      tasks: in the order in which they are tried.
+      seeds: of the preparation, from 0.
+      conditions: of the trials with thinking.
+      shard: (i, n): only every n-th task, from the i-th on.
+    """
+    number, count = shard
+    for task in tasks[number::count]:
+        rows = run_tasks(out / _THINKING, [task], [THINKING], seeds, conditions).rows
+        steps = [int(row["horizon"]) for row in rows if _task(row) == task and row["method"]]
+        if not steps:
+            continue
+        decisions = conditions.episodes * max(steps)
+        seconds = conditions.seconds + decisions * conditions.decision_seconds
+        longer = Conditions(seconds, conditions.episodes, conditions.memory_gb)
+        run_tasks(out / f"{seconds:g}", [task], [OURS], seeds, longer)
+
+
+def read_sharing(out: Path) -> dict[Task, Shared]:
+    """What `run_sharing` has measured so far.
+
+    Raises:
+      InputError: if a file holds anything else.
+    """
+    found: dict[Task, Shared] = {}
+    for row in Records(out / _THINKING / "rows.csv", THINKING_COLUMNS, KEYS).rows:
+        found.setdefault(_task(row), Shared()).thinking.append(row)
+    for path in sorted(out.glob("*/rows.csv")):
+        name = path.parent.name
+        if name == _THINKING:
+            continue
+        try:
+            seconds = float(name)
+        except ValueError as error:
+            raise InputError(f"{path}: its folder is not named by a time in seconds") from error
+        for row in Records(path, COLUMNS, KEYS).rows:
+            shared = found.setdefault(_task(row), Shared())
+            shared.longer.append(row)
+            shared.seconds = seconds
+    return found
+
+
+def sharing_table(measured: Mapping[Task, Shared]) -> str:
+    """Markdown: each task with and without thinking, and on how many it has paid."""
+    lines = [_row(_HEADS), "|" + "---|" * len(_HEADS)]
+    signs = []
+    for task, shared in sorted(measured.items(), key=lambda item: str(item[0])):
+        names = (task.problem, task.instance)
+        methods = "; ".join(
+            dict.fromkeys(row["method"] for row in shared.thinking if row["method"])
+        )
+        if methods and shared.longer:
+            cells, sign = paired(shared.thinking, shared.longer)
+            signs.append(sign)
+            ours, theirs, gain = cells
+            seconds = f"{shared.seconds:g}"
+            lines.append(_row((*names, methods, ours, theirs, seconds, gain, _VERDICTS[sign])))
+        else:
+            lines.append(_row((*names, _not_chosen(shared), _mean(shared.thinking), *[""] * 4)))
+    counts = ", ".join(f"{_VERDICTS[sign]} on {signs.count(sign)}" for sign in (1, 0, -1))
+    lines += ["", f"Thinking was chosen on {len(signs)} of {len(measured)} tasks: {counts}."]
+    return "\n".join(lines) + "\n"
+
+
+def _task(row: Row) -> Task:
+    return Task(row["problem"], row["instance"])
+
+
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _not_chosen(shared: Shared) -> str:
+    """Why no seed has thought."""
+    return "; ".join(dict.fromkeys(row["note"] or row["status"] for row in shared.thinking))
+
+
+def _mean(rows: Sequence[Row]) -> str:
+    means = [float(row["mean"]) for row in rows if row["status"] == OK]
+    return f"{sum(means) / len(means):,.6g}" if means else "failed"
