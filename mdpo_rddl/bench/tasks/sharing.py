@@ -5,6 +5,7 @@ prepared once more, longer by the time of all decisions of all episodes, and the
 alone.
 """
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,13 +68,17 @@ def run_sharing(
     number, count = shard
     for task in tasks[number::count]:
         rows = run_tasks(out / _THINKING, [task], [THINKING], seeds, conditions).rows
-        steps = [int(row["horizon"]) for row in rows if _task(row) == task and row["method"]]
-        if not steps:
+        decisions = [_decisions(row) for row in rows if _task(row) == task and row["method"]]
+        if not decisions:
             continue
-        decisions = conditions.episodes * max(steps)
-        seconds = conditions.seconds + decisions * conditions.decision_seconds
+        seconds = conditions.seconds + max(decisions) * conditions.decision_seconds
         longer = Conditions(seconds, conditions.episodes, conditions.memory_gb)
         run_tasks(out / f"{seconds:g}", [task], [OURS], seeds, longer)
+
+
+def _decisions(row: Row) -> int:
+    """Of the row's episodes, had none ended early."""
+    return len(json.loads(row["returns"])) * int(row["horizon"])
 
 
 def read_sharing(out: Path) -> dict[Task, Shared]:

@@ -50,8 +50,10 @@ _PLAY_SECONDS = 900.0
 # no task has more steps
 _MOST_STEPS = 500
 _DIGITS = 10
-# where `mdpo-thinking` does not think an episode costs next to nothing
+# where `mdpo-thinking` does not think an episode costs next to nothing; where it does, episodes of
+# more steps are played fewer times
 _PLAIN_EPISODES = 20
+_MOST_DECISIONS, _FEWEST_EPISODES = 800, 5
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,9 @@ class Conditions:
 
     Attributes:
       seconds: of preparation, compilation included.
-      episodes: on the exact environment, the same for all planners; at least 20 where
-        `mdpo-thinking` plays its policy alone.
+      episodes: on the exact environment, the same for all planners; of `mdpo-thinking` at least 20
+        where it plays its policy alone, and where it thinks no more than 800 decisions allow,
+        but at least five of them.
       memory_gb: of a trial's processes.
       decision_seconds: for `mdpo-thinking` at each decision; 0 where planners do not think.
     """
@@ -190,9 +193,7 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     if isinstance(planner, MDPO):
         row["arms"] = "; ".join(planner.found_by)
     random = np.random.default_rng(trial.seed)
-    episodes = trial.conditions.episodes
-    if isinstance(planner, ThinkingMDPO) and planner.thinker is None:
-        episodes = max(episodes, _PLAIN_EPISODES)
+    episodes = _episodes(planner, trial.conditions.episodes, problem.horizon)
     evaluation = evaluate(
         make_environment(problem),
         lambda step, state: planner.act(step, state, random),
@@ -201,18 +202,28 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     )
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
     if isinstance(planner, ThinkingMDPO):
-        row |= _decisions(planner, trial.conditions, row.get("note"))
+        seconds = trial.conditions.decision_seconds
+        row |= _decisions(planner, seconds, episodes, row.get("note"))
     return evaluation
 
 
+def _episodes(planner: Planner, wanted: int, horizon: int) -> int:
+    """How many of them are played."""
+    if not isinstance(planner, ThinkingMDPO):
+        return wanted
+    if planner.thinker is None:
+        return max(wanted, _PLAIN_EPISODES)
+    return min(wanted, max(_FEWEST_EPISODES, _MOST_DECISIONS // horizon))
+
+
 def _decisions(
-    planner: ThinkingMDPO, conditions: Conditions, failure: str | None
+    planner: ThinkingMDPO, seconds: float, episodes: int, failure: str | None
 ) -> dict[str, Any]:
     """How decisions were made; a note instead of a method where the policy played alone."""
-    seconds, thinker = conditions.decision_seconds, planner.thinker
+    thinker = planner.thinker
     if thinker is None:
         return {"decision_seconds": seconds, "note": failure or planner.note}
-    figures = decision_figures(thinker.decisions, seconds, conditions.episodes)
+    figures = decision_figures(thinker.decisions, seconds, episodes)
     kept = {name: float(f"{figures[name]:.4g}") for name in _DECISIONS}
     return {"decision_seconds": seconds, "method": thinker.method.name, **kept}
 

@@ -82,6 +82,7 @@ def choose(
     seconds: float,
     within: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
+    methods: Sequence[Method] | None = None,
 ) -> Choice:
     """Prepares the methods that apply and takes the one that gains most, if any does.
 
@@ -95,6 +96,7 @@ def choose(
         begun that would end later. A decision that has begun goes on to its end; where no time is
         left for trials they may go a tenth beyond.
       clock: tells the seconds.
+      methods: that are tried where they apply; all there are if None.
     """
     started = clock()
     reason, trials = _unsuitable(policy), list[Trial]()
@@ -107,7 +109,7 @@ def choose(
         if clock() - started >= within:
             return Choice(None, [], NO_TIME, clock() - started)
         components = Components.of(base.planner)
-        applying = [method for method in _methods() if method.applies(components)]
+        applying = [method for method in methods or _methods() if method.applies(components)]
         reason = "" if applying else "no method changes such actions"
         if applying:
             times = seconds, started + within
