@@ -25,8 +25,9 @@ _FEWEST_CALLS, _SHORTEST_SHARE = 5.0, 0.2
 _WANTED_STATES = 30
 # calls with fresh scenarios after the decisions of a state
 _TEST_CALLS = 4
-# a gain must be so many standard errors: the best of several methods is taken
-_ERRORS = 2.0
+# a gain must be so many standard errors, as in a decision: what is chosen for a gain that is none
+# loses next to nothing, since its decisions leave the base for a gain only
+_ERRORS = 1.0
 # trials end early where the best method's gain is so many errors, and above others' by so many
 _CLEAR, _CLEARLY_BETTER, _CLEAR_STATES = 6.0, 3.0, 20
 
@@ -53,7 +54,7 @@ class Trial:
 
     @property
     def pays(self) -> bool:
-        """Whether the gain is beyond two standard errors."""
+        """Whether the gain is beyond its standard error."""
         if self.mean is None or self.error is None:
             return False
         return self.mean > _ERRORS * self.error
