@@ -7,7 +7,7 @@ Logistics' rule, for one,
 says of each bool on its own in which states it may be true, whatever the other actions are.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,21 +62,45 @@ def read_rules(rddl: Any) -> Rules:
     return Rules(tuple(implications), tuple(others))
 
 
-def is_box(rddl: Any, expression: Any) -> bool:
-    """Whether a precondition only compares a numeric action with what never changes."""
+def is_box(rddl: Any, expression: Any, variables: Sequence[str] = ()) -> bool:
+    """Whether a precondition only compares a numeric action with what never changes.
+
+    pyRDDLGym makes the same of it then: it knows no "&", and puts bounds that differ in the order
+    of the `forall`s' variables.
+
+    Args:
+      rddl: pyRDDLGym's lifted model.
+      expression: the precondition, or a part of it.
+      variables: of the `forall`s around it.
+    """
     while expression.etype == ("aggregation", "forall"):
-        expression = expression.args[-1]
-    if expression.etype[0] == "boolean" and expression.etype[1] in ("^", "&"):
-        return all(is_box(rddl, argument) for argument in expression.args)
+        *typed, expression = expression.args
+        variables = [*variables, *(name for _, (name, _) in typed)]
+    if expression.etype == ("boolean", "^"):
+        return all(is_box(rddl, argument, variables) for argument in expression.args)
     if expression.etype[0] != "relational" or expression.etype[1] not in ("<=", "<", ">=", ">"):
         return False
     numbers = {n for n in rddl.action_fluents if rddl.variable_ranges[n] in ("int", "real")}
-    sides = [_fluents(argument) for argument in expression.args]
-    for (one, other), argument in zip((sides, sides[::-1]), expression.args, strict=True):
-        is_number = argument.etype[0] == "pvar" and one <= numbers
-        if is_number and other <= set(rddl.non_fluents):
-            return True
+    left, right = expression.args
+    for one, other in ((left, right), (right, left)):
+        is_number = one.etype[0] == "pvar" and _fluents(one) <= numbers
+        if is_number and _fluents(other) <= set(rddl.non_fluents):
+            free = [argument for argument in one.args[1] or [] if _is_variable(argument)]
+            return free == list(variables) or not _reads_variables(other)
     return False
+
+
+def _is_variable(argument: Any) -> bool:
+    return isinstance(argument, str) and argument.startswith("?")
+
+
+def _reads_variables(expression: Any) -> bool:
+    """Whether an expression may differ between the objects of a variable."""
+    if isinstance(expression, tuple | list):
+        return any(map(_reads_variables, expression))
+    if not hasattr(expression, "etype"):
+        return _is_variable(expression)
+    return _reads_variables(expression.args)
 
 
 def _parts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:

@@ -14,7 +14,9 @@ domain docks {
         open(city) : { state-fluent, bool, default = true };
         dock(truck, city) : { action-fluent, bool, default = false };
         wait : { action-fluent, bool, default = false };
+        ROPE(truck, truck) : { non-fluent, real, default = 1.0 };
         push(truck) : { action-fluent, real, default = 0.0 };
+        tow(truck, truck) : { action-fluent, real, default = 0.0 };
     };
     cpfs { open'(?c) = open(?c); };
     reward = sum_{?t : truck} [push(?t)];
@@ -74,6 +76,9 @@ def test_a_conjunction_has_several(tmp_path):
         # under an exists
         "exists_{?t : truck, ?c : city} [dock(?t, ?c) => open(?c)]",
         "forall_{?t : truck} [push(?t) <= sum_{?c : city} [open(?c)]]",
+        # pyRDDLGym makes no box of "&", and puts what differs in another order elsewhere
+        "forall_{?t : truck} [(push(?t) >= 0.0) & (push(?t) <= 1.0)]",
+        "forall_{?u : truck, ?t : truck} [tow(?t, ?u) <= ROPE(?u, ?t)]",
     ],
 )
 def test_what_is_neither_a_box_nor_an_implication(tmp_path, rule):
@@ -82,7 +87,14 @@ def test_what_is_neither_a_box_nor_an_implication(tmp_path, rule):
 
 
 @pytest.mark.parametrize(
-    "rule", ["forall_{?t : truck} [push(?t) <= MOST(?t)]", "exists_{?c : city} [open(?c)]"]
+    "rule",
+    [
+        "forall_{?t : truck} [push(?t) <= MOST(?t)]",
+        "forall_{?t : truck} [(push(?t) >= 0.0) ^ (MOST(?t) >= push(?t))]",
+        "forall_{?t : truck, ?u : truck} [tow(?t, ?u) <= MOST(?t) * ROPE(?u, ?t)]",
+        "forall_{?u : truck, ?t : truck} [tow(?t, ?u) <= 2.0]",
+        "exists_{?c : city} [open(?c)]",
+    ],
 )
 def test_boxes_and_what_names_no_action_ask_nothing(tmp_path, rule):
     found = rules(tmp_path, rule)

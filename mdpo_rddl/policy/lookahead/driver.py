@@ -117,7 +117,9 @@ class LookaheadPolicy(PolicyAgent):
         return self.decide(step, observation)[0]
 
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """As `PolicyAgent.batch`.
+        """As `PolicyAgent.batch`; of several observations each is decided on from nothing.
+
+        What a method keeps from step to step belongs to one episode.
 
         Raises:
           InputError: if the state is not observed and they are of several episodes: a belief is of
@@ -129,7 +131,14 @@ class LookaheadPolicy(PolicyAgent):
                 f"there are {count} observations at step {step}: a policy that thinks where the "
                 "state is not observed plays one episode at a time"
             )
-        return super().batch(step, observations)
+        if count == 1:
+            return super().batch(step, observations)
+        actions = []
+        for each in range(count):
+            self.method.reset()
+            own = {name: values[each : each + 1] for name, values in observations.items()}
+            actions.append(super().batch(step, own))
+        return {name: np.concatenate([action[name] for action in actions]) for name in actions[0]}
 
     def decide(
         self, step: int, state: Mapping[str, Any], seconds: float | None = None

@@ -39,5 +39,5 @@ def _over_combinations(graph: Graph, node: int, laws: Mapping[int, Law]) -> int:
     terms = []
     for values, probability in combinations(graph, [node], laws):
         (value,) = graph.substitute([node], values)
-        terms.append(graph.make("*", value, probability))
+        terms.append(graph.weighted(value, probability))
     return graph.make("+", *terms)

@@ -3,13 +3,14 @@
 Nodes are numbered in the order of their making, so that arguments come before what uses them.
 """
 
+import math
 from collections.abc import Hashable, Iterable, Mapping
 from enum import IntFlag
 from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.problem.enumeration.operators import BOOL_OPERATORS, OPERATORS
+from mdpo_rddl.problem.enumeration.operators import BOOL_OPERATORS, OPERATORS, PARTIAL
 
 
 class Kind(IntFlag):
@@ -39,6 +40,8 @@ class Graph:
         self.values: list[Any] = []
         self.is_bool: list[bool] = []
         self.depends: list[Kind] = []
+        # whether infinity or no number may come out
+        self._may_be_undefined: list[bool] = []
         self._numbers: dict[Hashable, int] = {}
         self.true, self.false = self.constant(True), self.constant(False)
         self.zero, self.one = self.constant(0), self.constant(1)
@@ -74,6 +77,13 @@ class Graph:
         if len(arguments) == 1 and operator in ("minimum", "maximum", "min", "max"):
             return arguments[0]
         return self._node(operator, arguments, operator in BOOL_OPERATORS)
+
+    def weighted(self, value: int, probability: int) -> int:
+        """A value times its probability; 0 where that is 0, even of an undefined value."""
+        product = self.make("*", value, probability)
+        if self.is_constant(probability) or not self._may_be_undefined[value]:
+            return product
+        return self.make("if", self.make(">", probability, self.zero), product, self.zero)
 
     def substitute(self, nodes: Iterable[int], values: Mapping[int, int]) -> list[int]:
         """The nodes with leaves replaced by other nodes."""
@@ -113,7 +123,15 @@ class Graph:
             is_bool, depends = rest
             self.is_bool.append(is_bool)
             self.depends.append(depends)
+            self._may_be_undefined.append(self._is_partial(operator, arguments, value))
         return number
+
+    def _is_partial(self, operator: str, arguments: tuple[int, ...], value: Any) -> bool:
+        if operator == "constant":
+            return not math.isfinite(value)
+        if operator == "/" and self.is_constant(arguments[1]) and self.values[arguments[1]] != 0:
+            return self._may_be_undefined[arguments[0]]
+        return operator in PARTIAL or any(self._may_be_undefined[each] for each in arguments)
 
     def _node(self, operator: str, arguments: tuple[int, ...], is_bool: bool) -> int:
         depends = Kind.CONSTANT

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, product
-from math import comb, prod
 from typing import Any
 
 import numpy as np
@@ -34,6 +33,8 @@ def action_variables(env: Any) -> dict[Ground, tuple[Any, list[Any]]]:
                 values: Sequence[Any] = (False, True)
             elif kind == "int" and np.isfinite(lower[place]) and np.isfinite(upper[place]):
                 values = range(int(np.ceil(lower[place])), int(np.floor(upper[place])) + 1)
+                if len(values) > _MAX_PROPOSALS:
+                    raise NotEnumerableError(f"{float(len(values)):.3g} values of {name}")
             elif kind in env.model.type_to_objects:
                 values = range(len(env.model.type_to_objects[kind]))
             else:
@@ -83,12 +84,12 @@ def _check_legal(count: int, variables: int, limits: EnumerationLimits) -> None:
 
 
 def _count(others: Sequence[int], most: int) -> int:
-    if all(count == 1 for count in others):
-        count = sum(comb(len(others), size) for size in range(most + 1))
-    elif most == 1:
-        count = 1 + sum(others)
-    else:
-        count = prod(1 + each for each in others)
+    # of each number of changes, over the variables so far: elementary symmetric polynomials
+    counts = [1] + [0] * most
+    for each in others:
+        for size in range(most, 0, -1):
+            counts[size] += each * counts[size - 1]
+    count = sum(counts)
     if count > _MAX_PROPOSALS:
         raise NotEnumerableError(f"{float(count):.3g} joint actions")
     return count

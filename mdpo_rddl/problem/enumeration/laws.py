@@ -6,12 +6,17 @@ an operator's result follows from those of its arguments.
 
 from collections.abc import Sequence
 from itertools import product, zip_longest
+from math import prod
 from typing import NamedTuple
 
 from mdpo_rddl.problem.enumeration.graph import Graph
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 
 _MAX_VALUES = 256
+# of the arguments of one operator together, before equal values are joined
+_MAX_COMBINATIONS = 2**16
+# of many arguments two at a time are combined
+_ASSOCIATIVE = ("and", "or", "+", "*", "minimum", "maximum", "min", "max")
 
 
 class Branch(NamedTuple):
@@ -53,7 +58,7 @@ class Laws:
         if len(law) == 1:
             return law[0].value
         graph = self.graph
-        parts = [graph.make("*", probability, value) for value, probability in law]
+        parts = [graph.weighted(value, probability) for value, probability in law]
         return graph.make("+", *parts)
 
     def mean(self, law: Law) -> int:
@@ -65,11 +70,13 @@ class Laws:
         graph = self.graph
         if all(len(law) == 1 for law in laws):
             return self.certain(graph.make(operator, *(law[0].value for law in laws)))
-        if operator in ("and", "or", "+", "*") and len(laws) > 2:
+        if operator in _ASSOCIATIVE and len(laws) > 2:
             result = laws[0]
             for law in laws[1:]:
                 result = self.apply(operator, (result, law))
             return result
+        if prod(map(len, laws)) > _MAX_COMBINATIONS:
+            raise NotEnumerableError(f"more than {_MAX_COMBINATIONS:,} values of one expression")
         branches = []
         for combination in product(*laws):
             value = graph.make(operator, *(branch.value for branch in combination))

@@ -1,39 +1,15 @@
-"""Afterstates: how each variable will be drawn, once a state and an action are known.
+"""Levels: the distributions that a variable has had so far, each with a number."""
 
-Many states and actions lead to the same draw, so that what follows is worked out once for
-each afterstate. A variable that is never random stands in an afterstate with its value, any
-other one with the number of its distribution, its level; of a group of variables that are drawn
-together the first one stands for all.
-"""
-
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from collections.abc import Iterable
 
 import numpy as np
 
-from mdpo_rddl.problem.enumeration.joint import JointLaw
-from mdpo_rddl.problem.enumeration.laws import Law
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
-from mdpo_rddl.problem.enumeration.model import GroundModel
-from mdpo_rddl.problem.enumeration.packing import Packing, pack
+from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 
-_MAX_LEVELS, _MAX_JOINT_LEVELS = 1024, 2**14
-# of all distributions of some variables, and of those that are looked at together
-_MAX_NUMBERS, _NUMBERS_TOGETHER = 2_000_000, 10_000_000
-_TOLERANCE = 1e-9
-_CHUNK = 1_000_000
-
-
-class Draws(NamedTuple):
-    """Next states [M, words] of afterstates, each with its afterstate [M] and probability [M]."""
-
-    origin: np.ndarray
-    states: np.ndarray
-    probability: np.ndarray
-
-
-_Tables = tuple[list[tuple[int, np.ndarray]], np.ndarray]
-"""Of all levels the bits [L, B] of their values in each word, and the probabilities [L, B]."""
+MAX_LEVELS, MAX_JOINT_LEVELS = 1024, 2**14
+"""How many one variable may have, and some that are drawn together."""
+# numbers in all distributions of some variables
+_MAX_NUMBERS = 2_000_000
 
 
 class Levels:
@@ -48,7 +24,7 @@ class Levels:
         Args:
           variables: number G of them.
         """
-        self._most = _MAX_LEVELS if variables == 1 else _MAX_JOINT_LEVELS
+        self._most = MAX_LEVELS if variables == 1 else MAX_JOINT_LEVELS
         self._parts = 1 + variables
         self._numbers: dict[tuple[float, ...], int] = {}
         self._tables: tuple[np.ndarray, np.ndarray] | None = None
@@ -80,13 +56,29 @@ class Levels:
             raise ValueError(f"its distribution {number} is none, or another one")
 
     def _add(self, row: Iterable[float]) -> int:
-        key = tuple(map(float, row))
+        key = self._with_joined_branches(tuple(map(float, row)))
         number = self._numbers.setdefault(key, len(self._numbers))
         if number >= self._most:
             raise NotEnumerableError(f"a fluent with more than {self._most} distributions")
         if number * len(key) > _MAX_NUMBERS:
             raise NotEnumerableError("fluents with many distributions of many values together")
         return number
+
+    def _with_joined_branches(self, row: tuple[float, ...]) -> tuple[float, ...]:
+        """The distribution with each of its values once.
+
+        A next state that is drawn then has its whole probability, not that of one branch.
+        """
+        branches = len(row) // self._parts
+        probabilities: dict[tuple[float, ...], float] = {}
+        for branch in range(branches):
+            *values, probability = row[branch::branches]
+            place = tuple(values)
+            probabilities[place] = probabilities.get(place, 0.0) + probability
+        if len(probabilities) == branches:
+            return row
+        columns = zip(*probabilities, strict=True)
+        return (*(value for column in columns for value in column), *probabilities.values())
 
     def tables(self) -> tuple[np.ndarray, np.ndarray]:
         """Values [G, L, B] and probabilities [L, B] of all levels."""
@@ -100,236 +92,3 @@ class Levels:
             table[:, number, :branches] = np.reshape(row, (self._parts, branches))
         self._tables = table[:-1], table[-1]
         return self._tables
-
-
-class Afterstates:
-    """Packs and draws afterstates.
-
-    Attributes:
-      packing: of the variables of an afterstate.
-      is_random: whether each variable is random in some state, after some action.
-    """
-
-    def __init__(self, model: GroundModel, limits: EnumerationLimits) -> None:
-        """Sees which variables are random in some state, after some action."""
-        self._model, self._limits = model, limits
-        rules = [action.laws for action in model.actions]
-        grouped = {number for group in model.groups for number in group}
-        self.is_random = [
-            number in grouped or any(self._may_be_random(laws[number], is_bool) for laws in rules)
-            for number, is_bool in enumerate(model.is_bool)
-        ]
-        # per variable that stands for itself or for a group, all that it stands for
-        self._random: dict[int, tuple[int, ...]] = {
-            number: (number,)
-            for number, is_random in enumerate(self.is_random)
-            if is_random and number not in grouped
-        }
-        self._random |= {group[0]: group for group in model.groups}
-        self._random = dict(sorted(self._random.items()))
-        self._levels = [
-            Levels(len(self._random.get(number, (number,)))) for number in range(len(rules[0]))
-        ]
-        self.packing: Packing = pack(
-            [self._size(number) for number in range(len(model.packing.places))]
-        )
-
-    def levels(self) -> list[list[tuple[float, ...]]]:
-        """Of each variable its distributions so far, in the order of their numbers."""
-        return [levels.rows for levels in self._levels]
-
-    def know(self, levels: Iterable[tuple[int, tuple[float, ...]]]) -> None:
-        """Numbers distributions as they were numbered before.
-
-        Args:
-          levels: pairs of a variable and a distribution of it, those of one variable in the order
-            of their numbers.
-
-        Raises:
-          NotEnumerableError: if they are too many, or have values that do not fit.
-          ValueError: if they are not those of such variables.
-        """
-        counts = [0] * len(self._levels)
-        for variable, row in levels:
-            if variable not in self._random:
-                raise ValueError(f"its variable {variable} is not random")
-            self._levels[variable].know(counts[variable], row)
-            counts[variable] += 1
-        for variable, count in enumerate(counts):
-            if count:
-                self._tables(variable)
-
-    def _size(self, number: int) -> int:
-        """How many values a variable's place in an afterstate has."""
-        if not self.is_random[number]:
-            return 1 << self._model.packing.places[number].bits
-        if number not in self._random:
-            return 1  # another one stands for it
-        return _MAX_LEVELS if len(self._random[number]) == 1 else _MAX_JOINT_LEVELS
-
-    def _may_be_random(self, law: Law, is_bool: bool) -> bool:
-        graph = self._model.graph
-        value = law[0].value
-        is_certain = graph.is_bool[value] or (
-            graph.is_constant(value) and graph.values[value] in (0, 1)
-        )
-        return len(law) > 1 or (is_bool and not is_certain)
-
-    def encode(self, number: int, law: Law, of: Callable[[int], np.ndarray]) -> np.ndarray:
-        """A variable's bits in its word of afterstates [N].
-
-        Args:
-          number: of the variable.
-          law: of its next value.
-          of: the values [N] of a node.
-        """
-        if self.is_random[number]:
-            return self.packing.encode(number, self._level(number, law, of))
-        values = of(law[0].value)
-        if values.dtype.kind == "f" and np.any(values != np.round(values)):
-            raise NotEnumerableError("a state that is no whole number")
-        try:
-            bits = self._model.packing.encode(number, values)
-        except OverflowError as error:
-            raise NotEnumerableError(str(error)) from error
-        shift = self._model.packing.places[number].shift
-        return (bits >> np.uint64(shift)) << np.uint64(self.packing.places[number].shift)
-
-    def encode_group(
-        self, law: JointLaw, of: Callable[[int], np.ndarray], group: int
-    ) -> np.ndarray:
-        """The bits of a group's first variable in its word of afterstates [N].
-
-        Args:
-          law: of the next values.
-          of: the values [N] of a node.
-          group: its number.
-        """
-        first = self._model.groups[group][0]
-        columns = [of(branch.values[each]) for each in range(len(law[0].values)) for branch in law]
-        columns += [of(branch.probability) for branch in law]
-        together = max(1, _NUMBERS_TOGETHER // len(columns))
-        levels = [
-            self._levels[first].of_rows(
-                np.stack([each[start : start + together] for each in columns], axis=1).astype(float)
-            )
-            for start in range(0, len(columns[0]), together)
-        ]
-        return self.packing.encode(first, np.concatenate(levels))
-
-    def _level(self, number: int, law: Law, of: Callable[[int], np.ndarray]) -> np.ndarray:
-        levels = self._levels[number]
-        if self._model.is_bool[number]:
-            return levels.of_bools(of(law[0].value).astype(float))
-        values = [of(branch.value) for branch in law]
-        probabilities = [of(branch.probability) for branch in law]
-        return levels.of_rows(np.stack([*values, *probabilities], axis=1).astype(float))
-
-    def draw(self, afterstates: np.ndarray) -> list[Draws]:
-        """All next states of afterstates [N, words], in chunks.
-
-        Raises:
-          NotEnumerableError: if they are too many, or a probability is none.
-        """
-        tables = {
-            number: (self.packing.decode(number, afterstates), *self._checked(number, afterstates))
-            for number in self._random
-        }
-        counts = np.ones(len(afterstates))
-        for levels, _, probabilities in tables.values():
-            counts *= np.count_nonzero(probabilities > 0, axis=1)[levels]
-        self._limits.check_transitions(int(min(counts.sum(), 1e18)))
-        chunk = (np.cumsum(counts) - counts) // _CHUNK
-        starts = np.flatnonzero(np.diff(chunk, prepend=-1))
-        ends = np.append(starts[1:], len(afterstates))
-        fixed = self._fixed(afterstates)
-        return [
-            self._draw(np.arange(*bounds), fixed, tables)
-            for bounds in zip(starts, ends, strict=True)
-        ]
-
-    def outcomes(self, afterstates: np.ndarray) -> np.ndarray:
-        """How many next states are possible after each of afterstates [N]."""
-        counts = np.ones(len(afterstates))
-        for number in self._random:
-            level = self.packing.decode(number, afterstates)
-            _, probabilities = self._checked(number, afterstates)
-            counts *= np.count_nonzero(probabilities > 0, axis=1)[level]
-        return counts
-
-    def sample(
-        self, afterstates: np.ndarray, random: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """A next state [N, words] of each afterstate [N, words], and its probability [N].
-
-        Raises:
-          NotEnumerableError: if a probability is none.
-        """
-        states, probability = self._fixed(afterstates), np.ones(len(afterstates))
-        for number in self._random:
-            level = self.packing.decode(number, afterstates)
-            encoded, probabilities = self._checked(number, afterstates)
-            ends = np.cumsum(probabilities[level], axis=1)
-            drawn = random.random(len(level)) * ends[:, -1]
-            branch = np.count_nonzero(ends[:, :-1] <= drawn[:, np.newaxis], axis=1)
-            for word, bits in encoded:
-                states[:, word] |= bits[level, branch]
-            probability *= probabilities[level, branch]
-        return states, probability
-
-    def chances(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The level of a random bool in afterstates [N], and its chance of true at each [L]."""
-        ((_, encoded),), probabilities = self._checked(number, afterstates)
-        chance = np.sum(probabilities * (encoded > 0), axis=1)
-        return self.packing.decode(number, afterstates), chance
-
-    def _checked(self, number: int, afterstates: np.ndarray) -> _Tables:
-        encoded, probabilities = self._tables(number)
-        used = probabilities[np.unique(self.packing.decode(number, afterstates))]
-        is_law = (used >= -_TOLERANCE).all() and np.allclose(used.sum(axis=1), 1.0)
-        if not is_law:
-            raise NotEnumerableError("a probability outside of [0, 1]")
-        return encoded, np.where(probabilities > 0, np.minimum(probabilities, 1.0), 0.0)
-
-    def _tables(self, number: int) -> _Tables:
-        """Of the levels of a variable, or of the group that it stands for.
-
-        Raises:
-          NotEnumerableError: if a value does not fit.
-        """
-        values, probabilities = self._levels[number].tables()
-        encoded: dict[int, np.ndarray] = {}
-        for variable, own in zip(self._random[number], values, strict=True):
-            word = self._model.packing.places[variable].word
-            try:
-                bits = self._model.packing.encode(variable, own.ravel()).reshape(own.shape)
-            except OverflowError as error:
-                raise NotEnumerableError(str(error)) from error
-            encoded[word] = encoded[word] | bits if word in encoded else bits
-        return list(encoded.items()), probabilities
-
-    def _fixed(self, afterstates: np.ndarray) -> np.ndarray:
-        """Next states [N, words] of which the random variables are still 0."""
-        states = np.zeros((len(afterstates), self._model.packing.words), np.uint64)
-        for number, place in enumerate(self._model.packing.places):
-            if not self.is_random[number]:
-                own = self.packing.places[number]
-                bits = (afterstates[:, own.word] & own.mask) >> np.uint64(own.shift)
-                states[:, place.word] |= bits << np.uint64(place.shift)
-        return states
-
-    def _draw(self, origin: np.ndarray, fixed: np.ndarray, tables: dict[int, Any]) -> Draws:
-        states, probability = fixed[origin], np.ones(len(origin))
-        for levels, encoded, probabilities in tables.values():
-            level = levels[origin]
-            parts = []
-            for branch in range(probabilities.shape[1]):
-                chosen = np.flatnonzero(probabilities[level, branch])
-                own = level[chosen]
-                new = states[chosen]
-                for word, bits in encoded:
-                    new[:, word] |= bits[own, branch]
-                weight = probability[chosen] * probabilities[own, branch]
-                parts.append((origin[chosen], new, weight))
-            origin, states, probability = map(np.concatenate, zip(*parts, strict=True))
-        return Draws(origin, states, probability)

@@ -66,6 +66,9 @@ def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
     legal = _conjuncts(grounder, rddl.preconditions)
     rules = open_rules(grounder, rddl, list(zip(variables, is_bool, strict=True)), legal)
     first = [np.asarray(initial[name])[place].item() for name, place in variables]
+    if _is_broken(grounder, rddl, dict(zip(variables, first, strict=True))):
+        # the environment looks at them after a step only
+        raise NotEnumerableError("the initial state breaks an invariant")
     return GroundModel(
         graph=grounder.graph,
         variables=tuple(variables),
@@ -98,6 +101,17 @@ def _conjuncts(grounder: Grounder, expressions: Iterable[Any]) -> list[int]:
     for node in [grounder.node(each, {}) for each in expressions]:
         found += graph.arguments[node] if graph.operators[node] == "and" else [node]
     return found
+
+
+def _is_broken(grounder: Grounder, rddl: Any, state: Mapping[Ground, Any]) -> bool:
+    """Whether a state breaks an invariant."""
+    graph = grounder.graph
+    values = {
+        graph.leaf(Kind.STATE, each, isinstance(value, bool)): graph.constant(value)
+        for each, value in state.items()
+    }
+    nodes = [grounder.node(each, {}) for each in rddl.invariants]
+    return any(node == graph.false for node in graph.substitute(nodes, values))
 
 
 def _ends(grounder: Grounder, rddl: Any) -> int:

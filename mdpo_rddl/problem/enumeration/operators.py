@@ -82,5 +82,8 @@ FUNCTIONS = {
 OPERATORS |= FUNCTIONS
 FUNCTION_NAMES = {*FUNCTIONS, "min", "max"}
 
+PARTIAL = {"/", "div", "mod", "fmod", "pow", "log", "ln", "sqrt", "acos", "asin", "exp", "tan"}
+PARTIAL |= {"cosh", "sinh"}
+"""Operators whose result may be infinite or no number, of arguments that are finite."""
 BOOL_OPERATORS = {"and", "or", "not", "iff", "xor", "==", "~=", "<=", "<", ">=", ">"}
 """Operators whose result is a bool."""

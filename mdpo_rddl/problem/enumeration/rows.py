@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.problem.enumeration.levels import Afterstates
+from mdpo_rddl.problem.enumeration.afterstates import Afterstates
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.program import Program
@@ -78,7 +78,7 @@ class RowMaker:
         is left out.
 
         Raises:
-          NotEnumerableError: if a state has no legal action.
+          NotEnumerableError: if a state has no legal action, or a reward is not finite.
         """
         batch = _Batch(self._program.run(self._columns(states)), len(states))
         actions = self._model.actions
@@ -96,6 +96,8 @@ class RowMaker:
                 is_same &= reward <= batch.of(actions[0].reward)
                 legal = legal & ~(is_same & is_default_legal)
             chosen = np.flatnonzero(legal)
+            if not np.isfinite(reward[chosen]).all():
+                raise NotEnumerableError("a reward that is not finite")
             found.append((chosen, np.full(len(chosen), number), reward[chosen], packed[chosen]))
         if not allowed.all():
             raise NotEnumerableError("a reachable state without a legal action")

@@ -6,10 +6,10 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
+from mdpo_rddl.problem.enumeration.afterstates import Afterstates
 from mdpo_rddl.problem.enumeration.index import StateIndex
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, find_merges, merged
-from mdpo_rddl.problem.enumeration.levels import Afterstates
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.pace import Pace, expected
 from mdpo_rddl.problem.enumeration.rows import RowMaker
@@ -18,6 +18,8 @@ _FIRST_BATCH = 64
 _MAX_BATCH = 8192
 _BATCH_ROWS = 400_000
 _BATCH_VALUES = 100_000_000
+# as much memory as a few transitions each, and more while values are worked out
+_MAX_ROWS = 60_000_000
 
 
 class Transitions(Protocol):
@@ -84,6 +86,7 @@ class Search:
         self.rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self.transitions: list[sparse.csr_matrix] = []
         self.transition_count = 0
+        self._row_count = 0
         self.index.numbers(merged(model.initial[np.newaxis], self.merges))
 
     def expand(self, states: np.ndarray) -> None:
@@ -97,6 +100,9 @@ class Search:
             known = self.after_index.count
             numbers = self.after_index.numbers(rows.afterstates)
             self.rows.append((rows.action, rows.reward, numbers))
+            self._row_count += len(rows.state)
+            if self._row_count > _MAX_ROWS:
+                raise NotEnumerableError(f"more than {_MAX_ROWS:,} states with actions")
             if self._follow:
                 self._draw(self.after_index.states[known:])
         self.row_counts.append(counts)

@@ -185,7 +185,8 @@ def test_an_agent_that_thinks_is_played_as_its_policy_is(slow, tmp_path, monkeyp
 
 
 def test_a_gain_within_its_error_does_not_pay():
-    assert Trial("one", 1.0, 0.4).pays
-    assert not Trial("one", 1.0, 0.5).pays
-    assert not Trial("one", 0.5, 0.5).pays
+    assert Trial("one", 1.0, 0.9).pays
+    assert not Trial("one", 1.0, 1.0).pays
+    assert not Trial("one", 0.5, 1.0).pays
+    assert not Trial("one", 0.0, 0.0).pays
     assert not Trial("one", None, None, NO_TIME).pays

@@ -10,8 +10,73 @@ from helpers.toys import problem_from
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.backward import annuity, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
+from mdpo_rddl.auto.search.trials.trials import TrialSearch
+from mdpo_rddl.problem.enumeration.graph import Graph
+from mdpo_rddl.problem.enumeration.joint_actions import joint_actions
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
+
+# whether it is wet is drawn in two ways at once: most states follow from several draws
+_RAIN = """domain d {
+    types { o : object; };
+    pvariables {
+        wet(o) : { state-fluent, bool, default = true };
+        stays : { state-fluent, bool, default = true };
+        rain(o) : { interm-fluent, bool };
+        work : { action-fluent, bool, default = false };
+        leave : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        rain(?o) = Bernoulli(0.5);
+        wet'(?o) = if (stays) then (wet(?o) | rain(?o)) else false;
+        stays' = stays ^ ~leave ^ (exists_{?o : o} [wet(?o) | rain(?o)]);
+    };
+    reward = if (stays) then work * (sum_{?o : o} [wet(?o)]) / 4 else 0.5;
+}"""
+
+_LARGEST = """domain d {
+    types { o : object; };
+    pvariables {
+        P(o) : { non-fluent, real, default = 0.5 };
+        depth : { state-fluent, int, default = 0 };
+        a : { action-fluent, bool, default = false };
+    };
+    cpfs { depth' = max_{?o : o} [if (Bernoulli(P(?o))) then 1 else 0]; };
+    reward = depth - a;
+}"""
+
+_WAIT = """domain d {
+    pvariables {
+        wait : { state-fluent, int, default = 0 };
+        served : { state-fluent, bool, default = false };
+        serve : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        served' = Bernoulli(if (serve ^ (wait > 0)) then 0.5 else 0.0);
+        wait' = if (served') then 0 else min[wait + 1, 3];
+    };
+    reward = if (served') then 10 / wait else 0;
+}"""
+
+_BROKEN = """domain d {
+    pvariables {
+        on : { state-fluent, bool, default = true };
+        a : { action-fluent, bool, default = false };
+    };
+    cpfs { on' = false; };
+    reward = 1.0;
+    state-invariants { ~on; };
+}"""
+
+_WIDE = """domain d {
+    pvariables {
+        on : { state-fluent, bool, default = false };
+        a : { action-fluent, int, default = 0 };
+    };
+    cpfs { on' = on; };
+    reward = a;
+    action-preconditions { a >= 0; a <= 1000000000; };
+}"""
 
 _INSTANCE = """
 non-fluents nf {{ domain = d; {objects} }}
@@ -111,3 +176,51 @@ def test_what_was_not_seen_is_discounted():
     # nothing was seen yet: the first action's reward, then the no-op's for ever
     assert induct(explored, 0.0).value == pytest.approx(1.5 + 0.5 * 2.0, abs=1e-6)
     assert np.all(np.isfinite(induct(explored, 1.0).rows))
+
+
+def test_next_states_that_follow_from_several_draws_have_all_their_probability():
+    limits = EnumerationLimits(60.0)
+    search = TrialSearch(
+        ground_model(problem(_RAIN, 4, horizon=40), limits), limits, 0, Ticking(0.01)
+    )
+    search.work(10.0)
+    explored = search.explored
+    mass = np.bincount(explored.origin.values, explored.probability.values)
+    assert mass[mass > 0.0] == pytest.approx(1.0)
+    # working in the rain for ever, and not where it is dry and pays half
+    assert search.found(0.0).value == pytest.approx(40.0)
+
+
+def test_the_largest_of_many_draws_is_worked_out_two_at_a_time():
+    limits = EnumerationLimits(20.0, clock=Ticking(0.01))
+    (law,) = ground_model(problem(_LARGEST, 40), limits).actions[0].laws
+    assert len(law) == 2
+
+
+def test_what_is_undefined_where_it_has_no_probability_counts_nothing():
+    # wait one step, then serve: 10 with half a chance, else 5, 10 / 3 and 10 / 3
+    value = {step: {0: 0.0, 1: 0.0, 2: 0.0, 3: 0.0} for step in range(6)}
+    for step in reversed(range(5)):
+        after = value[step + 1]
+        for wait in range(4):
+            idle = after[min(wait + 1, 3)]
+            paid = 0.5 * (10 / wait + after[0]) + 0.5 * idle if wait else idle
+            value[step][wait] = max(idle, paid)
+    assert find_optimum(problem(_WAIT), 20.0).value == pytest.approx(value[0][0])
+
+
+@pytest.mark.parametrize(
+    ("domain", "cause"),
+    [(_BROKEN, "initial state breaks an invariant"), (_WIDE, "1e.09 values of a")],
+)
+def test_what_is_refused(domain, cause):
+    with pytest.raises(NotEnumerableError, match=cause):
+        ground_model(problem(domain), EnumerationLimits(20.0))
+
+
+def test_joint_actions_are_counted_exactly():
+    variables = {("a", (place,)): (0, [1, 2]) for place in range(12)}
+    graph = Graph()
+    limits = EnumerationLimits(20.0)
+    # 1, 12 * 2 and 66 * 4
+    assert len(joint_actions(variables, 2, (graph, []), limits)) == 289

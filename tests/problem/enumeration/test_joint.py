@@ -8,7 +8,7 @@ from helpers.toys import problem_from
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.explored import Explored
-from mdpo_rddl.problem.enumeration import levels
+from mdpo_rddl.problem.enumeration import afterstates, levels
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.joint import combinations, joint_law
@@ -201,7 +201,7 @@ def test_many_draws_that_are_read_together_are_refused():
 
 def test_distributions_that_are_looked_at_in_parts_get_the_same_levels(cards, model, monkeypatch):
     whole = enumerate_states(model, limits())
-    monkeypatch.setattr(levels, "_NUMBERS_TOGETHER", 1)
+    monkeypatch.setattr(afterstates, "_NUMBERS_TOGETHER", 1)
     parts = enumerate_states(ground_model(cards, limits()), limits())
     # a level's number, and with it the order of the states, is that of its first part
     assert sorted(map(tuple, whole.states)) == sorted(map(tuple, parts.states))

@@ -7,9 +7,9 @@ import numpy as np
 from mdpo_rddl.auto.search.trials.compact import level_state, read_levels, read_numbers, small
 from mdpo_rddl.auto.search.trials.growing import Growing
 from mdpo_rddl.auto.state import State, joined
+from mdpo_rddl.problem.enumeration.afterstates import Afterstates, Draws
 from mdpo_rddl.problem.enumeration.index import StateIndex
 from mdpo_rddl.problem.enumeration.irrelevance import find_merges, merged
-from mdpo_rddl.problem.enumeration.levels import Afterstates, Draws
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 from mdpo_rddl.problem.enumeration.rows import NO_ROWS, RowMaker, Rows
@@ -123,7 +123,9 @@ class Explored:
             self._remember(draws._replace(origin=first[draws.origin]), numbers)
 
     def _expand(self, states: np.ndarray) -> None:
-        self._append(*self._rows(states))
+        together = max(1, _ROWS_TOGETHER // len(self.model.actions))
+        for start in range(0, len(states), together):
+            self._append(*self._rows(states[start : start + together]))
 
     def _rows(self, states: np.ndarray) -> tuple[np.ndarray, Rows]:
         """How many rows each of states [N, words] has [N], and the rows."""

@@ -78,6 +78,8 @@ class _Turn(NamedTuple):
 def _turn(explored: Explored, greedy: Greedy, states: np.ndarray, step: int) -> _Turn:
     number = explored.index.known(states)
     number[number >= greedy.rows.shape[1]] = -1
+    # a state that was seen after the last step only has no action in the table
+    number[(number >= 0) & (explored.depth.values[number] >= len(greedy.rows))] = -1
     known, unknown = np.flatnonzero(number >= 0), np.flatnonzero(number < 0)
     known = known[explored.row_count.values[number[known]] > 0]
     unknown = unknown[~explored.maker.ended(states[unknown])]

@@ -25,7 +25,12 @@ from mdpo_rddl.problem.enumeration.limits import (
 )
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
-_TRIALS = 512
+_TRIALS, _FEWEST_TRIALS = 512, 16
+# of the states that one step of all trials may add, if all actions are legal: what lies between two
+# looks at the clock
+_ROWS_TOGETHER = 200_000
+# states that one step of one trial may add
+_STATES_OF_ONE = 8
 # of the decisions of a trial, at random; and of these, by any action rather than a popular one
 _DEVIATIONS = (0.0, 0.0, 0.0, 0.05, 0.2)
 _ANY_ACTION = (0.05, 0.2, 0.5, 1.0)
@@ -37,8 +42,8 @@ _ROW_SECONDS = 2e-8
 # of a trial that begins anywhere
 _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
-# states that one step of all trials may add
-_MOST_TOGETHER = 8 * _TRIALS
+_MOST_TOGETHER = _STATES_OF_ONE * _TRIALS
+"""States that one step of all trials may add."""
 
 
 class TrialSearch:
@@ -65,6 +70,8 @@ class TrialSearch:
           NotEnumerableError: if the model is not understood, or there is too little time.
         """
         self.explored = Explored(model, limits)
+        together = _ROWS_TOGETHER // (_STATES_OF_ONE * len(model.actions))
+        self._trials = min(_TRIALS, max(_FEWEST_TRIALS, together))
         self.batches = 0
         self.is_full = False
         self._random = np.random.default_rng(seed)
@@ -200,9 +207,9 @@ class TrialSearch:
     def _from_the_start(self, ends: Callable[[], float]) -> None:
         """Trials that mostly follow the greedy policy."""
         explored, random, known = self.explored, self._random, self._greedy.rows.shape[1]
-        states = np.zeros(_TRIALS, np.int64)
-        deviation = random.choice(_DEVIATIONS, _TRIALS)
-        mixture = random.choice(_ANY_ACTION, _TRIALS)
+        states = np.zeros(self._trials, np.int64)
+        deviation = random.choice(_DEVIATIONS, self._trials)
+        mixture = random.choice(_ANY_ACTION, self._trials)
         for step in range(explored.model.horizon):
             alive = explored.row_count.values[states] > 0
             states, deviation, mixture = states[alive], deviation[alive], mixture[alive]
@@ -243,7 +250,7 @@ class TrialSearch:
         weights *= explored.depth.values[:known] < horizon - 1
         if not weights.any():
             return
-        states = random.choice(known, _TRIALS, p=weights / weights.sum())
+        states = random.choice(known, self._trials, p=weights / weights.sum())
         depth = explored.depth.values[states].astype(np.int64)
         for _ in range(_STEPS):
             alive = (explored.row_count.values[states] > 0) & (depth < horizon)
