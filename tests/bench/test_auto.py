@@ -1,5 +1,7 @@
 """The measurement of the preset `auto`: it goes on, and its table compares."""
 
+import json
+
 import pytest
 from helpers.lakes import write_lake
 
@@ -45,7 +47,13 @@ def test_the_table_worked_by_hand(tmp_path):
     records.add("p", "expert", 0, 2.0, "", 0.0, "", "[1.0, 3.0]")
     records.add("p", "auto", 0, 4.0, 4.0, 9.0, "polished", "[3.0, 5.0]")
     records.add("p", "auto", 1, 6.0, 6.0, 9.0, "polished", "[5.0, 7.0]")
-    expert, auto = auto_table(records).splitlines()[2:]
+    # of the recipe two seeds with means 2 and 4, of the race 4 and 6: the difference has the
+    # standard error sqrt(2) and 2 degrees of freedom
+    for seed in range(2):
+        text = json.dumps([1.0 + 2 * seed, 3.0 + 2 * seed])
+        records.add("p", "recipe", seed, 2.0 + 2 * seed, "", 1.0, "", text)
+    expert, auto, recipe = auto_table(records).splitlines()[2:]
     # 3 on both episodes, over two seeds
-    assert expert == "| p | expert | 1 | 2.00 | 2.00 | 2.00 | 3.00 [3.00, 3.00] | yes |"
-    assert auto == "| p | auto | 2 | 5.00 | 4.00 | 5.00 |  |  |"
+    assert expert == "| p | expert | 1 | 2.00 | 2.00 | 2.00 | 3.00 [3.00, 3.00] | yes |  |"
+    assert auto == "| p | auto | 2 | 5.00 | 4.00 | 5.00 |  |  |  |"
+    assert recipe.endswith("| 2.00 [2.00, 2.00] | yes | 2.00 [-4.08, 8.08] |")

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from scipy import stats
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.bench.common.auto_variants import VARIANTS
@@ -16,7 +17,7 @@ from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.presets.experts import expert
-from mdpo_rddl.bench.presets.names import PLANNERS
+from mdpo_rddl.bench.presets.names import EARLIER, PLANNERS
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline
@@ -124,19 +125,20 @@ def auto_table(records: Records) -> str:
     """Markdown: means, and ours minus each other planner's, episode by episode."""
     lines = [
         "| problem | planner | seeds | mean return | worst seed | median seed | "
-        "auto's lead (95% interval) | auto leads |",
-        "|---|---|---|---|---|---|---|---|",
+        "auto's lead (95% interval) | auto leads | over the seeds (95% interval) |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for problem in dict.fromkeys(row["problem"] for row in records.rows):
         ours = _by_seed(records, problem, "auto")
-        for planner in PLANNERS:
+        for planner in (*PLANNERS, EARLIER):
             theirs = _by_seed(records, problem, planner)
             if not theirs.size:
                 continue
             means = theirs.mean(axis=1)
             cells = [problem, planner, str(len(means)), f"{means.mean():,.2f}"]
             cells += [f"{means.min():,.2f}", f"{np.median(means):,.2f}"]
-            cells += ["", ""] if planner == "auto" or not ours.size else _lead(ours, theirs)
+            is_compared = planner != "auto" and ours.size
+            cells += [*_lead(ours, theirs), _over_seeds(ours, theirs)] if is_compared else [""] * 3
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -149,6 +151,15 @@ def _by_seed(records: Records, problem: str, planner: str) -> np.ndarray:
 
 def _is(row: Mapping[str, str], problem: str, planner: str) -> bool:
     return (row["problem"], row["planner"]) == (problem, planner)
+
+
+def _over_seeds(ours: np.ndarray, theirs: np.ndarray) -> str:
+    """Welch's interval of the difference, each seed's mean once; empty for one seed."""
+    if min(len(ours), len(theirs)) < 2:
+        return ""
+    ours, theirs = ours.mean(axis=1), theirs.mean(axis=1)
+    found = stats.ttest_ind(ours, theirs, equal_var=False).confidence_interval()
+    return f"{ours.mean() - theirs.mean():,.2f} [{found.low:,.2f}, {found.high:,.2f}]"
 
 
 def _lead(ours: np.ndarray, theirs: np.ndarray) -> list[str]:

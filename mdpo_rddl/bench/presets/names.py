@@ -28,6 +28,8 @@ VARIANT_NAMES = (
     "auto-with-plain-adam",
 )
 PLANNERS = ("expert", *VARIANT_NAMES, "jaxplan-slp", "jaxplan-drp")
+EARLIER = "recipe"
+"""Rows of the recipe before the race, which commit 46bb4a9 has made as `auto`."""
 
 TRANSFER_PAIRS = (
     "HVAC_ippc2023:1:3",
