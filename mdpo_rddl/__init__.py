@@ -18,7 +18,11 @@ if TYPE_CHECKING:
         NoiseProfile,
         NoNoise,
     )
-    from mdpo_rddl.planner.config.config import load_config, load_config_from_string
+    from mdpo_rddl.planner.config.config import (
+        PlannerConfig,
+        load_config,
+        load_config_from_string,
+    )
     from mdpo_rddl.planner.planner import MDPOPlanner
     from mdpo_rddl.planner.upstream import (
         JaxDeepReactivePolicy,
@@ -27,10 +31,13 @@ if TYPE_CHECKING:
         JaxStraightLinePlan,
     )
     from mdpo_rddl.policy.load import load_policy
+    from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
     from mdpo_rddl.policy.policy import Policy
+    from mdpo_rddl.policy.table_policy import TablePolicy
     from mdpo_rddl.problem.evaluation import Evaluation, evaluate
     from mdpo_rddl.problem.load import Problem, load_problem, make_environment
     from mdpo_rddl.session.in_python import plan
+    from mdpo_rddl.session.watch import PlanProgress
 
 # whoever wants to read what is logged says where it goes
 logging.getLogger(__name__).addHandler(logging.NullHandler())
@@ -48,11 +55,15 @@ __all__ = [
     "JaxOfflineController",
     "JaxOnlineController",
     "JaxStraightLinePlan",
+    "LookaheadPolicy",
     "MDPOPlanner",
     "NoNoise",
     "NoiseProfile",
+    "PlanProgress",
+    "PlannerConfig",
     "Policy",
     "Problem",
+    "TablePolicy",
     "evaluate",
     "load_config",
     "load_config_from_string",
@@ -72,7 +83,7 @@ _SOURCES = {
         "NoNoise",
         "NoiseProfile",
     ),
-    "planner.config.config": ("load_config", "load_config_from_string"),
+    "planner.config.config": ("PlannerConfig", "load_config", "load_config_from_string"),
     "planner.planner": ("MDPOPlanner",),
     "planner.upstream": (
         "JaxDeepReactivePolicy",
@@ -81,10 +92,13 @@ _SOURCES = {
         "JaxStraightLinePlan",
     ),
     "policy.load": ("load_policy",),
+    "policy.lookahead.driver": ("LookaheadPolicy",),
     "policy.policy": ("Policy",),
+    "policy.table_policy": ("TablePolicy",),
     "problem.evaluation": ("Evaluation", "evaluate"),
     "problem.load": ("Problem", "load_problem", "make_environment"),
     "session.in_python": ("plan",),
+    "session.watch": ("PlanProgress",),
 }
 
 

@@ -154,7 +154,8 @@ def plan_parser() -> OneLineParser:
     run.add_argument(
         "--seed",
         type=seed_int,
-        help="of training and evaluation (default: 0; with --load, its run's)",
+        help="of training and evaluation (default: the configuration's key, 0 in the presets; "
+        "with --load, its run's)",
     )
     run.add_argument(
         "--episodes",
@@ -211,7 +212,7 @@ def plan_parser() -> OneLineParser:
         nargs=0,
         help="remove all programs that are kept for the next runs, and do no more",
     )
-    run.add_argument("--quiet", action="store_true", help="nothing but that")
+    run.add_argument("--quiet", action="store_true", help="no table, no progress and no warnings")
     return parser
 
 
@@ -227,7 +228,8 @@ def _add_noise_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--sigma",
         type=number(at_least=0),
-        help="constant: standard deviation, in action units (default: 1)",
+        help="constant: standard deviation, in action units (default: 1); with a --config that has "
+        "no [Noise], a share of the action's range (default: 0.1)",
     )
     group.add_argument(
         "--sigma-min",
@@ -267,8 +269,8 @@ def _add_training_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--seconds",
         type=number(above=0),
-        help="largest training time: of everything before the evaluation (default: 90); with the "
-        "preset paper without compilation, and no bound by default",
+        help="time for everything before the evaluation (default: 90); of one training without its "
+        "compilation (default: none for the preset paper, the file's for --config)",
     )
     group.add_argument(
         "--restarts",

@@ -40,7 +40,7 @@ class PlanOptions:
 
     Attributes:
       preset: "auto" or "paper"; "auto" if neither it nor `config` is given.
-      config: a `PlannerConfig`, a JaxPlan `.cfg` file, or "drp", "slp" or "replan", as
+      config: a `PlannerConfig`, a JaxPlan `.cfg` file, or "drp" or "slp", as
         `mdpo-plan --config` takes them.
       horizon: replaces the instance's.
       progress: whether to draw a bar; if None in a terminal and in a notebook only.
@@ -51,7 +51,8 @@ class PlanOptions:
         these are part of `seconds`. 0 returns the policy as it was found.
 
     Raises:
-      InputError: if both a preset and a configuration are given, or the time is below 0.
+      InputError: if both a preset and a configuration are given, the configuration plans anew
+        at every decision, or the time is below 0.
     """
 
     preset: str | None = None
@@ -65,6 +66,11 @@ class PlanOptions:
     def __post_init__(self) -> None:
         if self.preset is not None and self.config is not None:
             raise InputError("preset and config do not go together")
+        if str(self.config) == "replan":
+            raise InputError(
+                'config "replan" plans anew at every decision, where there is no policy to return: '
+                "use JaxOnlineController or mdpo-plan --replan"
+            )
         if not 0.0 <= self.decision_seconds < math.inf:
             given = self.decision_seconds
             raise InputError(f"decision_seconds must be a number of at least 0, got {given!r}")

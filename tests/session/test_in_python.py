@@ -129,6 +129,7 @@ def test_bad_input_is_told_in_a_line(files, quick):
         (partial(quick, *files, seed=-1), "seed must be an integer from 0 to 2147483647, got -1"),
         (partial(quick, *files, preset="auto"), "preset and config do not go together"),
         (partial(mdpo_rddl.plan, *files, preset="best"), "there is no preset 'best'"),
+        (partial(mdpo_rddl.plan, *files, config="replan"), 'config "replan" plans anew'),
         (
             partial(quick, *files, start_from=object()),
             "a policy to start from goes with the preset",
