@@ -27,6 +27,8 @@ class Levels:
         self._most = MAX_LEVELS if variables == 1 else MAX_JOINT_LEVELS
         self._parts = 1 + variables
         self._numbers: dict[tuple[float, ...], int] = {}
+        # of some that were given with the same value several times
+        self._joined: dict[tuple[float, ...], int] = {}
         self._tables: tuple[np.ndarray, np.ndarray] | None = None
 
     def of_bools(self, chances: np.ndarray) -> np.ndarray:
@@ -56,12 +58,19 @@ class Levels:
             raise ValueError(f"its distribution {number} is none, or another one")
 
     def _add(self, row: Iterable[float]) -> int:
-        key = self._with_joined_branches(tuple(map(float, row)))
-        number = self._numbers.setdefault(key, len(self._numbers))
+        given = tuple(map(float, row))
+        known = self._numbers.get(given, self._joined.get(given))
+        if known is not None:
+            return known
+        key = self._with_joined_branches(given)
+        number = self._numbers.get(key, len(self._numbers))
         if number >= self._most:
             raise NotEnumerableError(f"a fluent with more than {self._most} distributions")
         if number * len(key) > _MAX_NUMBERS:
             raise NotEnumerableError("fluents with many distributions of many values together")
+        self._numbers[key] = number
+        if key != given and len(self._joined) < self._most:
+            self._joined[given] = number
         return number
 
     def _with_joined_branches(self, row: tuple[float, ...]) -> tuple[float, ...]:
