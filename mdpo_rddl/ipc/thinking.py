@@ -93,6 +93,12 @@ class ThinkingMDPO(MDPO):
         self._acted = self._clock()
         return legal
 
+    def act_alone(
+        self, step: int, state: Mapping[str, Any], rng: np.random.Generator
+    ) -> Mapping[str, Any]:
+        """As `MDPO.act`: what the prepared policy does without thinking."""
+        return super().act(step, state, rng)
+
     def _seconds_at(self, step: int, now: float) -> float:
         """For the decision at a step."""
         if self._each_seconds is not None:

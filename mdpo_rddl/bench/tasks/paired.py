@@ -38,6 +38,11 @@ def paired(first: Rows, second: Rows) -> Paired:
     if ours is None or theirs is None:
         cells = ["failed" if each is None else _mean(each) for each in (ours, theirs)]
         return Paired([*cells, ""], int(ours is not None) - int(theirs is not None))
+    return paired_returns(ours, theirs)
+
+
+def paired_returns(ours: np.ndarray, theirs: np.ndarray) -> Paired:
+    """Compares returns of episodes [E]; the longer one is cut."""
     common = min(len(ours), len(theirs))
     ours, theirs = ours[:common], theirs[:common]
     gain = ours - theirs

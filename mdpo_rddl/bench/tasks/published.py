@@ -6,6 +6,7 @@ competition of 2014.
 """
 
 import csv
+import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -14,7 +15,9 @@ import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, THINKING
+from mdpo_rddl.bench.tasks.paired import paired_returns
 from mdpo_rddl.bench.tasks.trial import (
+    ALONE,
     COLUMNS,
     KEYS,
     OK,
@@ -27,6 +30,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import MOST_BYTES, decoded, read_bounded
 
 AT_THE_BEST = 0.99
+_SIGNS = {"better": 1, "as good": 0, "worse": -1}
 OTHERS = {
     "PROST 1 s": "prost_1",
     "JaxPlan 1 s": "jaxplan_1",
@@ -148,8 +152,18 @@ def _thinking(records: Records) -> list[str]:
     times = {row["decision_seconds"] for row in records.rows if row.get("decision_seconds")}
     if not times:
         return []
-    chosen = {Task(row["problem"], row["instance"]) for row in records.rows if row["method"]}
-    return [f"Ours with {', '.join(sorted(times))} s a decision, used on {len(chosen)} tasks."]
+    chosen = [row for row in records.rows if row["method"]]
+    tasks = {Task(row["problem"], row["instance"]) for row in chosen}
+    said = f"Ours with {', '.join(sorted(times))} s a decision, used on {len(tasks)} tasks."
+    signs = [
+        paired_returns(np.array(json.loads(row["returns"])), np.array(json.loads(row[ALONE]))).sign
+        for row in chosen
+        if row[ALONE]
+    ]
+    if not signs:
+        return [said]
+    counts = ", ".join(f"{name} on {signs.count(sign)}" for name, sign in _SIGNS.items())
+    return [said, f"Against the same policy alone in the same episodes: {counts}."]
 
 
 def _totals(scores: np.ndarray) -> str:

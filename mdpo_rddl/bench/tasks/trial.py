@@ -21,7 +21,7 @@ from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import commit, versions
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.load import load_problem, make_environment
+from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +41,9 @@ FIGURES = (
 COLUMNS = (*KEYS, "status", "cause", *FIGURES)
 # of decisions with time to think, as `decision_figures` names most of them
 _DECISIONS = ("decisions", "left_base", "p99_seconds", "max_seconds", "within_budget")
-THINKING_COLUMNS = (*COLUMNS, "decision_seconds", "method", "note", *_DECISIONS)
+ALONE = "alone"
+"""The column with the returns of the prepared policy alone, in the episodes with thinking."""
+THINKING_COLUMNS = (*COLUMNS, "decision_seconds", "method", "note", *_DECISIONS, ALONE)
 OK = "ok"
 # of the episodes, far from any training seed
 _EVALUATION_SEED = 2024
@@ -161,14 +163,19 @@ def run_trial(trial: TaskTrial) -> dict[str, Any]:
         return {**row, "status": "error", "cause": cause, "peak_mb": round(peak_mb())}
     if not np.all(np.isfinite(evaluation.returns)):
         row["status"] = "non-finite"
-    returns = [float(f"{value:.{_DIGITS}g}") for value in evaluation.returns.tolist()]
     return row | {
         "mean": float(f"{evaluation.mean:.{_DIGITS}g}"),
         "illegal_actions": evaluation.illegal_actions,
         "fallback_actions": evaluation.fallback_actions,
         "peak_mb": round(peak_mb()),
-        "returns": json.dumps(returns),
+        "returns": _json(evaluation),
     }
+
+
+def _json(evaluation: Evaluation) -> str:
+    """Its returns as a list of JSON."""
+    digits = [float(f"{value:.{_DIGITS}g}") for value in evaluation.returns.tolist()]
+    return json.dumps(digits)
 
 
 def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
@@ -204,7 +211,20 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     if isinstance(planner, ThinkingMDPO):
         seconds = trial.conditions.decision_seconds
         row |= _decisions(planner, seconds, episodes, row.get("note"))
+        if planner.thinker is not None:
+            row[ALONE] = _json(_alone(problem, planner, episodes))
     return evaluation
+
+
+def _alone(problem: Problem, planner: ThinkingMDPO, episodes: int) -> Evaluation:
+    """The prepared policy without thinking, in the same episodes."""
+    random = np.random.default_rng(0)  # it draws nothing
+    return evaluate(
+        make_environment(problem),
+        lambda step, state: planner.act_alone(step, state, random),
+        episodes,
+        _EVALUATION_SEED,
+    )
 
 
 def _episodes(planner: Planner, wanted: int, horizon: int) -> int:
