@@ -26,7 +26,7 @@ from mdpo_rddl.problem.enumeration.limits import (
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
 _TRIALS, _FEWEST_TRIALS = 512, 16
-# of the states that one step of all trials may add, if all actions are legal: what lies between two
+# rows that one step of all trials may make, if all actions are legal: what lies between two
 # looks at the clock
 _ROWS_TOGETHER = 200_000
 # states that one step of one trial may add
