@@ -6,17 +6,20 @@ rounding then decides.
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.problem.evaluation import Evaluation
+
+if TYPE_CHECKING:
+    from mdpo_rddl.auto.candidate import Candidate
 
 # of the difference's standard error, and of the return
 _ERRORS, _SHARE = 4.0, 0.01
 
 
-def less_than_judged(chosen: Candidate, played: Evaluation) -> str:
+def less_than_judged(chosen: "Candidate", played: Evaluation) -> str:
     """A warning if the environment has paid less; empty if it has not.
 
     Args:

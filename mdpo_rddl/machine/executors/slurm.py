@@ -61,7 +61,7 @@ class SlurmExecutor:
 
     folder: Path
     cpus: int = 2
-    memory_gb: float = 40.0
+    memory_gb: float = 8.0
     minutes: int = 240
     partition: str | None = None
     parallel: int = 256
