@@ -8,8 +8,9 @@ from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
-from mdpo_rddl.auto.candidate import NOOP, Judged
+from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.confirmation import confirmed, episodes_of
 from mdpo_rddl.auto.failures import incumbent_kept, one_line_errors
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
@@ -55,7 +56,8 @@ _JAXPLAN_SECONDS = 40.0
 # of the time: the no-op's episodes, before anything else, and the first slices of the trials
 _FIRST_SHARE = 0.05
 _TRIALS_SHARES = (0.04, 0.06)
-# of the time: the second process may be late
+# of the time: the result's episodes on the environment; the second process may be late
+_CONFIRMING_SHARE = 0.02
 _LATE_SHARE = 0.05
 
 
@@ -142,7 +144,7 @@ def _raced(
         alternatives.stop()  # its memory is needed
     initial = [*options.initial(arena)]
     schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
-    interrupted = False
+    interrupted, chosen = False, None
     exact, schedule.early = grounded
     schedule.arms += [] if exact is None else [exact]
     try:
@@ -152,10 +154,14 @@ def _raced(
                 for candidate in options.earlier.candidates(arena):
                     arena.judge.record(candidate)
             schedule.run()
-        late = arena.deadline + _LATE_SHARE * (arena.deadline - arena.began)
+        seconds = arena.config.budget().seconds
+        late = arena.began + (1.0 + _LATE_SHARE) * seconds
         if alternatives.started:
             options.on_wait()
             schedule.give(JaxPlanArm(alternatives, arena.clock), late)
+        with incumbent_kept(arena.judge):
+            play = episodes_of(arena.problem, arena.seed, arena.began + seconds, arena.clock)
+            chosen = confirmed(arena.judge, play, lambda: arena.clock() < late)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
         if arena.judge.incumbent is None:
@@ -168,7 +174,7 @@ def _raced(
         arena.compilations.close()
         for arm in schedule.arms:
             arm.close()
-    outcome = _outcome(schedule, arena, resumption, interrupted)
+    outcome = _outcome(schedule, arena, resumption, interrupted, chosen)
     outcome = replace(outcome, earlier=options.earlier_curve)
     policy = outcome.policy
     if isinstance(policy, Policy):
@@ -266,7 +272,7 @@ def _arena(
 ) -> Arena:
     """Probes, and compiles the planner that suits the problem."""
     clock, shares = options.clock, _shares(config)
-    deadline, now = began + config.budget().seconds, clock()
+    deadline, now = began + (1.0 - _CONFIRMING_SHARE) * config.budget().seconds, clock()
     config = config.without_section(SEARCH)
     # the same for all seeds, whose programs then are the same too
     bare = build_planner(problem, without_scales(config)).planner
@@ -312,9 +318,13 @@ def _arena(
 
 
 def _outcome(
-    schedule: Schedule, arena: Arena, resumption: Resumption, interrupted: bool
+    schedule: Schedule,
+    arena: Arena,
+    resumption: Resumption,
+    interrupted: bool,
+    chosen: Candidate | None,
 ) -> RaceOutcome:
-    seconds, chosen = arena.clock() - arena.began, arena.judge.incumbent
+    seconds, chosen = arena.clock() - arena.began, chosen or arena.judge.incumbent
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
     logs = [*resumption.left_out(schedule.arms), *(arm.log for arm in schedule.arms)]

@@ -16,7 +16,6 @@ from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.played import NotPlayedError
 from mdpo_rddl.session.checkpoints import training_checkpoints
-from mdpo_rddl.session.confirmation import less_than_judged
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.hindsight import hindsight_figures
@@ -147,6 +146,8 @@ def _shortened(request: PlanRequest) -> PlanRequest:
 
 
 def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
+    from mdpo_rddl.auto.confirmation import less_than_judged  # takes long to import
+
     outcome = _raced(request, reporter, unfinished)
     policy = outcome.policy
     if outcome.interrupted:
@@ -157,7 +158,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
     policy(0, make_environment(request.problem).reset(seed=0)[0])
     plain = _tried(Evaluator(request, reporter), policy, observed)
     if isinstance(plain, Evaluation) and (less := less_than_judged(outcome.chosen, plain)):
-        logger.warning(less)
+        logger.warning("%s; try another --seed", less)
     summary = {
         **_identity(policy, request),
         **_played(policy, plain, request, reporter, observed),

@@ -1,0 +1,120 @@
+"""Whether the exact environment pays what the judge's rollouts have promised.
+
+Both play by the same rules, the environment in 64 bit. Where a rule has a threshold, as a least
+production above which a plant counts as on, a policy may be found that sits exactly on it, and
+rounding then decides.
+"""
+
+import logging
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import Judge, mean_and_error
+from mdpo_rddl.auto.outcome import policy_of
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.load import Problem, make_environment
+
+logger = logging.getLogger(__name__)
+
+Play = Callable[[Candidate], Evaluation]
+"""Plays a candidate on the exact environment, the same episodes each time."""
+
+# of the difference's standard error, and of the return
+_ERRORS, _SHARE = 4.0, 0.01
+# fewer do not tell their own error
+_FEWEST_EPISODES, _EPISODES = 5, 10
+# makes the episodes none of those of an evaluation with the race's seed
+_STREAM = 1
+
+
+def confirmed(judge: Judge, play: Play, has_time: Callable[[], bool]) -> Candidate:
+    """The incumbent; another arm's best where the environment pays it less than it has promised.
+
+    The other one must itself be paid what it has promised, and return more in the same episodes.
+
+    Args:
+      judge: has an incumbent.
+      play: gives the returns of a candidate.
+      has_time: whether another candidate may be played.
+    """
+    chosen = judge.incumbent
+    assert chosen is not None
+    if chosen.returns is None or not has_time():
+        return chosen
+    played = play(chosen)
+    if len(played.returns) < _FEWEST_EPISODES or not is_less(chosen, played):
+        return chosen
+    arms = dict.fromkeys(one.candidate.arm for one in judge.judged)
+    bests = [judge.best_of_arm(arm) for arm in arms if arm != chosen.arm]
+    rivals = [best for best in bests if best is not None and best.returns is not None]
+    for rival in sorted(rivals, key=lambda each: each.known_mean, reverse=True):
+        if not has_time():
+            break
+        its = play(rival)
+        common = min(len(its.returns), len(played.returns))
+        if common < _FEWEST_EPISODES or is_less(rival, its):
+            continue
+        gain, error = mean_and_error(its.returns[:common] - played.returns[:common])
+        if gain > _ERRORS * error:
+            told = "%s; %r is the result, to which it paid %.6g"
+            logger.warning(told, less_than_judged(chosen, played), rival.label, its.mean)
+            return rival
+    return chosen
+
+
+def episodes_of(
+    problem: Problem, seed: int, until: float, clock: Clock, episodes: int = _EPISODES
+) -> Play:
+    """Plays candidates in the same episodes, as many of them as there is time for.
+
+    Args:
+      problem: the parsed problem.
+      seed: of the race.
+      until: when no further episode begins, by the clock, after the fewest that tell anything.
+      clock: of the race.
+      episodes: at most.
+    """
+    env = make_environment(problem)
+    stream = int(np.random.SeedSequence([seed, _STREAM]).generate_state(1)[0])
+
+    def play(candidate: Candidate) -> Evaluation:
+        ended = 0
+
+        def goes_on() -> bool:
+            nonlocal ended
+            ended += 1
+            return ended < _FEWEST_EPISODES or clock() < until
+
+        policy = policy_of(candidate, problem, seed)
+        return evaluate(env, policy, episodes, stream, goes_on)
+
+    return play
+
+
+def is_less(chosen: Candidate, played: Evaluation) -> bool:
+    """Whether the environment has paid less than the judge's rollouts, beyond their errors.
+
+    Args:
+      chosen: a candidate; False of one that no rollouts were made of.
+      played: its episodes on the exact environment; False of a single one.
+    """
+    count = len(played.returns)
+    if count < 2 or chosen.returns is None or chosen.mean is None:
+        return False
+    error = float(np.std(played.returns, ddof=1)) / math.sqrt(count)
+    least = _ERRORS * math.hypot(error, chosen.error) + _SHARE * abs(chosen.mean)
+    return bool(played.mean < chosen.mean - least)
+
+
+def less_than_judged(chosen: Candidate, played: Evaluation) -> str:
+    """What is said where `is_less`; empty elsewhere."""
+    if not is_less(chosen, played):
+        return ""
+    return (
+        f"the exact environment paid {played.mean:,.6g} where the judge's rollouts had "
+        f"{chosen.mean:,.6g}: the policy may sit on a threshold, where rounding decides"
+    )
