@@ -42,7 +42,8 @@ class Packing(NamedTuple):
         """
         place = self.places[variable]
         shifted = np.asarray(values).astype(np.int64) + place.offset
-        if np.any(shifted < 0) or np.any(shifted >> place.bits):
+        # of a negative number the bits that are shifted in are 1
+        if (shifted >> place.bits).any():
             raise OverflowError("a value that does not fit in its bits")
         return shifted.astype(np.uint64) << np.uint64(place.shift)
 

@@ -39,7 +39,11 @@ class _Batch:
         self._values, self.count = values, count
 
     def of(self, node: int) -> np.ndarray:
-        return np.broadcast_to(self._values[node], self.count)
+        value = self._values[node]
+        # what is broadcast already is so most often, and asking takes as long as many operations
+        if isinstance(value, np.ndarray) and value.shape == (self.count,):
+            return value
+        return np.broadcast_to(value, self.count)
 
 
 class RowMaker:

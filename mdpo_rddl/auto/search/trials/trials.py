@@ -28,7 +28,7 @@ from mdpo_rddl.problem.enumeration.model import GroundModel
 _TRIALS, _FEWEST_TRIALS = 512, 16
 # rows that one step of all trials may make, if all actions are legal: what lies between two
 # looks at the clock
-_ROWS_TOGETHER = 200_000
+_ROWS_TOGETHER = 2_000_000
 # states that one step of one trial may add
 _STATES_OF_ONE = 8
 # of the decisions of a trial, at random; and of these, by any action rather than a popular one
