@@ -22,8 +22,8 @@ from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.observation import is_observed
 
-# particles at first, and the fewest and the most that the time of a decision may allow
-_PARTICLES, _FEWEST, _MOST = 2048, 256, 4096
+# particles, and the fewest where the time of a decision does not allow so many
+_PARTICLES, _FEWEST = 2048, 256
 # of the time of a decision, the filter may take
 _SHARE = 0.1
 # where no particle matches, others are drawn so often, as long as there is that time
@@ -131,12 +131,15 @@ class Believer:
           step: number of decisions before.
           observation: a belief of `believe`'s, whose memory of the episode counts.
         """
-        memory = observation.root.memory if isinstance(observation, Belief) else {}
-        given = self._keys[step], self.params, step, dict(observation), self.policy_hyperparams
+        known, memory = dict(observation), dict[str, Any]()
+        if isinstance(observation, Belief):
+            # of the same types at each step, so that nothing is compiled twice
+            known, memory = dict(observation.root.observed), dict(observation.root.memory)
+        given = self._keys[step], self.params, step, known, self.policy_hyperparams
         return self.planner.get_action(*given, *([memory] if memory else []))
 
     def prepare(self, seconds: float, until: float = math.inf) -> None:
-        """Compiles the filter with as many particles as are filtered in time.
+        """Compiles the filter, once more with fewer particles if it takes too long.
 
         Args:
           seconds: of a decision.
@@ -148,8 +151,8 @@ class Believer:
         took = self._measured(observed)
         now = self.clock()
         is_in_time = now + (now - began) <= until
-        count = int(np.clip(self._count * _SHARE * seconds / took, _FEWEST, _MOST))
-        if is_in_time and (count < self._count or count >= 2 * self._count):
+        count = max(_FEWEST, int(self._count * _SHARE * seconds / took))
+        if is_in_time and count < self._count:
             self._count = count
             self._measured(observed)
         self._seconds = _SHARE * seconds

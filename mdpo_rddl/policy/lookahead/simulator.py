@@ -102,7 +102,6 @@ class Simulator:
         longest = min(_LONGEST_SECONDS, _SHARE * seconds)
         base = self.components.flat(self.policy(0, state))
         self.legal(state, base[np.newaxis])
-        # what takes long to compile takes long to play: for that no second program is needed
         rollouts, started = _FEWEST, self._clock()
         self._compile(WIDE, rollouts, state, base)
         self._compile_seconds = self._clock() - started
@@ -116,10 +115,15 @@ class Simulator:
         if (not self.is_random or took < longest / 8) and self._can_compile(2.0, until):
             rollouts = wanted
             self._compile(WIDE, rollouts, state, base)
-        is_slow = self.seconds(WIDE, 0) > _USABLE_SHARE * seconds
-        if is_slow or not self._can_compile(1.0, until):
+        if self.seconds(WIDE, 0) > _USABLE_SHARE * seconds:
             return False
-        self._compile(NARROW, rollouts, state, base)
+        if self._can_compile(1.0, until):
+            self._compile(NARROW, rollouts, state, base)
+        else:
+            # its calls have fewer scenarios, but they are there
+            self._programs[NARROW], self._sizes[NARROW] = self._programs[WIDE], self._sizes[WIDE]
+            for expected in (self._overhead, self._per_step):
+                expected[NARROW] = expected[WIDE]
         return True
 
     def prepare_climbing(self, state: Mapping[str, Any], until: float = math.inf) -> None:
@@ -212,7 +216,8 @@ class Simulator:
 
     def challengers(self, kind: str) -> int:
         """Candidates of one call, the base not counted."""
-        return self._sizes[kind].candidates - 1
+        most = _CANDIDATES[NARROW] if kind == NARROW else math.inf
+        return int(min(self._sizes[kind].candidates, most)) - 1
 
     def seconds(self, kind: str, step: int) -> float:
         """How long a call at a step is likely to take."""

@@ -100,6 +100,16 @@ def test_a_belief_reads_as_what_is_observed(believing):
     assert not np.any(believing.believe(0, NOTHING_SHOWN).root.particles["begun"])
 
 
+def test_the_policy_is_compiled_once_for_what_an_environment_shows():
+    policy = Believer(listener.__wrapped__(), Ticking(0.01))
+    env = make_environment(policy.problem)
+    state = env.reset(seed=0)[0]
+    for step in range(3):
+        policy(step, policy.believe(step, state))
+        state = env.step(LISTEN)[0]
+    assert policy.planner.test_policy._cache_size() == 1
+
+
 def test_the_policy_remembers_what_was_played(believing):
     policy = listener()
     env = make_environment(policy.problem)

@@ -17,6 +17,7 @@ from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.base import Tabled
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
 
@@ -133,7 +134,21 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     # calls are too long for such decisions, and there is time for one more program
     assert simulator.prepare(START, 0.2, until=0.7)
     assert simulator.scenarios(WIDE) == 128 // 2**3
+    assert simulator.scenarios(NARROW) == 128 // 4
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
+
+
+def test_the_finalists_calls_are_the_search_s_where_others_would_be_compiled_too_late():
+    simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
+    assert simulator.prepare(START, 0.2, until=0.1)
+    assert simulator.scenarios(NARROW) == simulator.scenarios(WIDE) == 128 // 2**3
+    assert (simulator.challengers(NARROW), simulator.challengers(WIDE)) == (3, 7)
+    assert simulator.seconds(NARROW, 0) == simulator.seconds(WIDE, 0)
+    method = FirstActions()
+    assert method.applies(simulator.components)
+    policy = LookaheadPolicy(simulator, method, 0.2, 0, Ticking(0.001))
+    policy(0, START)
+    assert policy.decisions[0].calls
 
 
 @pytest.mark.parametrize("place", [(0, START), (2, {"pulled": np.array([True, False, False])})])
