@@ -10,6 +10,7 @@ from mdpo_rddl.bench.tasks.everywhere_figure import draw_everywhere
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.sharing import read_sharing, run_sharing, sharing_table
+from mdpo_rddl.bench.tasks.thinking import run_thinking, thinking_table
 from mdpo_rddl.bench.tasks.trial import Conditions
 from mdpo_rddl.errors import InputError
 
@@ -87,6 +88,12 @@ def _sharing(options: argparse.Namespace) -> str:
     return sharing_table(read_sharing(options.out))
 
 
+def _thinking(options: argparse.Namespace) -> str:
+    tasks = named_tasks(options.problems)
+    records = run_thinking(options.out, tasks, options.seeds, _conditions(options), _shard(options))
+    return thinking_table(records)
+
+
 TASK_COMMANDS = {
     "ablation": _ablation,
     "anytime": _anytime,
@@ -94,5 +101,6 @@ TASK_COMMANDS = {
     "published": _published,
     "published-report": _published_report,
     "sharing": _sharing,
+    "thinking": _thinking,
 }
 """By the commands' names."""

@@ -7,6 +7,7 @@ from mdpo_rddl.bench.tasks.names import (
     ABLATION_TASKS,
     ANYTIME_SECONDS,
     ANYTIME_TASKS,
+    HIDDEN_TASKS,
     PLANNERS,
     SHARING_TASKS,
 )
@@ -22,7 +23,7 @@ def default_published(decision_seconds: float) -> Path:
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
-    """Adds `everywhere`, `published` and its report, `ablation`, `sharing` and `anytime`."""
+    """Adds `everywhere`, `published`, its report, `ablation`, `sharing`, `thinking`, `anytime`."""
     everywhere = commands.add_parser(
         "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
     )
@@ -55,6 +56,18 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     )
     sharing.add_argument("--decision-seconds", type=number(above=0), default=0.2)
     sharing.set_defaults(run="sharing", out=Path("results/sharing"))
+    thinking = commands.add_parser(
+        "thinking", help="time for thinking at the decisions beside the same policy alone"
+    )
+    thinking.add_argument(
+        "--problems",
+        nargs="+",
+        metavar="NAME:INSTANCE",
+        default=list(HIDDEN_TASKS),
+        help="(default: the third instance of each domain whose state is not observed)",
+    )
+    thinking.add_argument("--decision-seconds", type=number(above=0), default=0.2)
+    thinking.set_defaults(run="thinking", out=Path("results/thinking_hidden"))
     for command in (everywhere, published):
         command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
     for command, seconds, episodes in (
@@ -62,6 +75,7 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         (published, 60.0, 20),
         (ablation, 60.0, 20),
         (sharing, 30.0, 10),
+        (thinking, 60.0, 20),
     ):
         command.add_argument("--seconds", type=number(above=0), default=seconds)
         command.add_argument("--episodes", type=positive_int, default=episodes)
@@ -84,4 +98,4 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     anytime.add_argument("--seeds", type=positive_int, default=5)
     anytime.add_argument("--memory-gb", type=number(above=0), default=8.0)
     anytime.set_defaults(run="anytime", out=Path("results/anytime"))
-    return [everywhere, published, report, ablation, sharing, anytime]
+    return [everywhere, published, report, ablation, sharing, thinking, anytime]

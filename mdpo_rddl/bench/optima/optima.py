@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.bench.common.markdown import table_head, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.files import MOST_BYTES, read_bounded
@@ -125,13 +126,13 @@ def optima_table(records: Records, published: Published | None = None) -> str:
     """Markdown: each task with its optimum, the episodes and the best published return."""
     heads = ["problem", "instance", "states", "actions", "seconds", "optimum", "episodes (95%)"]
     heads += ["best published"] if published else []
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    lines = table_head(heads)
     for row in sorted(records.rows, key=lambda row: (row["problem"], row["instance"])):
         cells = [row["problem"], row["instance"], *_cells(row)]
         if published:
             best = published.get((row["problem"], row["instance"]))
             cells.append("" if best is None else f"{best:g}")
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(table_row(cells))
     solved = sum(row["status"] == "optimum" for row in records.rows)
     lines += ["", f"Proven optimum: {solved} of {len(records.rows)}."]
     inside = [row for row in records.rows if row["low"] and _is_inside(row)]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.bench.common.auto_variants import VARIANTS, without
+from mdpo_rddl.bench.common.markdown import table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
 from mdpo_rddl.bench.tasks.paired import paired
@@ -86,21 +87,17 @@ def ablation_table(records: Records) -> str:
         "",
         "| arm | had a part on | worse without it | as good | better without it |",
         "|---|---|---|---|---|",
-        *(_row([arm, len(found), *_counts(found)]) for arm, found in verdicts.items()),
+        *(table_row([arm, len(found), *_counts(found)]) for arm, found in verdicts.items()),
         "",
         "| problem | instance | arm | with | without | lost without it (95% interval) | verdict |",
         "|---|---|---|---|---|---|---|",
-        *(_row(cells) for cells in details),
+        *(table_row(cells) for cells in details),
     ]
     return "\n".join(lines) + "\n"
 
 
 # without the arm, by the sign of what is lost then
 _VERDICTS = {1: "worse", 0: "as good", -1: "better"}
-
-
-def _row(cells: Sequence[object]) -> str:
-    return "| " + " | ".join(str(cell) for cell in cells) + " |"
 
 
 def _counts(verdicts: Sequence[str]) -> list[int]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mdpo_rddl.bench.common.markdown import rounded, table_head, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks
@@ -87,7 +88,7 @@ def anytime_table(returns: Returns) -> str:
     """Markdown: median, smallest and largest seed per task and time, and where more time lost."""
     seconds = sorted({time for times in returns.values() for time in times})
     heads = ["problem", "instance", "seeds", *(f"{time:g} s" for time in seconds), "falls"]
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    lines = table_head(heads)
     falling = 0
     for task, times in sorted(returns.items(), key=lambda item: str(item[0])):
         count = max(len(means) for means in times.values())
@@ -96,7 +97,7 @@ def anytime_table(returns: Returns) -> str:
         falling += bool(found)
         notes = ", ".join(f"{short:g} to {long:g} s" for short, long in found)
         names = [task.problem, task.instance, str(count)]
-        lines.append("| " + " | ".join([*names, *cells, notes]) + " |")
+        lines.append(table_row([*names, *cells, notes]))
     note = "Median of the seeds' mean returns [smallest, largest]. The median falls below the "
     note += f"interval of a shorter time on {falling} of {len(returns)} tasks."
     return "\n".join([*lines, "", note]) + "\n"
@@ -105,5 +106,5 @@ def anytime_table(returns: Returns) -> str:
 def _cell(means: np.ndarray | None) -> str:
     if means is None:
         return ""
-    low, middle, high = (f"{value(means):,.6g}" for value in (np.min, np.median, np.max))
+    low, middle, high = (rounded(value(means), 6) for value in (np.min, np.median, np.max))
     return middle if len(means) == 1 else f"{middle} [{low}, {high}]"

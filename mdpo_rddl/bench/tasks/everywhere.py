@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mdpo_rddl.bench.common.markdown import rounded
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, PLANNERS
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
@@ -97,7 +98,7 @@ def _found_by(records: Records) -> str:
 def _cell(row: Mapping[str, str] | None) -> str:
     if row is None:
         return ""
-    return f"{float(row['mean']):,.6g}" if row["status"] == OK else row["status"]
+    return rounded(float(row["mean"]), 6) if row["status"] == OK else row["status"]
 
 
 def _is_below(ours: Mapping[str, str], theirs: Mapping[str, str] | None) -> bool:

@@ -63,4 +63,23 @@ ABLATION_TASKS = (
 """The paper's settings, and every third problem of rddlrepository with its middle instance."""
 SHARING_TASKS = ABLATION_TASKS[6:]
 """The same but for the paper's settings."""
+HIDDEN_TASKS = (
+    "AcademicAdvising_POMDP_ippc2014:3",
+    "CooperativeRecon_POMDP_ippc2011:3",
+    "CrossingTraffic_POMDP_ippc2011:3",
+    "CrossingTraffic_POMDP_ippc2014:3",
+    "Elevators_POMDP_ippc2011:3",
+    "Elevators_POMDP_ippc2014:3",
+    "GameOfLife_POMDP_ippc2011:3",
+    "Navigation_POMDP_ippc2011:3",
+    "SkillTeaching_POMDP_ippc2011:3",
+    "SkillTeaching_POMDP_ippc2014:3",
+    "SysAdmin_POMDP_ippc2011:3",
+    "Tamarisk_POMDP_ippc2014:3",
+    "Traffic_CTM_POMDP_ippc2011:3",
+    "Traffic_POMDP_ippc2014:3",
+    "TriangleTireworld_POMDP_ippc2014:3",
+    "Wildfire_POMDP_ippc2014:3",
+)
+"""The sixteen domains of rddlrepository whose state is not observed."""
 ANYTIME_SECONDS = (5.0, 10.0, 20.0, 45.0, 90.0, 300.0)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.bench.common.markdown import rounded
 from mdpo_rddl.bench.tasks.trial import OK
 from mdpo_rddl.problem.evaluation import mean_interval
 
@@ -50,7 +51,8 @@ def paired_returns(ours: np.ndarray, theirs: np.ndarray) -> Paired:
     low, high = mean_interval(gain) or (mean, mean)
     slack = _SLACK * max(1.0, float(np.max(np.abs(ours))))
     sign = int(low > slack) - int(high < -slack)
-    return Paired([_mean(ours), _mean(theirs), f"{mean:,.4g} [{low:,.4g}, {high:,.4g}]"], sign)
+    gained = f"{rounded(mean, 4)} [{rounded(low, 4)}, {rounded(high, 4)}]"
+    return Paired([_mean(ours), _mean(theirs), gained], sign)
 
 
 def _returns(rows: Rows) -> np.ndarray | None:
@@ -62,4 +64,4 @@ def _returns(rows: Rows) -> np.ndarray | None:
 
 
 def _mean(returns: np.ndarray) -> str:
-    return f"{returns.mean():,.6g}"
+    return rounded(float(returns.mean()), 6)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mdpo_rddl.bench.common.markdown import rounded, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, THINKING
 from mdpo_rddl.bench.tasks.paired import paired_returns
@@ -134,17 +135,17 @@ def published_table(records: Records) -> str:
             continue
         ours = measured[task]
         scores.append(0.0 if ours is None else score(ours, row))
-        shown = failed[task] if ours is None else f"{ours:,.6g}"
+        shown = failed[task] if ours is None else rounded(ours, 6)
         cells = [task.problem, task.instance, shown, f"{scores[-1]:.3f}", _number(row["best"])]
         cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
         cells += [_number(row["noop"]), _number(row["random"])]
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(table_row(cells))
     lines += ["", " ".join([_totals(np.array(scores)), *_thinking(records)])]
     return "\n".join(lines) + "\n"
 
 
 def _number(text: str) -> str:
-    return f"{float(text):,.6g}" if text else ""
+    return rounded(float(text), 6) if text else ""
 
 
 def _thinking(records: Records) -> list[str]:

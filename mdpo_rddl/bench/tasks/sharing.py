@@ -6,10 +6,11 @@ alone.
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mdpo_rddl.bench.common.markdown import rounded, table_head, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, THINKING
 from mdpo_rddl.bench.tasks.paired import paired
@@ -107,7 +108,7 @@ def read_sharing(out: Path) -> dict[Task, Shared]:
 
 def sharing_table(measured: Mapping[Task, Shared]) -> str:
     """Markdown: each task with and without thinking, and on how many it has paid."""
-    lines = [_row(_HEADS), "|" + "---|" * len(_HEADS)]
+    lines = table_head(_HEADS)
     signs = []
     for task, shared in sorted(measured.items(), key=lambda item: str(item[0])):
         names = (task.problem, task.instance)
@@ -119,9 +120,11 @@ def sharing_table(measured: Mapping[Task, Shared]) -> str:
             signs.append(sign)
             ours, theirs, gain = cells
             seconds = f"{shared.seconds:g}"
-            lines.append(_row((*names, methods, ours, theirs, seconds, gain, _VERDICTS[sign])))
+            lines.append(table_row((*names, methods, ours, theirs, seconds, gain, _VERDICTS[sign])))
         else:
-            lines.append(_row((*names, _not_chosen(shared), _mean(shared.thinking), *[""] * 4)))
+            lines.append(
+                table_row((*names, _not_chosen(shared), _mean(shared.thinking), *[""] * 4))
+            )
     counts = ", ".join(f"{_VERDICTS[sign]} on {signs.count(sign)}" for sign in (1, 0, -1))
     lines += ["", f"Thinking was chosen on {len(signs)} of {len(measured)} tasks: {counts}."]
     return "\n".join(lines) + "\n"
@@ -131,10 +134,6 @@ def _task(row: Row) -> Task:
     return Task(row["problem"], row["instance"])
 
 
-def _row(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
 def _not_chosen(shared: Shared) -> str:
     """Why no seed has thought."""
     return "; ".join(dict.fromkeys(row["note"] or row["status"] for row in shared.thinking))
@@ -142,4 +141,4 @@ def _not_chosen(shared: Shared) -> str:
 
 def _mean(rows: Sequence[Row]) -> str:
     means = [float(row["mean"]) for row in rows if row["status"] == OK]
-    return f"{sum(means) / len(means):,.6g}" if means else "failed"
+    return rounded(sum(means) / len(means), 6) if means else "failed"
