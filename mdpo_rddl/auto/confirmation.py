@@ -5,16 +5,21 @@ production above which a plant counts as on, a policy may be found that sits exa
 rounding then decides.
 """
 
+import contextlib
 import logging
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.judge import Judge, mean_and_error
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.problem.episode import WatchedPolicy
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -27,8 +32,23 @@ Play = Callable[[Candidate], Evaluation]
 _ERRORS, _SHARE = 4.0, 0.01
 # fewer do not tell their own error
 _FEWEST_EPISODES, _EPISODES = 5, 10
+# what plays one step compiles in less than so much of the time that the judge's rollouts take
+_COMPILATION = 0.4
 # makes the episodes none of those of an evaluation with the race's seed
 _STREAM = 1
+
+
+def confirm(arena: Arena, until: float, latest: float) -> Candidate:
+    """The race's result, which the exact environment has been played with if there was time.
+
+    Args:
+      arena: whose judge has an incumbent.
+      until: when no further episode begins, by the clock, after the fewest that tell anything.
+      latest: when to end in any case, but for a compilation.
+    """
+    clock, judge = arena.clock, arena.judge
+    play = episodes_of(arena.problem, arena.seed, (until, latest), clock)
+    return confirmed(judge, play, lambda: clock() + _COMPILATION * judge.usual_seconds < latest)
 
 
 def confirmed(judge: Judge, play: Play, has_time: Callable[[], bool]) -> Candidate:
@@ -38,59 +58,73 @@ def confirmed(judge: Judge, play: Play, has_time: Callable[[], bool]) -> Candida
 
     Args:
       judge: has an incumbent.
-      play: gives the returns of a candidate.
+      play: gives the returns of a candidate; a `TooLateError` of its ends the search for another.
       has_time: whether another candidate may be played.
     """
     chosen = judge.incumbent
     assert chosen is not None
     if chosen.returns is None or not has_time():
         return chosen
-    played = play(chosen)
-    if len(played.returns) < _FEWEST_EPISODES or not is_less(chosen, played):
-        return chosen
-    arms = dict.fromkeys(one.candidate.arm for one in judge.judged)
-    bests = [judge.best_of_arm(arm) for arm in arms if arm != chosen.arm]
-    rivals = [best for best in bests if best is not None and best.returns is not None]
-    for rival in sorted(rivals, key=lambda each: each.known_mean, reverse=True):
-        if not has_time():
-            break
-        its = play(rival)
-        common = min(len(its.returns), len(played.returns))
-        if common < _FEWEST_EPISODES or is_less(rival, its):
-            continue
-        gain, error = mean_and_error(its.returns[:common] - played.returns[:common])
-        if gain > _ERRORS * error:
-            told = "%s; %r is the result, to which it paid %.6g"
-            logger.warning(told, less_than_judged(chosen, played), rival.label, its.mean)
-            return rival
+    with contextlib.suppress(TooLateError):
+        played = play(chosen)
+        if len(played.returns) < _FEWEST_EPISODES or not is_less(chosen, played):
+            return chosen
+        for rival in _rivals(judge, chosen):
+            if not has_time():
+                break
+            its = play(rival)
+            if _is_clearly_better(its, played) and not is_less(rival, its):
+                told = "%s; %r is the result, to which it paid %.6g"
+                logger.warning(told, less_than_judged(chosen, played), rival.label, its.mean)
+                return rival
     return chosen
 
 
-def episodes_of(
-    problem: Problem, seed: int, until: float, clock: Clock, episodes: int = _EPISODES
-) -> Play:
+def _rivals(judge: Judge, chosen: Candidate) -> list[Candidate]:
+    """The other arms' best policies of which rollouts were made, the best first."""
+    arms = dict.fromkeys(one.candidate.arm for one in judge.judged)
+    bests = [judge.best_of_arm(arm) for arm in arms if arm != chosen.arm]
+    rivals = [best for best in bests if best is not None and best.returns is not None]
+    return sorted(rivals, key=lambda each: each.known_mean, reverse=True)
+
+
+def _is_clearly_better(one: Evaluation, other: Evaluation) -> bool:
+    """Whether one returns more in the episodes that both have, beyond the errors."""
+    common = min(len(one.returns), len(other.returns))
+    if common < _FEWEST_EPISODES:
+        return False
+    gain, error = mean_and_error(one.returns[:common] - other.returns[:common])
+    return gain > _ERRORS * error
+
+
+def episodes_of(problem: Problem, seed: int, ends: tuple[float, float], clock: Clock) -> Play:
     """Plays candidates in the same episodes, as many of them as there is time for.
 
     Args:
       problem: the parsed problem.
       seed: of the race.
-      until: when no further episode begins, by the clock, after the fewest that tell anything.
+      ends: when no further episode begins, by the clock, after the fewest that tell anything; when
+        to end with a `TooLateError`.
       clock: of the race.
-      episodes: at most.
     """
     env = make_environment(problem)
+    until, latest = ends
     stream = int(np.random.SeedSequence([seed, _STREAM]).generate_state(1)[0])
 
     def play(candidate: Candidate) -> Evaluation:
-        ended = 0
+        policy, ended = policy_of(candidate, problem, seed), 0
+
+        def decide(step: int, state: Any) -> Any:
+            if clock() >= latest:
+                raise TooLateError("the result's episodes on the environment take too long")
+            return policy(step, state)
 
         def goes_on() -> bool:
             nonlocal ended
             ended += 1
             return ended < _FEWEST_EPISODES or clock() < until
 
-        policy = policy_of(candidate, problem, seed)
-        return evaluate(env, policy, episodes, stream, goes_on)
+        return evaluate(env, WatchedPolicy(policy, decide), _EPISODES, stream, goes_on)
 
     return play
 

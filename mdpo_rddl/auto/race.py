@@ -10,7 +10,7 @@ from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
-from mdpo_rddl.auto.confirmation import confirmed, episodes_of
+from mdpo_rddl.auto.confirmation import confirm
 from mdpo_rddl.auto.failures import incumbent_kept, one_line_errors
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
@@ -154,14 +154,13 @@ def _raced(
                 for candidate in options.earlier.candidates(arena):
                     arena.judge.record(candidate)
             schedule.run()
-        seconds = arena.config.budget().seconds
-        late = arena.began + (1.0 + _LATE_SHARE) * seconds
+        end = arena.began + arena.config.budget().seconds
+        late = end + _LATE_SHARE * (end - arena.began)
         if alternatives.started:
             options.on_wait()
             schedule.give(JaxPlanArm(alternatives, arena.clock), late)
         with incumbent_kept(arena.judge):
-            play = episodes_of(arena.problem, arena.seed, arena.began + seconds, arena.clock)
-            chosen = confirmed(arena.judge, play, lambda: arena.clock() < late)
+            chosen = confirm(arena, end, late)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
         if arena.judge.incumbent is None:

@@ -1,5 +1,6 @@
 """A policy that the exact environment pays less than the judge's rollouts did."""
 
+import math
 from dataclasses import replace
 
 import jax
@@ -155,7 +156,7 @@ def test_a_policy_on_a_threshold_is_left_for_one_beside_it(problem, noop):
     assert judge.incumbent.label == "on it"
     assert judge.best_mean == pytest.approx(4 * 9.3, rel=1e-5)
 
-    play = episodes_of(problem, 0, clock() + 100.0, clock)
+    play = episodes_of(problem, 0, (clock() + 100.0, math.inf), clock)
     assert play(judge.incumbent).mean == 0.0
     chosen = confirmed(judge, play, lambda: True)
     assert chosen.label == "beside it"
@@ -164,8 +165,22 @@ def test_a_policy_on_a_threshold_is_left_for_one_beside_it(problem, noop):
 
 def test_episodes_end_with_the_time_but_for_the_fewest(problem, noop):
     clock = Ticking()
-    assert len(episodes_of(problem, 0, 0.0, clock)(noop).returns) == 5
-    assert len(episodes_of(problem, 0, clock() + 1000.0, clock)(noop).returns) == 10
+    assert len(episodes_of(problem, 0, (0.0, math.inf), clock)(noop).returns) == 5
+    later = clock() + 1000.0
+    assert len(episodes_of(problem, 0, (later, later), clock)(noop).returns) == 10
+
+
+def test_a_policy_that_plays_too_slowly_is_not_played_to_the_end(problem, noop):
+    clock = Ticking()
+    began = clock()
+    judge = Judge(4, seed=0, clock=clock, began=began)
+    judge.record(constant(noop, "beside it", 0.75))
+    judge.record(constant(noop, "on it", 0.7))
+    began = clock()
+    # 20 decisions would be needed
+    play = episodes_of(problem, 0, (began, began + 12.0), clock)
+    assert confirmed(judge, play, lambda: True).label == "on it"
+    assert clock() == began + 13.0
 
 
 def test_a_race_confirms_its_result(problem, caplog):
@@ -174,7 +189,7 @@ def test_a_race_confirms_its_result(problem, caplog):
         return [Candidate("mine", "on it", arena.config, arena.planner, params)]
 
     options = RaceOptions(clock=CLOCK, most_iterations=60, initial=on_threshold)
-    outcome = raced(problem, 200.0, options)
+    outcome = raced(problem, 1500.0, options)
     assert evaluate(make_environment(problem), outcome.policy, 1, 0).mean > 30.0
     # the incumbent was the one on the threshold
     assert [one.candidate.label for one in outcome.judged if one.became_incumbent][-1] == "on it"
