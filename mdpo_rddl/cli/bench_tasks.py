@@ -78,7 +78,9 @@ def _anytime(options: argparse.Namespace) -> str:
 
 def _ablation(options: argparse.Namespace) -> str:
     tasks = named_tasks(options.problems)
-    records = run_ablation(options.out, tasks, options.seeds, _conditions(options), _shard(options))
+    records = run_ablation(
+        options.out, tasks, options.seeds, _conditions(options), _shard(options), options.arms
+    )
     return ablation_table(records)
 
 

@@ -47,6 +47,13 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     ablation.add_argument(
         "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(ABLATION_TASKS)
     )
+    ablation.add_argument(
+        "--arms",
+        nargs="+",
+        metavar="ARM",
+        default=[],
+        help="which are left out (default: each that had a part in the policy)",
+    )
     ablation.set_defaults(run="ablation", out=Path("results/ablation"))
     sharing = commands.add_parser(
         "sharing", help="time for thinking at the decisions against as much for the preparation"

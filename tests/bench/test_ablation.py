@@ -52,6 +52,11 @@ def test_an_arm_is_left_out_where_it_had_a_part_in_the_policy(tmp_path, monkeypa
     asked.clear()
     run_ablation(tmp_path / "second", [TOY, other], 1, QUICK, (1, 2))
     assert {task for task, *_ in asked} == {"Other"}
+    asked.clear()
+    run_ablation(tmp_path / "third", [TOY], 1, QUICK, arms=["own weights", "gradient"])
+    assert asked[1] == ("Toy", "auto-without-own-weights", "auto-without-gradient")
+    with pytest.raises(InputError, match="'weights' is none of the arms dynamic programming, "):
+        run_ablation(tmp_path, [TOY], 1, QUICK, arms=["weights"])
 
 
 def test_only_the_whole_races_arms_count(tmp_path):

@@ -1,8 +1,9 @@
 """What each arm of the race is worth: the same task once more without it.
 
-Only an arm that had a part in the policy is left out: one from whose policies it was begun, or
-that found it. Without another one the race has the same parts, and some more time for them.
-Where the last part of a race is the polishing that is left out, the race ends there.
+Only an arm that had a part in the policy is left out, unless arms are named: one from whose
+policies it was begun, or that found it. Without another one the race has the same parts, and some
+more time for them. Where the last part of a race is the polishing that is left out, the race ends
+there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
 from mdpo_rddl.bench.tasks.paired import paired
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS
 
@@ -34,6 +36,7 @@ def run_ablation(
     seeds: int,
     conditions: Conditions,
     shard: tuple[int, int] = (0, 1),
+    arms: Sequence[str] = (),
 ) -> Records:
     """Runs the whole race on each task, then without each arm that had a part in its policies.
 
@@ -46,13 +49,19 @@ def run_ablation(
       seeds: of the preparation, from 0; an arm is left out with all of them.
       conditions: of all trials.
       shard: (i, n): only every n-th task, from the i-th on.
+      arms: are left out in place of those that had a part, whether they had one or not.
+
+    Raises:
+      InputError: for an arm that there is not.
     """
+    if unknown := sorted({*arms} - {*OPTIONAL_ARMS}):
+        raise InputError(f"{unknown[0]!r} is none of the arms {', '.join(OPTIONAL_ARMS)}")
     number, count = shard
     for task in tasks[number::count]:
         whole = run_tasks(out, [task], [WHOLE], seeds, conditions, make_variant)
         parts = arms_of([row for row in whole.rows if _task(row) == task])
-        variants = [without(arm) for arm in parts]
-        variants += [WITHOUT_NOISE] if GRADIENT in parts else []
+        variants = [without(arm) for arm in arms or parts]
+        variants += [WITHOUT_NOISE] if GRADIENT in parts and not arms else []
         run_tasks(out, [task], variants, seeds, conditions, make_variant)
     return Records(out / "rows.csv", COLUMNS, KEYS)
 
@@ -85,7 +94,7 @@ def ablation_table(records: Records) -> str:
         f"{len(whole)} tasks, seeds of each: {seeds}. Worse without it, better without it: the 95% "
         "interval of the difference, paired over the episodes, of means over the seeds.",
         "",
-        "| arm | had a part on | worse without it | as good | better without it |",
+        "| arm | left out on | worse without it | as good | better without it |",
         "|---|---|---|---|---|",
         *(table_row([arm, len(found), *_counts(found)]) for arm, found in verdicts.items()),
         "",
