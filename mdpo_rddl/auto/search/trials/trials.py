@@ -25,7 +25,7 @@ from mdpo_rddl.problem.enumeration.limits import (
 )
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
-_TRIALS, _FEWEST_TRIALS = 512, 16
+_TRIALS = 512
 # rows that one step of all trials may make, if all actions are legal: what lies between two
 # looks at the clock
 _ROWS_TOGETHER = 2_000_000
@@ -71,7 +71,8 @@ class TrialSearch:
         """
         self.explored = Explored(model, limits)
         together = _ROWS_TOGETHER // (_STATES_OF_ONE * len(model.actions))
-        self._trials = min(_TRIALS, max(_FEWEST_TRIALS, together))
+        # 50 for as many actions as a ground model may have
+        self._trials = min(_TRIALS, together)
         self.batches = 0
         self.is_full = False
         self._random = np.random.default_rng(seed)
