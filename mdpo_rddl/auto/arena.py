@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax
-
 from mdpo_rddl.auto.candidate import NOOP, Candidate
 from mdpo_rddl.auto.compilations import Compilations
 from mdpo_rddl.auto.constants import with_bias
@@ -81,7 +79,7 @@ class Arena:
     @cached_property
     def noop(self) -> Params:
         """Parameters of the policy that plays the no-op."""
-        return self.plan.initializer(jax.random.PRNGKey(self.seed), {}, None)
+        return self.plan.noop(self.seed)
 
     @cached_property
     def constant(self) -> Params:
@@ -96,11 +94,9 @@ class Arena:
     @cached_property
     def population(self) -> PopulationReturns:
         """Feedback policies side by side on the exact model; compiled when first asked for."""
-        left = self.deadline - self.clock()
-        seconds = self.search_share * left
-        return compile_population(
-            self.planner, self.noop, self.seed, seconds, self.clock, self.deadline
-        )
+        known = self.judge.one_rollout_seconds
+        share = self.search_share
+        return compile_population(self.planner, self.seed, share, self.clock, self.deadline, known)
 
     def compile_population(self) -> None:
         """Compiles `population`, for the arm that needs it first."""

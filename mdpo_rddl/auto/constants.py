@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.compilations import compiled_within
@@ -58,7 +57,7 @@ class Constants:
         )
         self._deadline = deadline
         self._key = jax.random.PRNGKey(seed)
-        self._params = planner.feedback_plan.initializer(self._key, {}, None)
+        self._params = planner.feedback_plan.noop(seed)
         self._until, self._clock = until, clock
         self._played, self.seconds = 0, 0.0
         self.are_alike, self.saw_alike = True, True
@@ -168,7 +167,7 @@ class Constants:
         began = self._clock()
         padded = [*constants, *[constants[0]] * (self._at_once - len(constants))]
         policies = [with_bias(self._params, constant) for constant in padded]
-        params = jax.tree.map(lambda *each: jnp.stack(each), *policies)
+        params = jax.tree.map(lambda *each: np.stack(each), *policies)
 
         def play() -> tuple[jax.Array, dict[str, jax.Array]]:
             return jax.block_until_ready(self._play(key, params))
@@ -202,7 +201,7 @@ class Constants:
 def with_bias(params: Params, bias: Constant) -> Params:
     """Parameters whose policy adds a constant to each object's raw action."""
     own = {
-        name: {**entries, "bias": jnp.asarray(bias[name], entries["bias"].dtype)}
+        name: {**entries, "bias": np.asarray(bias[name], entries["bias"].dtype)}
         for name, entries in params["own"].items()
     }
     return {**params, "own": own}

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import jax
 import numpy as np
 
 from mdpo_rddl.auto.arms.simple import SIMPLE
@@ -55,7 +54,7 @@ def first_policy(
     config = without_scales(config.without_section(SEARCH))
     try:
         planner = build_planner(problem, config).planner
-        params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
+        params = planner.feedback_plan.noop(seed)
         env = make_environment(problem)
         played = evaluate(env, noop, _EPISODES, seed, played_one)
     except Exception as error:

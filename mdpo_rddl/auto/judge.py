@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.candidate import Candidate, Judged
@@ -50,7 +49,7 @@ class MeanReturn:
 
     def returns(self, params: Any) -> np.ndarray:
         """The return of each rollout [N]."""
-        one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[jnp.newaxis], params)
+        one = jax.tree.map(lambda leaf: np.asarray(leaf)[np.newaxis], params)
         return np.asarray(self._returns(self._key, one), float)[0]
 
 
@@ -123,6 +122,13 @@ class Judge:
     def rollout_seconds(self) -> float:
         """What the first planner's rollouts of one candidate took lately; 0 before any."""
         return self._players[0][1].seconds if self._players else 0.0
+
+    @property
+    def one_rollout_seconds(self) -> float:
+        """The same of one of these rollouts; 0 if only those were played that compiled."""
+        if not self._players or self._players[0][1].calls < 2:
+            return 0.0
+        return self.rollout_seconds / self._rollouts
 
     def record(self, candidate: Candidate) -> bool:
         """Plays a candidate unless its return is known; whether it is the new incumbent.

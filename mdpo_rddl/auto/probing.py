@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 
 from mdpo_rddl.auto.constants import Constants
@@ -113,7 +112,7 @@ class Probe:
         Args:
           planner: with a `FeedbackPlan`.
         """
-        params = planner.feedback_plan.initializer(jax.random.PRNGKey(0), {}, None)
+        params = planner.feedback_plan.noop(0)
         shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
         starts = {name: values.shape for name, values in self.start.items()}
         seen = planner.rddl.observ_fluents or planner.rddl.state_fluents
@@ -144,7 +143,7 @@ def probe(
     size = Batches(_FEW_STARTS, 1, 1)
     size = size if large else fitting_batches(planner, _STARTS, _ROLLOUTS)
     plays = Constants(planner, seed, size, until, clock, deadline)
-    params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
+    params = planner.feedback_plan.noop(seed)
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
     numbers = list(planner.feedback_plan.units)
     noop = {name: np.zeros(shape) for name, shape in shapes.items()}

@@ -32,7 +32,7 @@ from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
-from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
@@ -135,11 +135,14 @@ class Schedule(Slices):
             # what it finds decides what comes first
             self._first_slice(exploration, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
-        if not self._finds_reward():
+        is_rare = self._marks.decided("is rare", lambda: not self._finds_reward())
+        if is_rare:
             for until in self._once("more rules", _MORE_RULES_SHARE):
                 simple.rules = Rules.MANY
                 self.give(simple, until)
-        improves = self._marks.decided("improves", self._finds_reward)
+        # a rule that comes upon a rare reward is far from the best plan, where there is one
+        explores = is_rare and arena.has_plan and arena.plans.deterministic
+        improves = self._marks.decided("improves", lambda: not explores and self._finds_reward())
         go_on = self._improve if improves else self._explore
         go_on(shared)
 
@@ -165,23 +168,27 @@ class Schedule(Slices):
         """Whether there is a better policy than the no-op, or none is looked for."""
         return not self._arena.has_plan or self._arena.beats_noop(self._arena.incumbent)
 
+    def _was_searched(self, candidate: Candidate) -> bool:
+        """Whether it is better than the no-op, and no random rule."""
+        return self._arena.beats_noop(candidate) and candidate.arm != SIMPLE
+
     def _once(self, part: str, share: float) -> Iterator[float]:
         """One turn with the end of a part, or none if it is over."""
         return self._marks.once(part, self._arena, self._arena.until(share))
 
     def _explore(self, shared: SharedWeightsArm) -> None:
-        """For problems in which neither a constant nor a random rule beats the no-op."""
+        """For problems in which neither a constant nor one of few random rules beats the no-op."""
         arena = self._arena
         exploration = ExplorationArm(arena)
         # less where a net has found something already
-        share = _EXPLORATION_SHARE * (_LESS if arena.beats_noop(self._best) else 1.0)
+        share = _EXPLORATION_SHARE * (_LESS if self._was_searched(self._best) else 1.0)
         for until in self._once("exploration", share):
             self._search_plans(exploration, until)
         if not arena.beats_noop(arena.incumbent) or not arena.plans.deterministic:
             for until in self._once("shared weights", self._shares.shared_until):
                 self.give(shared, until)
                 self._has_plan &= arena.incumbent.arm == exploration.name
-        if self._marks.decided("explores on", lambda: not arena.beats_noop(arena.incumbent)):
+        if self._marks.decided("explores on", lambda: not self._was_searched(arena.incumbent)):
             self._contend(exploration, lambda: arena.incumbent.mean)
         found = self._marks.decided("found", lambda: arena.beats_noop(self._best))
         rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
@@ -210,6 +217,7 @@ class Schedule(Slices):
             around = Around(begins_with=SHARED_WEIGHTS)
             for until in self._marks.once("own weights", arena, own_until):
                 self.give(OwnWeightsArm("own weights", arena, around), until)
+        self._contend(shared, lambda: shared.reached)
         self._open_programs(rounds_until, (GRADIENT, *METHODS))
         self._compete(rounds_until)
         self._finish()
@@ -328,21 +336,6 @@ class Schedule(Slices):
         while arm.is_pending and not polisher.is_exhausted and arena.clock() < deadline:
             self.give(polisher, min(deadline, arena.clock() + self._slice_seconds))
         return None if arm.is_exhausted else arm
-
-    def _end_with(self, leader: Arm) -> None:
-        """Gives an arm the time till the deadline, but for those that wait to be judged."""
-        arena = self._arena
-        while (now := arena.clock()) < arena.deadline:
-            # by its own estimate it leads, but the judge could not play it yet
-            waiting = next((one for one in self._contenders if one.arm.awaits_judge), None)
-            if waiting is None:
-                if leader.is_exhausted:
-                    break
-                self.give(leader, arena.deadline)
-            elif waiting.arm.is_pending and not leader.is_exhausted:
-                self.give(leader, min(arena.deadline, now + self._slice_seconds))
-            else:
-                self._first_slice(waiting, min(arena.deadline, now + SHORTEST_SECONDS))
 
     @cached_property
     def _polisher(self) -> Arm:

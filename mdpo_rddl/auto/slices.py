@@ -143,6 +143,21 @@ class Slices:
         for other in self._contenders:
             other.waited = 0 if other is contender else other.waited + 1
 
+    def _end_with(self, leader: Arm) -> None:
+        """Gives an arm the time till the deadline, but for those that wait to be judged."""
+        arena = self._arena
+        while (now := arena.clock()) < arena.deadline:
+            # by its own estimate it leads, but the judge could not play it yet
+            waiting = next((one for one in self._contenders if one.arm.awaits_judge), None)
+            if waiting is None:
+                if leader.is_exhausted:
+                    break
+                self.give(leader, arena.deadline)
+            elif waiting.arm.is_pending and not leader.is_exhausted:
+                self.give(leader, min(arena.deadline, now + self._slice_seconds))
+            else:
+                self._first_slice(waiting, min(arena.deadline, now + SHORTEST_SECONDS))
+
     @property
     def _slice_seconds(self) -> float:
         arena = self._arena

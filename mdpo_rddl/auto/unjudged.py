@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import jax
-
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.arms.base import Arm
@@ -55,7 +53,7 @@ def noop_of(planner: MDPOPlanner, config: PlannerConfig, seed: int) -> Candidate
       config: the planner's.
       seed: of the run.
     """
-    params = planner.feedback_plan.initializer(jax.random.PRNGKey(seed), {}, None)
+    params = planner.feedback_plan.noop(seed)
     return Candidate(SIMPLE, NOOP, config, planner, params)
 
 

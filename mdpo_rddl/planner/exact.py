@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, dtypes, lax
 
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -14,7 +15,7 @@ from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
-from mdpo_rddl.planner.start import initial_values, unit_hyperparams
+from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
 
 
 def compile_exact_returns(
@@ -101,12 +102,12 @@ def _compile_play(
     rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
     if stopping:
         rollout = stop_at_termination(rollout)
-    start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
+    start = repeated(fluents, rollouts)
     ends_at_once = _ends_at_once(compiled)
     model = compiled.model_aux["params"]
     hyperparams = unit_hyperparams(planner)
     seen = observed_fluents(planner.rddl)
-    discounts = planner.rddl.discount ** jnp.arange(planner.horizon)
+    discounts = (planner.rddl.discount ** np.arange(planner.horizon)).astype(compiled.REAL)
 
     def play(key: Array, params: Any) -> tuple[Array, dict[str, Array]]:
         log, _ = rollout(key, params, hyperparams, start, nonfluents, model)
@@ -122,7 +123,3 @@ def _ends_at_once(compiled: Any) -> bool:
     fluents, nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)
     model, key = compiled.model_aux["params"], jax.random.PRNGKey(0)
     return any(bool(ends(fluents, nonfluents, model, key)[0]) for ends in compiled.terminations)
-
-
-def _repeat_first(leaf: Any, count: int) -> Array:
-    return jnp.repeat(leaf[:1], count, axis=0)

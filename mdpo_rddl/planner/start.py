@@ -4,7 +4,8 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from jax import random
+import numpy as np
+from jax import dtypes, random
 
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
@@ -32,6 +33,16 @@ def initial_values(planner: JaxBackpropPlanner) -> InitialValues:
     """Where a planner's rollouts start: in the problem's initial state."""
     training, test = planner._batched_init_subs(planner.test_compiled.init_values)
     return InitialValues(Start(*training), Start(*test))
+
+
+def repeated(fluents: dict[str, Any], rollouts: int) -> dict[str, np.ndarray]:
+    """The initial values of one rollout for so many [N, *shape]; nothing is compiled for it."""
+    return {
+        name: np.repeat(np.asarray(leaf)[:1], rollouts, axis=0).astype(
+            dtypes.canonicalize_dtype(np.asarray(leaf).dtype)
+        )
+        for name, leaf in fluents.items()
+    }
 
 
 def initial_parameters(planner: JaxBackpropPlanner, key: Any) -> Any:

@@ -114,7 +114,7 @@ def test_a_race_that_was_stopped_in_an_adaptation_goes_on_with_it(lake):
     assert log.slices == 1
     assert earlier.state.marks["over"] == ["rules"]
     arms = resumed(lake, earlier)
-    assert arms["shared weights"]["slices"] == 2
+    assert arms["shared weights"]["slices"] >= 2
     assert arms["shared weights"]["iterations"] > log.iterations
     # the no-op and the constants, and no rules again
     assert arms["constants and rules"]["slices"] == 3
@@ -129,7 +129,9 @@ def test_a_race_that_was_stopped_in_its_rounds_goes_on_with_them(lake):
     assert {"rules", "shared weights"} < over
     logs = earlier.state.logs
     arms = resumed(lake, earlier)
-    for name in ("shared weights", "plan", "own weights"):
+    # it has slices in the rounds, too
+    assert arms["shared weights"]["slices"] >= logs["shared weights"].slices
+    for name in ("plan", "own weights"):
         assert (name in arms) is (name in logs)
         if name in arms:
             assert arms[name]["slices"] == logs[name].slices

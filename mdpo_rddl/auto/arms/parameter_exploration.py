@@ -3,14 +3,13 @@
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.planner.exact import compile_exact_returns
@@ -99,8 +98,7 @@ class ParameterExplorationArm(CompilingArm):
         key = key_for(Draws.PGPE, arena.seed)
         if (params := self._earlier_params(planner)) is None:
             params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
-        start, self._to_params = ravel_pytree(params)
-        self._to_each = jax.jit(jax.vmap(self._to_params))
+        start, self._flat = Flat.vector(params), Flat(params)
         rollouts = 1 if arena.probe.certain else _ROLLOUTS
         self._returns = compile_exact_returns(planner, rollouts)
         self._key = jax.random.fold_in(key, 1)
@@ -133,7 +131,7 @@ class ParameterExplorationArm(CompilingArm):
     def _evaluate(self, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]."""
         key = jax.random.fold_in(self._key, iteration)
-        params = self._to_each(np.asarray(vectors, np.float32))
+        params = self._flat.tree(vectors)
         return np.mean(np.asarray(self._returns(key, params), float), axis=1)
 
     def _recorded(self, iterations: int) -> float:
@@ -161,7 +159,7 @@ class ParameterExplorationArm(CompilingArm):
         return np.where(np.isfinite(means), means, -np.inf)
 
     def _params(self, vector: np.ndarray) -> Any:
-        return jax.tree.map(np.asarray, self._to_params(jnp.asarray(vector, np.float32)))
+        return self._flat.tree(vector)
 
     def _candidate(self, label: str, vector: np.ndarray) -> Candidate:
         plain = self._arena.plain

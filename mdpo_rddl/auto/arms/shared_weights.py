@@ -5,21 +5,29 @@ import numpy as np
 from mdpo_rddl.auto.adapting import Adapting
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
-from mdpo_rddl.auto.search.cma import Adaptation, Sampling
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
+from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
-from mdpo_rddl.auto.state import State, joined
+from mdpo_rddl.auto.state import State, count_of, joined
 
 SHARED_WEIGHTS = "shared weights"
 _SIGMA, _REFINING_SIGMA = 0.5, 0.1
-# of the simple rule, and of all weights: what is begun with, and two adaptations
-_VECTORS = 3
+# of a simple rule: what was gained by the quarter of its iterations before it is left
+_LEAST_GAIN = 0.01
+# of a slice: what the simple rules begin with, and their adaptations; of all weights, likewise
+_MOST_SIMPLE, _MOST_EVERY = 16, 3
+# of a generator of rules, beside the race's seed: others are the first rules'
+_RESTARTS = 2
 
 
 class SharedWeightsArm(ArenaArm):
-    """Adapts a simple rule first, then all shared weights.
+    """Adapts simple rules first, then all shared weights.
 
-    A slice has four adaptations: of the simple rule from the one that it begins with and from
-    the no-op; of all weights from the better one of them, and from the no-op.
+    An adaptation ends in one of many local optima. So a simple rule is left where it gains no
+    more, and others begin at the best of random rules each, for half of a slice. After that all
+    weights are adapted. The first slice begins with a given rule and with the no-op, for both
+    parts; later ones have other rules alone, and go on with them if one is better than all before.
     """
 
     def __init__(self, arena: Arena, begins_with: str) -> None:
@@ -34,6 +42,8 @@ class SharedWeightsArm(ArenaArm):
         # of the slice that goes on: what its adaptations began with and have found, per part
         self._simple: list[np.ndarray] = []
         self._every: list[np.ndarray] = []
+        # slices that have ended, and rules that were adapted beside the first ones
+        self._ended = self._others = 0
         self._adapting = Adapting(arena, self._try)
 
     def state(self) -> State | None:
@@ -43,7 +53,7 @@ class SharedWeightsArm(ArenaArm):
         tensors = {"simple": np.stack(self._simple)}
         if self._every:
             tensors["every"] = np.stack(self._every)
-        state = State(tensors)
+        state = State(tensors, {"ended": self._ended, "others": self._others})
         latest = self._adapting.state()
         return state if latest is None else joined(state, latest.within("adaptation"))
 
@@ -55,12 +65,14 @@ class SharedWeightsArm(ArenaArm):
         refined = []
         if "every" in state.tensors:
             refined = list(state.array("every", (None, every.start.size)))
-        if not 0 < len(begun) <= _VECTORS or len(refined) > _VECTORS:
+        if not 0 < len(begun) <= _MOST_SIMPLE or len(refined) > _MOST_EVERY:
             counts = f"{len(begun)} and {len(refined)}"
-            raise ValueError(f"its adaptations are {counts}, and {_VECTORS} are the most of each")
+            most = f"{_MOST_SIMPLE} and {_MOST_EVERY}"
+            raise ValueError(f"its adaptations are {counts}, and {most} are the most")
+        ended, others = count_of(state.values["ended"]), count_of(state.values["others"])
         if "adaptation" in state.values:
             self._adapting.restore(state.part("adaptation"))
-        self._simple, self._every = begun, refined if len(begun) == _VECTORS else []
+        self._simple, self._every, self._ended, self._others = begun, refined, ended, others
 
     def _prepare(self) -> None:
         self._arena.compile_population()
@@ -68,32 +80,80 @@ class SharedWeightsArm(ArenaArm):
     def _work(self, until: float) -> None:
         arena, population = self._arena, self._arena.population
         parent = arena.judge.latest(self._begins_with)
-        params = arena.noop if parent is None else parent.params
         simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
-        vectors = self._simple = self._simple or [simple_weights(params, arena.plan).start]
-        for parts, start in ((4, vectors[0]), (3, simple.start))[len(vectors) - 1 :]:
-            vectors.append(self._adapted(simple, start, _SIGMA, self._part(until, parts)))
         if not self._every:
-            best_simple = simple.to_params(population.best(simple, vectors))
-            self._every = [weights_of(best_simple, ["shared"]).start]
-        vectors = self._every
-        refining = (2, vectors[0], _REFINING_SIGMA), (1, every.start, _SIGMA)
-        for parts, start, sigma in refining[len(vectors) - 1 :]:
-            vectors.append(self._adapted(every, start, sigma, self._part(until, parts)))
-        best = every.to_params(population.best(every, vectors))
-        self._simple, self._every = [], []
-        self._offer_child(parent, SHARED_WEIGHTS, best)
+            if not self._ended:
+                rule: np.ndarray | None = self._first_rule(simple, parent, until)
+            else:
+                rule = self._other_rule(simple, until)
+            if rule is not None:
+                self._every = [weights_of(simple.to_params(rule), ["shared"]).start]
+        if vectors := self._every:
+            starts = (vectors[0], _REFINING_SIGMA), (every.start, _SIGMA)
+            for start, sigma in starts[len(vectors) - 1 :]:
+                end = self._part(until, 3 - len(vectors))
+                vectors.append(self._adapted(every, start, self._sampling(sigma), end))
+            best = every.to_params(population.best(every, vectors))
+            self._offer_child(parent, SHARED_WEIGHTS, best)
+        self._every = []
+        self._ended += 1
+
+    def _first_rule(self, simple: Weights, parent: Candidate | None, until: float) -> np.ndarray:
+        """The best of rules that were adapted in the first half of the first slice."""
+        params = self._arena.noop if parent is None else parent.params
+        self._simple = self._simple or [simple_weights(params, self._arena.plan).start]
+        vectors, half = self._simple, self._part(until, 2)
+        starts = vectors[0], simple.start
+        for start in starts[len(vectors) - 1 :]:
+            end = self._part(half, max(1, 3 - len(vectors)))
+            vectors.append(self._adapted(simple, start, self._sampling(_SIGMA, _LEAST_GAIN), end))
+        self._adapt_others(simple, half)
+        return self._best_of(simple)
+
+    def _other_rule(self, simple: Weights, until: float) -> np.ndarray | None:
+        """One that is better than all before; None if none was found in the slice."""
+        before, begun = self._simple[0], self._others
+        for end in (self._part(until, 2), until):
+            self._adapt_others(simple, end)
+            if (best := self._best_of(simple)) is not before:
+                return best
+        self.is_exhausted = self._others == begun  # there is no time for one in a slice
+        return None
+
+    def _best_of(self, simple: Weights) -> np.ndarray:
+        """The best rule so far, which alone is kept."""
+        best = self._arena.population.best(simple, self._simple)
+        self._simple = [best]
+        return best
+
+    def _adapt_others(self, simple: Weights, until: float) -> None:
+        """Adapts the best of random rules each, as long as there is time for one more."""
+        vectors, population = self._simple, self._arena.population
+        least = population.seconds * (FEWEST_TO_STALL + FEW_RULES // population.population)
+        while len(vectors) < min(_MOST_SIMPLE, population.population):
+            if until - self._clock() < least:
+                break
+            random = np.random.default_rng((self._arena.seed, _RESTARTS, self._others))
+            drawing = Drawing(until=until, clock=self._clock)
+            rules, drawn = random_rules(population, simple, random, drawing)
+            self._log.iterations += drawn
+            sampling = self._sampling(_SIGMA, _LEAST_GAIN, 1 + self._others)
+            vectors.append(self._adapted(simple, rules[0].vector, sampling, until))
+            self._others += 1
 
     def _part(self, until: float, parts: int) -> float:
         """The end of the first of so many equal parts of the time left."""
         now = self._clock()
         return now + (until - now) / parts
 
-    def _adapted(
-        self, weights: Weights, start: np.ndarray, sigma: float, until: float
-    ) -> np.ndarray:
+    def _sampling(self, sigma: float, least_gain: float = 0.0, number: int = 0) -> Sampling:
         # the candidates' generator refuses the seed 0
-        sampling = Sampling(sigma, self._arena.population.population, self._arena.seed + 1)
+        seed = self._arena.seed + 1 + number
+        return Sampling(sigma, self._arena.population.population, seed, least_gain=least_gain)
+
+    def _adapted(
+        self, weights: Weights, start: np.ndarray, sampling: Sampling, until: float
+    ) -> np.ndarray:
         adaptation = Adaptation(start, sampling, self._clock)
         self._log.iterations += self._adapting.run(weights, adaptation, until)
         return adaptation.mean

@@ -8,12 +8,12 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.candidate import NOOP
 from mdpo_rddl.auto.search.population import PopulationReturns
+from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
 from mdpo_rddl.auto.state import State
 
 SIMPLE = "constants and rules"
 CONSTANT, RANDOM_RULE = "constant", "random rule"
-_SIGMA = 0.5
 
 
 class Rules(IntEnum):
@@ -23,7 +23,7 @@ class Rules(IntEnum):
     MANY = 1
 
 
-_COUNTS = {Rules.FEW: 512, Rules.MANY: 32_768}
+_COUNTS = {Rules.FEW: FEW_RULES, Rules.MANY: 32_768}
 
 
 class SimpleArm(ArenaArm):
@@ -76,19 +76,9 @@ class SimpleArm(ArenaArm):
         self, population: PopulationReturns, rules: Weights, which: Rules, until: float
     ) -> list[np.ndarray]:
         """Of many vectors [D], those of the largest returns: at least one population is drawn."""
-        size = (population.population, rules.start.size)
-        drawn, count = 0, _COUNTS[which]
         # a race that goes on has not drawn what comes before
         random = np.random.default_rng((self._arena.seed, int(which)))
-        kept: list[tuple[float, np.ndarray]] = []
-        while not drawn or (drawn < count and self._clock() < until):
-            # most of the weights of a simple rule are zero
-            scales = random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
-            vectors = random.normal(size=size) * scales * _SIGMA
-            means = population(rules, 0, vectors)
-            means = np.where(np.isfinite(means), means, -np.inf)
-            kept += zip(means.tolist(), vectors, strict=True)
-            kept = sorted(kept, key=lambda pair: -pair[0])[: population.population]
-            drawn += population.population
-            self._log.iterations += 1
-        return [vector for _, vector in kept] if which is Rules.MANY else [kept[0][1]]
+        drawing = Drawing(_COUNTS[which], until, self._clock)
+        kept, drawn = random_rules(population, rules, random, drawing)
+        self._log.iterations += drawn
+        return [rule.vector for rule in (kept if which is Rules.MANY else kept[:1])]

@@ -23,6 +23,9 @@ with warnings.catch_warnings():
 Evaluate = Callable[[int, np.ndarray], np.ndarray]
 """(iteration, candidates [P, D]) -> mean returns [P]; those that are not finite lose."""
 
+FEWEST_TO_STALL = 60
+"""Iterations before an adaptation may end for want of a gain."""
+
 _WORST = -1e30
 # the optimiser's arrays that change from one iteration to the next
 _ARRAYS = ("mean", "C", "p_sigma", "pc", "funhist_values")
@@ -41,6 +44,9 @@ class Sampling:
       seed: of the candidates, at least 1.
       separable: whether to adapt a diagonal covariance only.
       patience: ends after so many iterations in which the candidates' returns are all equal.
+      least_gain: ends once the candidates' median return over the latest quarter of the
+        iterations (of `FEWEST_TO_STALL` or more) is larger than that over the quarter before by
+        no more than such a share of what was gained since the first one; 0 for never.
     """
 
     sigma: float
@@ -48,6 +54,7 @@ class Sampling:
     seed: int
     separable: bool = False
     patience: int = 100
+    least_gain: float = 0.0
 
 
 class Adaptation:
@@ -74,6 +81,8 @@ class Adaptation:
             seed=sampling.seed,
         )
         self.iterations, self._flat = 0, 0
+        # of the candidates, at each iteration
+        self._medians: list[float] = []
 
     @property
     def mean(self) -> np.ndarray:
@@ -84,6 +93,7 @@ class Adaptation:
         """The distribution, the evolution paths and the generator's state."""
         optimizer = self._optimizer
         tensors = {name: np.asarray(getattr(optimizer, f"_{name}")) for name in _ARRAYS}
+        tensors["medians"] = np.asarray(self._medians)
         name, tensors["words"], *rest = optimizer._rng.get_state()
         values = {
             "sigma": float(optimizer._sigma),
@@ -114,15 +124,26 @@ class Adaptation:
             raise ValueError("its covariance C is not symmetric")
         iterations, flat = count_of(values["iterations"]), count_of(values["flat"])
         random = _generator(values["generator"], state.array("words", (_WORDS,)))
+        medians = state.array("medians", (iterations,)).astype(float)
         vars(optimizer).update(found, _sigma=sigma, _g=generation, _rng=random, _B=None, _D=None)
-        self.iterations, self._flat = iterations, flat
+        self.iterations, self._flat, self._medians = iterations, flat, medians.tolist()
 
     @property
     def converged(self) -> bool:
         """Whether more iterations would change nothing."""
-        if self._flat >= self._sampling.patience:
+        if self._flat >= self._sampling.patience or self._has_stalled:
             return True
         return not self._sampling.separable and bool(self._optimizer.should_stop())
+
+    @property
+    def _has_stalled(self) -> bool:
+        least, medians = self._sampling.least_gain, self._medians
+        if not least or len(medians) < FEWEST_TO_STALL:
+            return False
+        quarter = len(medians) // 4
+        before = float(np.mean(medians[-2 * quarter : -quarter]))
+        now = float(np.mean(medians[-quarter:]))
+        return now - before <= least * max(0.0, now - medians[0])
 
     def run(self, evaluate: Evaluate, until: float) -> None:
         """Adapts until it has converged or the time is over.
@@ -138,6 +159,7 @@ class Adaptation:
             returns = np.where(np.isfinite(returns), returns, _WORST)
             self._optimizer.tell(list(zip(candidates, -returns, strict=True)))
             self.iterations += 1
+            self._medians.append(float(np.median(returns)))
             self._flat = self._flat + 1 if np.ptp(returns) == 0.0 else 0
 
 

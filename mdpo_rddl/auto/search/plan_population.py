@@ -200,7 +200,8 @@ class PlanPopulation:
         """All parts but the plan, once for each policy of a population."""
         others = {name: part for name, part in params.items() if name != "plan"}
         count = self._population
-        return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *np.shape(leaf))), others)
+        each = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), others)
+        return dict(jax.device_put(each))
 
 
 def _without_states(

@@ -13,15 +13,14 @@ from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import Params
 
 logger = logging.getLogger(__name__)
 
 # a search of fewer iterations than that finds nothing: then one rollout has to do
-_FEWEST_ITERATIONS = 100
+_FEWEST_ITERATIONS = 500
 _FINAL_BATCHES = 8
-# times the seconds of the first search: how late another program is compiled for it
-_LONGEST = 2.0
+# the judge's rollouts take longer than those of a population do
+_CERTAINLY = 2.0
 _SLOW_SECONDS = 0.5
 
 
@@ -79,39 +78,42 @@ class PopulationReturns:
 
 def compile_population(
     planner: MDPOPlanner,
-    params: Params,
     seed: int,
-    seconds: float,
+    share: float,
     clock: Clock,
     deadline: float = math.inf,
+    rollout_seconds: float = 0.0,
 ) -> PopulationReturns:
     """Compiles with so few rollouts that a search has enough iterations.
 
     Args:
       planner: with a `FeedbackPlan`.
-      params: of any policy.
       seed: of the model.
-      seconds: that the first search has; compilation is part of it.
+      share: of the time left after compilation, that the first search has.
       clock: what times the rollouts.
       deadline: until when compilation is waited for, by the clock.
+      rollout_seconds: of one rollout, as far as is known; no program is compiled for so many
+        rollouts that by this it would be too slow.
 
     Raises:
       TooLateError: if the deadline comes before.
     """
-    until = clock() + seconds
     size = fitting_size(planner)
-    shared = weights_of(params, ["shared"])
+    shared = weights_of(planner.feedback_plan.noop(seed), ["shared"])
     zeros = np.zeros((size.population, shared.start.size))
     for rollouts in sorted({size.rollouts, 1}, reverse=True):
         fewer = size._replace(rollouts=rollouts)
+        least = _FEWEST_ITERATIONS * size.population * rollouts * rollout_seconds
+        if rollouts > 1 and least > _CERTAINLY * share * (deadline - clock()):
+            continue
         population = PopulationReturns(planner, fewer, seed, clock, deadline)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled
         logger.info("%d rollouts of %d take %.3g s", rollouts, size.population, population.seconds)
-        left = until - clock()
-        # another program takes as long to compile, which must not become most of the race
-        is_too_late = population.compile_seconds > left + _LONGEST * seconds
-        if population.seconds * _FEWEST_ITERATIONS < left or is_too_late:
+        search_seconds = share * (deadline - clock())
+        # another program takes as long to compile: less of it than of the search it is for
+        is_too_late = population.compile_seconds > search_seconds
+        if population.seconds * _FEWEST_ITERATIONS < search_seconds or is_too_late:
             break
     return population

@@ -1,14 +1,13 @@
 """Some of a policy's weights as one vector, which a search without gradient wants."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from functools import cache
+from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.flatten_util import ravel_pytree
 
+from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 
@@ -19,16 +18,12 @@ class Weights(NamedTuple):
     Attributes:
       start: the parts as they are, one vector [D].
       to_params: the parameters with the parts replaced by a vector [D].
-      to_each: the same for vectors [P, D].
+      batch: the same with a leading axis of policies, of vectors [P, D].
     """
 
     start: np.ndarray
-    to_params: Callable[[Any], Params]
-    to_each: Callable[[Any], Params]
-
-    def batch(self, vectors: np.ndarray) -> Params:
-        """Parameters with a leading axis of policies, of vectors [P, D]."""
-        return self.to_each(np.asarray(vectors, np.float32))
+    to_params: Callable[[np.ndarray], Params]
+    batch: Callable[[np.ndarray], Params]
 
 
 def weights_of(
@@ -42,21 +37,35 @@ def weights_of(
       varies: per action fluent, which of its shared weights vary; all if None.
     """
     varying = {name: params[name] for name in parts}
-    start, unravel = ravel_pytree(varying)
+    flat, start = Flat(varying), Flat.vector(varying)
     chosen = np.arange(start.size)
     if varies is not None:
-        mask = {"shared": {name: jnp.asarray(varies[name], float) for name in varies}}
-        chosen = np.flatnonzero(ravel_pytree({name: mask[name] for name in parts})[0])
+        mask = {"shared": {name: np.asarray(varies[name]) for name in varies}}
+        chosen = np.flatnonzero(Flat.vector({name: mask[name] for name in parts}))
 
-    def to_params(vector: Array) -> Params:
-        return {**params, **unravel(start.at[chosen].set(vector))}
+    def replaced(vectors: np.ndarray) -> Params:
+        every = np.tile(start, (*np.shape(vectors)[:-1], 1))
+        every[..., chosen] = vectors
+        return dict(flat.tree(every))
 
-    return Weights(np.asarray(start[chosen], float), to_params, jax.jit(jax.vmap(to_params)))
+    @cache
+    def others(count: int) -> Params:
+        rest = {name: params[name] for name in params if name not in varying}
+        each = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), rest)
+        return dict(jax.device_put(each))
+
+    def to_params(vector: np.ndarray) -> Params:
+        return {**params, **replaced(np.asarray(vector))}
+
+    def batch(vectors: np.ndarray) -> Params:
+        return {**others(len(vectors)), **replaced(vectors)}
+
+    return Weights(np.asarray(start[chosen], float), to_params, batch)
 
 
 def flat_vector(params: Params) -> np.ndarray:
     """All parameters of one policy as a vector, by which another one is known for the same."""
-    return np.asarray(ravel_pytree(params)[0])
+    return Flat.vector(params)
 
 
 def simple_weights(params: Params, plan: FeedbackPlan) -> Weights:

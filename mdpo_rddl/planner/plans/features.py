@@ -95,7 +95,7 @@ def action_features(
 
 def _aligned(
     own: Sequence[str], types: Sequence[str], shape: tuple[int, ...]
-) -> Callable[[Array], Array]:
+) -> Callable[[Any], Any]:
     """Lays a fluent's axes along the action's axes of the same types; averages over the rest."""
     axes: list[int | None] = []
     for kind in own:
@@ -106,10 +106,10 @@ def _aligned(
     order = [int(place) for place in np.argsort(kept)]
     broadcast = tuple(size if axis in kept else 1 for axis, size in enumerate(shape))
 
-    def spread(value: Array) -> Array:
-        value = jnp.mean(value, axis=rest) if rest else value
-        value = jnp.transpose(value, order)
-        return jnp.reshape(value, broadcast)
+    def spread(value: Any) -> Any:
+        # numpy's methods are jax's: constants are laid out without a program
+        value = value.mean(axis=rest) if rest else value
+        return value.transpose(order).reshape(broadcast)
 
     return spread
 
@@ -179,8 +179,8 @@ def _constants(
         own = list(rddl.variable_params[name])
         if not set(own) & set(types):
             continue
-        value = jnp.asarray(np.asarray(values[name], float))
-        per_object = np.asarray(jnp.broadcast_to(_aligned(own, types, shape)(value), shape), float)
+        value = np.asarray(values[name], float)
+        per_object = np.broadcast_to(_aligned(own, types, shape)(value), shape)
         deviation = per_object.std()
         moments[name] = float(per_object.mean()), float(deviation)
         if deviation > 1e-6 * np.max(np.abs(per_object), initial=1e-9):

@@ -1,7 +1,7 @@
 """A policy of lifted linear feedback, one loop per object, a net and a plan, as a pure function."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,37 +140,41 @@ class Feedback:
         cosines = [f"cos({k} pi t / H)" for k in range(1, self.shape.cosines + 1)]
         return ["1", *names, *squares, *found.constant, *cosines]
 
-    def initial(self, key: Array) -> Params:
-        """Parameters with which every raw action is zero."""
+    def initial(self, key: Array | np.random.Generator) -> Params:
+        """Parameters with which every raw action is zero.
+
+        Args:
+          key: draws the hidden units; with a generator of numpy's nothing is compiled for that.
+        """
+        zeros = np.zeros if isinstance(key, np.random.Generator) else jnp.zeros
+        lifted_normal, net_normal = _normals(key, self.dtype)
         own = {
             name: {
-                "bias": jnp.zeros(shape, self.dtype),
-                **{f"{GAIN}{f}": jnp.zeros(shape, self.dtype) for f in self._own[name]},
+                "bias": zeros(shape, self.dtype),
+                **{f"{GAIN}{f}": zeros(shape, self.dtype) for f in self._own[name]},
             }
             for name, shape in self.action_shapes.items()
         }
-        shared = {name: jnp.zeros(len(self.names(name)), self.dtype) for name in own}
+        shared = {name: zeros(len(self.names(name)), self.dtype) for name in own}
         plan = {
-            name: jnp.zeros((self.horizon, *shape), self.dtype)
+            name: zeros((self.horizon, *shape), self.dtype)
             for name, shape in (self.action_shapes.items() if self.shape.plan else ())
         }
         lifted = {}
         for number, name in enumerate(own if self.shape.lifted else ()):
             count, units = len(self.names(name)), self.shape.lifted
-            own_key = random.fold_in(random.fold_in(key, _LIFTED), number)
-            hidden = random.normal(own_key, (count, units), self.dtype)
-            output = jnp.zeros(units, self.dtype)
+            hidden = lifted_normal(number, (count, units))
+            output = zeros(units, self.dtype)
             lifted[name] = {"hidden": hidden / math.sqrt(count), "output": output}
         net: dict[str, Any] = {}
         width = self._inputs
         for number, size in enumerate(self.shape.layers if self._inputs else ()):
-            key, subkey = random.split(key)
-            kernel = random.normal(subkey, (width, size), self.dtype) / math.sqrt(width)
-            net[f"hidden_{number}"] = {"kernel": kernel, "bias": jnp.zeros(size, self.dtype)}
+            kernel = net_normal((width, size)) / math.sqrt(width)
+            net[f"hidden_{number}"] = {"kernel": kernel, "bias": zeros(size, self.dtype)}
             width = size
         if net:
             for name, shape in self.action_shapes.items():
-                net[f"{_OUTPUT}{name}"] = jnp.zeros((width, math.prod(shape)), self.dtype)
+                net[f"{_OUTPUT}{name}"] = zeros((width, math.prod(shape)), self.dtype)
         parts = {"lifted": lifted, "plan": plan, "net": net}
         return {
             "shared": shared,
@@ -319,3 +323,27 @@ def with_raw_scale(params: Params, factor: float) -> Params:
             for action, layer in params["lifted"].items()
         }
     return {**params, **scaled}
+
+
+def _normals(
+    key: Array | np.random.Generator, dtype: Any
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """What draws standard normal numbers: (number, shape) of a layer, and (shape) of the next."""
+    if isinstance(key, np.random.Generator):
+        generator = key
+
+        def drawn(*arguments: Any) -> np.ndarray:
+            return generator.standard_normal(arguments[-1]).astype(dtype)
+
+        return drawn, drawn
+    latest = key
+
+    def lifted(number: int, shape: tuple[int, ...]) -> Array:
+        return random.normal(random.fold_in(random.fold_in(key, _LIFTED), number), shape, dtype)
+
+    def net(shape: tuple[int, ...]) -> Array:
+        nonlocal latest
+        latest, own = random.split(latest)
+        return random.normal(own, shape, dtype)
+
+    return lifted, net

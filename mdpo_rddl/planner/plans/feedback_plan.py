@@ -140,6 +140,17 @@ class FeedbackPlan(JaxPlan):
             }
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
 
+    def noop(self, seed: int) -> Params:
+        """Parameters that play the no-op; unlike for the initializer's, nothing is compiled.
+
+        Args:
+          seed: of the hidden units.
+
+        Raises:
+          RuntimeError: before the plan is compiled.
+        """
+        return self.feedback.initial(np.random.default_rng(seed))
+
     def log_odds(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
         """Per bool fluent the log-odds of not being at the no-op [*shape]."""
         raw = self.feedback.raw(params, {**self.memory.initial, **state}, step)

@@ -1,10 +1,8 @@
 """Rollouts of the stochastic policy on the exact model, with what it saw and what it drew."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array, random
 
@@ -13,7 +11,7 @@ from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.policy_gradient.actor import Actor
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import steps_alive
-from mdpo_rddl.planner.start import initial_values, unit_hyperparams
+from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
 
 _NOISE = "noise"
 
@@ -56,7 +54,7 @@ def compile_drawn_rollouts(
     options = RolloutOptions(check_constraints=True, cache_path_info=True, differentiated=False)
     rollout = compile_rollouts(compiled, policy, horizon, rollouts, options)
     fluents, nonfluents = initial_values(planner).test
-    start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
+    start = repeated(fluents, rollouts)
     model, hyperparams = compiled.model_aux["params"], unit_hyperparams(planner)
     seen = observed_fluents(planner.rddl)
 
@@ -74,7 +72,3 @@ def compile_drawn_rollouts(
         return Rollouts(states, noise, jnp.where(alive > 0.0, log["reward"], 0.0), alive)
 
     return play
-
-
-def _repeat_first(leaf: Any, count: int) -> Array:
-    return jnp.repeat(leaf[:1], count, axis=0)

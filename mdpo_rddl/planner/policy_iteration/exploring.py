@@ -1,10 +1,8 @@
 """Rollouts of the greedy policy on the exact model, some of which try other actions."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax, random
 
@@ -13,7 +11,7 @@ from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import steps_alive
-from mdpo_rddl.planner.start import initial_values, unit_hyperparams
+from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
 
 # of what is tried, with which it goes on at the next step: what leads somewhere takes several; and
 # with which a bool leaves the no-op rather than staying there
@@ -80,7 +78,7 @@ def compile_exploring(
     options = RolloutOptions(check_constraints=True, cache_path_info=True, differentiated=False)
     rollout = compile_rollouts(compiled, policy, horizon, rollouts, options)
     fluents, nonfluents = initial_values(planner).test
-    start = jax.tree.map(partial(_repeat_first, count=rollouts), fluents)
+    start = repeated(fluents, rollouts)
     model, hyperparams = compiled.model_aux["params"], unit_hyperparams(planner)
     shape = rollouts, horizon
 
@@ -125,7 +123,3 @@ def _with_one_forced(gains: Array, place: Array, leaves: Array) -> Array:
 def _last_renewals(is_new: Array) -> Array:
     """At each step the last one up to it at which something is new [B, H]; 0 before the first."""
     return lax.cummax(jnp.where(is_new, jnp.arange(is_new.shape[1]), 0), axis=1)
-
-
-def _repeat_first(leaf: Any, count: int) -> Array:
-    return jnp.repeat(leaf[:1], count, axis=0)

@@ -104,7 +104,8 @@ def test_shared_weights_go_on_in_the_middle_of_a_slice(compiled, arena):
     # the best of what the slice has found
     rule = simple_weights(arena.noop, arena.plan).to_params(mean)
     assert_same_bits(candidate.params["shared"], rule["shared"])
-    assert arm.state() is None
+    assert set(arm.state().tensors) == {"simple"}
+    assert arm.state().values == {"ended": 1, "others": 0}
 
 
 def test_own_weights_go_on_around_the_policy_that_they_began_with(compiled, arena):

@@ -71,3 +71,29 @@ def test_the_same_seed_finds_the_same():
     one, two = adapted(iterations=20), adapted(iterations=20)
     np.testing.assert_array_equal(one.mean, two.mean)
     assert np.any(adapted(iterations=20, seed=2).mean != one.mean)
+
+
+def test_it_is_left_once_it_gains_little():
+    near = adapted(least_gain=0.01)
+    assert near.converged
+    assert 60 <= near.iterations < 200
+    np.testing.assert_allclose(near.mean, TARGET, atol=0.2)
+    assert adapted().iterations > near.iterations
+
+
+def test_it_is_not_left_while_it_gains():
+    def rising(iteration, candidates):
+        return iteration + distance(iteration, candidates)
+
+    made = adapted(rising, iterations=100, separable=True, least_gain=0.01)
+    assert made.iterations == 100
+    assert not made.converged
+
+
+def test_one_that_goes_on_is_left_at_the_same_iteration():
+    at_once = adapted(least_gain=0.01)
+    first = adapted(iterations=40, least_gain=0.01)
+    again, until = adaptation(least_gain=0.01)
+    again.restore(first.state())
+    again.run(distance, until)
+    assert again.iterations == at_once.iterations > 40

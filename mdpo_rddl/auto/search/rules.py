@@ -1,0 +1,69 @@
+"""Random rules: vectors of weights, most of them zero, of which the best are kept."""
+
+import math
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.auto.search.population import PopulationReturns
+from mdpo_rddl.auto.search.weights import Weights
+from mdpo_rddl.auto.timing import Clock
+
+RULE_SIGMA = 0.5
+"""Deviation of a weight that is not zero."""
+FEW_RULES = 512
+"""Rules that say where a search may begin."""
+
+
+class Rule(NamedTuple):
+    """A vector of weights [D] and its mean return in few rollouts."""
+
+    mean: float
+    vector: np.ndarray
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How many rules are drawn.
+
+    Attributes:
+      count: of all rules; whole populations are drawn, and one at least.
+      until: when to end, by the clock.
+      clock: what is asked for the time.
+    """
+
+    count: int = FEW_RULES
+    until: float = math.inf
+    clock: Clock = time.monotonic
+
+
+def random_rules(
+    population: PopulationReturns, rules: Weights, random: np.random.Generator, drawing: Drawing
+) -> tuple[list[Rule], int]:
+    """The best of random rules, and how many populations were drawn.
+
+    Args:
+      population: plays them, all in the same rollouts.
+      rules: what the vectors stand for.
+      random: generator, which moves on.
+      drawing: how many.
+
+    Returns:
+      A population at most, the best one first; and the number of those drawn.
+    """
+    size = (population.population, rules.start.size)
+    drawn, kept = 0, list[Rule]()
+    while not drawn or (
+        drawn * population.population < drawing.count and drawing.clock() < drawing.until
+    ):
+        # most of the weights of a simple rule are zero
+        scales = random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
+        vectors = random.normal(size=size) * scales * RULE_SIGMA
+        means = population(rules, 0, vectors)
+        means = np.where(np.isfinite(means), means, -np.inf)
+        kept += map(Rule, means.tolist(), vectors)
+        kept = sorted(kept, key=lambda rule: -rule.mean)[: population.population]
+        drawn += 1
+    return kept, drawn
