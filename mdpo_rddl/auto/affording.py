@@ -3,6 +3,7 @@
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.machine.cores import usable_cores
+from mdpo_rddl.planner.programs.quick import QUICK, is_short
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
@@ -86,7 +87,10 @@ class Affording:
 
     def usual_seconds(self, name: str) -> float:
         """How long the program of an arm with a gradient is likely to take to compile."""
-        return _COMPILATIONS[name] * self._arena.population.compile_seconds
+        # those of slp and drp, which make thousands of iterations, are never of the quick kind
+        is_quick = name == GRADIENT and is_short(self._arena.seconds)
+        kind = QUICK if is_quick else 1.0
+        return kind * _COMPILATIONS[name] * self._arena.population.compile_seconds
 
     def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
         """Whether there is time for an arm with a gradient.

@@ -70,6 +70,11 @@ class Arena:
     pulse: Callable[[], None] = _ignore_pulse
 
     @property
+    def seconds(self) -> float:
+        """Of the race."""
+        return self.deadline - self.began
+
+    @property
     def plan(self) -> FeedbackPlan:
         """The feedback policy, as the planner has compiled it."""
         plan = self.planner.plan

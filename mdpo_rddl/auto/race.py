@@ -43,6 +43,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
+from mdpo_rddl.planner.programs.quick import jit_for
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
@@ -295,7 +296,8 @@ def _arena(
         config = without_plan(config)
     if seen.certain:
         config = with_single_rollouts(config)
-    planner = build_planner(problem, config, options.traced_cache).planner
+    jit = jit_for(deadline - began)
+    planner = build_planner(problem, config, options.traced_cache, jit=jit).planner
     # without chance few rollouts are as good
     left = 0.0 if seen.deterministic else deadline - clock()
     rollouts = judge_rollouts(_ROLLOUTS, seen.policy_seconds, left)

@@ -4,6 +4,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import jax
+
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.bounds import too_large_for
@@ -11,6 +13,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.values import optimize_parameters
 from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.programs.quick import Jit
 from mdpo_rddl.planner.programs.stored import stored_jit
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.load import Problem
@@ -24,6 +27,7 @@ def build_planner(
     config: PlannerConfig,
     traced_cache: Path | None = None,
     planner_class: type[MDPOPlanner] = MDPOPlanner,
+    jit: Jit = jax.jit,
 ) -> Built[MDPOPlanner]:
     """Compiles a planner.
 
@@ -33,6 +37,7 @@ def build_planner(
       config: the planner's configuration.
       traced_cache: where traced programs are kept from one process to the next, if anywhere.
       planner_class: what to make of it.
+      jit: compiles its calls of several iterations.
 
     Raises:
       InputError: if JaxPlan refuses the problem or the configuration, or the latter makes too
@@ -52,7 +57,9 @@ def build_planner(
     if traced_cache is not None:
         text = config.with_values("Optimize", **_NOT_COMPILED).to_text()
         identity = f"{problem.digest} {problem.horizon} {text}"
-        planner.compile_calls_with(stored_jit(traced_cache, identity))
+        jit = stored_jit(traced_cache, identity, jit=jit)
+    if jit is not jax.jit:
+        planner.compile_calls_with(jit)
     return Built(planner, config.budget(), optimize_args)
 
 

@@ -22,6 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
+from mdpo_rddl.planner.programs.quick import Jit
+
 logger = logging.getLogger(__name__)
 
 _TRACED_LIBRARIES = ("jax", "jaxlib", "numpy", "optax", "flax")
@@ -31,7 +33,10 @@ _MOST_FILES = 200
 
 
 def stored_jit(
-    folder: Path, identity: str, function: Callable[..., Any] | None = None
+    folder: Path,
+    identity: str,
+    function: Callable[..., Any] | None = None,
+    jit: Jit = jax.jit,
 ) -> Callable[..., Any]:
     """`jax.jit` for one device, with the traced program kept in a folder.
 
@@ -46,10 +51,11 @@ def stored_jit(
       identity: all that the function depends on besides its arguments, in words. The code of
         this package and of the libraries behind it, and JAX's settings, need not be mentioned.
       function: a pure function of positional arguments; if missing, the result is a decorator.
+      jit: compiles the traced program.
     """
     if function is None:
-        return partial(stored_jit, folder, identity)
-    plain = jax.jit(function)
+        return partial(stored_jit, folder, identity, jit=jit)
+    plain = jit(function)
     programs: dict[Any, Callable[..., Any]] = {}
 
     def call(*arguments: Any) -> Any:
@@ -64,14 +70,14 @@ def stored_jit(
         types = tuple((leaf.shape, str(leaf.dtype)) for leaf in leaves)
         if (tree, types) not in programs:
             digest = _digest(identity, str(tree), str(types))
-            programs[tree, types] = _program(folder / digest, function, leaves, tree)
+            programs[tree, types] = _program(folder / digest, function, leaves, tree, jit)
         return programs[tree, types](*leaves)
 
     return call
 
 
 def _program(
-    path: Path, function: Callable[..., Any], leaves: list[Any], tree: Any
+    path: Path, function: Callable[..., Any], leaves: list[Any], tree: Any, jit: Jit
 ) -> Callable[..., Any]:
     """The stored program of the leaves; traced and stored if there is none."""
     try:
@@ -84,9 +90,9 @@ def _program(
             content = pickle.dumps((exported.serialize(), result_tree))
         except Exception as error:  # whatever the program holds that JAX does not export
             logger.info("the program is not stored: %r", error)
-            return jax.jit(lambda *leaves: function(*jax.tree.unflatten(tree, leaves)))
+            return jit(lambda *leaves: function(*jax.tree.unflatten(tree, leaves)))
         _write(path, content)
-    compiled = jax.jit(exported.call)
+    compiled = jit(exported.call)
     return lambda *leaves: jax.tree.unflatten(result_tree, compiled(*leaves))
 
 

@@ -1,0 +1,40 @@
+"""Programs for short searches: less optimised, the same otherwise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.problems import tiny_files
+
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.planner.programs.quick import is_short, jit_for, quick_jit
+from mdpo_rddl.problem.load import load_problem
+
+
+def test_a_quick_program_computes_the_same():
+    def walk(start):
+        return jax.lax.fori_loop(0, 50, lambda step, x: jnp.cos(x) + 0.1 * x, start)
+
+    start = np.linspace(-3.0, 3.0, 40, dtype=np.float32)
+    np.testing.assert_allclose(quick_jit(walk)(start), jax.jit(walk)(start), rtol=1e-5)
+
+
+def test_short_searches_have_quick_programs():
+    assert is_short(60.0)
+    assert jit_for(60.0) is quick_jit
+    assert jit_for(600.0) is jax.jit
+
+
+@pytest.mark.parametrize("is_stored", [False, True])
+def test_a_planner_compiles_its_calls_by_what_it_is_given(tmp_path, is_stored):
+    compiled = []
+
+    def jit(function):
+        compiled.append(function)
+        return jax.jit(function)
+
+    problem = load_problem(*tiny_files(tmp_path))
+    folder = tmp_path / "traced" if is_stored else None
+    build_planner(problem, PRESETS["paper"]("tiny"), folder, jit=jit)
+    assert compiled
