@@ -25,9 +25,9 @@ class SharedWeightsArm(ArenaArm):
     """Adapts simple rules first, then all shared weights.
 
     An adaptation ends in one of many local optima. So a simple rule is left where it gains no
-    more, and others begin at the best of random rules each, for half of a slice. After that all
-    weights are adapted. The first slice begins with a given rule and with the no-op, for both
-    parts; later ones have other rules alone, and go on with them if one is better than all before.
+    more, and others begin at the best of random rules each, for half of a slice; those of the
+    first slice come after a given rule and the no-op. Then all weights are adapted, from the best
+    rule and from the no-op; in later slices only if that rule is better than all before.
     """
 
     def __init__(self, arena: Arena, begins_with: str) -> None:
@@ -94,7 +94,8 @@ class SharedWeightsArm(ArenaArm):
                 end = self._part(until, 3 - len(vectors))
                 vectors.append(self._adapted(every, start, self._sampling(sigma), end))
             best = every.to_params(population.best(every, vectors))
-            self._offer_child(parent, SHARED_WEIGHTS, best)
+            # other rules have been drawn by nobody else
+            self._offer_child(None if self._ended else parent, SHARED_WEIGHTS, best)
         self._every = []
         self._ended += 1
 
