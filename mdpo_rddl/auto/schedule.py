@@ -40,7 +40,7 @@ from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, next_contender
-from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices
+from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices, Terms
 from mdpo_rddl.auto.unsearched import known_without_rollouts
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -49,9 +49,10 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for ppo, while slices gain; for a straight-line plan, while they gain so much of the first's
+# for ppo, while slices gain; of it, till it must have reached what else is known, if greedy can
+# follow; for a straight-line plan, while slices gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_LEARNING_SHARE = 0.85
+_LEARNING_SHARE, _LAW_LEADS_BY = 0.85, 0.5
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for greedy, while slices gain: with none after it, with ppo after it, where no
 # reward was found yet, and after others
@@ -204,7 +205,7 @@ class Schedule(Slices):
         """For problems in which a constant or a random rule beats the no-op."""
         arena, shares = self._arena, self._shares
         plan = self._entrants.straight_line(arena.until(shares.rounds_until))
-        self._begin_with(_PLAN_FIRST, plan, _PLAN_SHARE, _LEAST_GAIN)
+        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
         shared_until = self._end("shared weights", shares.shared_until)
         own_until = self._end("own weights", shares.own_until)
         rounds_until = self._end("rounds", shares.rounds_until)
@@ -249,17 +250,19 @@ class Schedule(Slices):
             self._learn_value(share)
             self._learn_law(LEARNING_LATER)
         else:
-            self._learn_law(LEARNING_FIRST)
+            can_follow = self._entrants.tries_changes
+            self._learn_law(LEARNING_FIRST, _LAW_LEADS_BY if can_follow else None)
             self._learn_value(_GREEDY_SHARE)
 
-    def _learn_law(self, compiling: float) -> None:
+    def _learn_law(self, compiling: float, leads_by: float | None = None) -> None:
         """Slices for what learns a law of actions.
 
         Args:
           compiling: share of the time left that its compilation may take.
+          leads_by: as in `Terms`.
         """
         arm = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE), compiling)
-        self._begin_with(_LEARNING, arm, _LEARNING_SHARE)
+        self._begin_with(_LEARNING, arm, Terms(_LEARNING_SHARE, leads_by=leads_by))
 
     def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.
@@ -270,7 +273,8 @@ class Schedule(Slices):
         """
         arm = self._entrants.greedy(self._end(_GREEDY_LEARNING, share), share)
         least = 0.0 if is_rare else _GREEDY_AT_LEAST
-        self._begin_with(_GREEDY_LEARNING, arm, share, at_least=least, by_policies=is_rare)
+        terms = Terms(share, at_least=least, by_policies=is_rare)
+        self._begin_with(_GREEDY_LEARNING, arm, terms)
 
     def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
         return None if arm is None else self._open(arm, until, self._affording.patience(until))

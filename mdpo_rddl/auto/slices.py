@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
@@ -22,6 +23,26 @@ SHORTEST_SECONDS = 0.5
 _SLICE_SHARE, _FIRST_SLICE = 1 / 16, 0.5
 # of the time left, for the programs of those that come first
 _FIRST_PATIENCE = 0.9
+
+
+@dataclass(frozen=True)
+class Terms:
+    """On which an arm has slices before others.
+
+    Attributes:
+      share: of the time left, for all of them.
+      least_gain: of what the first slice has gained, that each must gain.
+      at_least: of the time left, for a slice that it has whatever the first one gains.
+      leads_by: of the time left, in which it must be on its way to reach the incumbent of another
+        arm; `share` if None.
+      by_policies: whether the best policy must return more each time; else the arm's progress.
+    """
+
+    share: float
+    least_gain: float = 0.0
+    at_least: float = 0.0
+    leads_by: float | None = None
+    by_policies: bool = False
 
 
 class Slices:
@@ -193,31 +214,20 @@ class Slices:
         """The end of a part that begins now, or of one that had begun in an earlier process."""
         return self._marks.end(part, self._arena, self._arena.until(share))
 
-    def _begin_with(
-        self,
-        part: str,
-        arm: CompilingArm | None,
-        share: float,
-        least_gain: float = 0.0,
-        at_least: float = 0.0,
-        by_policies: bool = False,
-    ) -> None:
+    def _begin_with(self, part: str, arm: CompilingArm | None, terms: Terms) -> None:
         """Slices before others', while they gain.
 
-        Each must gain such a share of what the first one has gained, and enough for the arm to
-        reach the incumbent of another one within its part.
+        Each must gain enough for the arm to reach the incumbent of another one in time.
 
         Args:
           part: its name.
           arm: that must compile; None for no slices.
-          share: of the time left, for the part.
-          least_gain: of what the first slice has gained.
-          at_least: of the time left, for a slice that it has whatever the first one gains.
-          by_policies: whether the best policy must return more each time; else the arm's progress.
+          terms: on which it has them.
         """
         if arm is None:
             return
-        arena, until = self._arena, self._end(part, share)
+        arena, until = self._arena, self._end(part, terms.share)
+        leads_until = until if terms.leads_by is None else min(until, arena.until(terms.leads_by))
         patience = arena.until(_FIRST_PATIENCE)
         contender = self._open(arm, until, arena.clock())
         if arm.is_pending or not contender.slices:
@@ -227,10 +237,10 @@ class Slices:
         gain = finite_gain(contender.level, arena.probe.noop_return)
 
         def least() -> float:
-            return max(least_gain * gain, self._to_catch_up(arm, until))
+            return max(terms.least_gain * gain, self._to_catch_up(arm, leads_until))
 
         for _ in self._marks.once(part, arena, until):
-            if at_least and not arm.is_exhausted:
-                self.give(arm, min(until, arena.until(at_least)))
+            if terms.at_least and not arm.is_exhausted:
+                self.give(arm, min(until, arena.until(terms.at_least)))
             level, progress = (lambda: contender.level), (lambda: arm.progress)
-            self._give_while(contender, until, level if by_policies else progress, least)
+            self._give_while(contender, until, level if terms.by_policies else progress, least)

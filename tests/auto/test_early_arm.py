@@ -11,6 +11,7 @@ from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.schedule import Schedule
+from mdpo_rddl.auto.slices import Terms
 from mdpo_rddl.planner.config.search_section import Search
 
 
@@ -130,6 +131,14 @@ def test_one_that_finds_no_reward_is_left_though_its_rollouts_return_more(
     assert arm.log.slices == slices
 
 
+@pytest.mark.parametrize(("leads_by", "slices"), [(None, 11), (0.3, 2)])
+def test_one_that_is_behind_must_catch_up_in_time(leads_by, slices, monkeypatch):
+    progress = property(lambda self: -60.0 + 6.0 * self.log.slices)
+    monkeypatch.setattr(Planned, "progress", progress)
+    arm, _, _ = first([-40.0] * 99, leads_by=leads_by)
+    assert arm.log.slices == slices
+
+
 def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
@@ -157,6 +166,8 @@ def test_a_value_that_is_learnt_fast_comes_before_a_law(tells, expected):
 
     class Entering:
         """Has both, or the second alone."""
+
+        tries_changes = "without" not in tells
 
         def learns_fast(self, share):
             return not tells & {"slow", "without"}
@@ -203,14 +214,14 @@ def first(returns, is_pending=False, gives_up=False, **given):
     schedule = Schedule(raced_arena(judge, clock), Search(), lambda name: None)
     arm = Planned(clock, returns, is_pending)
     arm.gives_up = gives_up
-    schedule._begin_with("plan first", arm, 0.6, **given)
+    schedule._begin_with("plan first", arm, Terms(0.6, **given))
     return arm, schedule, clock
 
 
 def test_where_none_comes_first_the_others_begin():
     arena = SimpleNamespace(judge=None, clock=Stopped(), until=lambda share: 160.0 * share)
     schedule = Schedule(arena, Search(), lambda name: None)
-    schedule._begin_with("plan first", None, 0.6)
+    schedule._begin_with("plan first", None, Terms(0.6))
     assert schedule.arms == []
 
 

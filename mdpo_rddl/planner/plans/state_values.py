@@ -32,7 +32,7 @@ class ValueShape:
       ValueError: if `units` is no such number.
     """
 
-    units: int = 48
+    units: int = 128
     state_scales: Mapping[str, Sequence[float]] | None = None
 
     def __post_init__(self) -> None:

@@ -47,7 +47,7 @@ class Learning:
 
     rollouts: int = 256
     tried: float = 0.1
-    trace: float = 0.9
+    trace: float = 0.7
     kept: int = 4
     updates: int = 100
     first_updates: int = 4
