@@ -153,23 +153,32 @@ class TablePolicy(PolicyAgent):
             for name, values in self.table.actions.items()
         }
 
+    def knows(self, observation: Mapping[str, Any]) -> bool:
+        """Whether a state, as the vectorized environment shows it, is in the table."""
+        return self._place(observation) is not None
+
     def _number(self, step: int, observation: Mapping[str, Any]) -> int:
         """The number of the action; 0, the no-op's, for an unknown state."""
-        table = self.table
-        values = [self._values(name, observation[name]) for name in table.fluents]
-        try:
-            packed = self._packing.encode_all(np.concatenate([*values, _NONE]).tolist())
-        except OverflowError:
-            self.misses += 1
-            return 0
-        (state,) = merged(packed[np.newaxis], self._merges)
-        place = int(np.searchsorted(self._keys, keys(state[np.newaxis])[0]))
-        if place == len(self._keys) or not np.array_equal(table.states[place], state):
+        table, place = self.table, self._place(observation)
+        if place is None:
             self.misses += 1
             return 0
         start, stop = table.first_run[place : place + 2]
         run = start + np.searchsorted(table.until_step[start:stop], step)
         return int(table.action[min(run, stop - 1)])
+
+    def _place(self, observation: Mapping[str, Any]) -> int | None:
+        """The place of a state in the table; None if it is not there."""
+        table = self.table
+        values = [self._values(name, observation[name]) for name in table.fluents]
+        try:
+            packed = self._packing.encode_all(np.concatenate([*values, _NONE]).tolist())
+        except OverflowError:
+            return None
+        (state,) = merged(packed[np.newaxis], self._merges)
+        place = int(np.searchsorted(self._keys, keys(state[np.newaxis])[0]))
+        is_known = place < len(self._keys) and np.array_equal(table.states[place], state)
+        return place if is_known else None
 
     def _values(self, name: str, observed: Any) -> np.ndarray:
         values = np.ravel(np.asarray(observed))

@@ -94,7 +94,7 @@ def think(
 
 def _choice_figures(choice: Choice) -> dict[str, Any]:
     return {
-        "method": None if choice.policy is None else choice.policy.method.name,
+        "method": None if choice.policy is None else choice.policy.label,
         "reason": choice.reason,
         "prepare_seconds": round(choice.seconds, 3),
         "trials": [

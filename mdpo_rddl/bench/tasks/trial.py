@@ -245,7 +245,7 @@ def _decisions(
         return {"decision_seconds": seconds, "note": failure or planner.note}
     figures = decision_figures(thinker.decisions, seconds, episodes)
     kept = {name: float(f"{figures[name]:.4g}") for name in _DECISIONS}
-    return {"decision_seconds": seconds, "method": thinker.method.name, **kept}
+    return {"decision_seconds": seconds, "method": thinker.label, **kept}
 
 
 def _of_failure(failure: ProcessFailure) -> dict[str, Any]:

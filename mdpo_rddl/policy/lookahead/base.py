@@ -59,6 +59,9 @@ class Tabled(Protocol):
     def problem(self) -> Problem:
         """What is played."""
 
+    def knows(self, observation: Mapping[str, Any]) -> bool:
+        """Whether a state is in the table; in others the no-op is played."""
+
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step."""
 

@@ -166,7 +166,13 @@ def _tried(
     until = max(until, clock() + min(few, _BEYOND * within))
     thinkers = [LookaheadPolicy(simulator, each, seconds, policy.seed, clock) for each in methods]
     trials = Trials(thinkers, simulator, seconds, clock).at(visited, until)
-    return _best(thinkers, trials), trials
+    best = _best(thinkers, trials)
+    if best is None and isinstance(policy, TableBase) and simulator.may_draw:
+        # what is unknown is too rare for trials, and the no-op a poor action there
+        tried = [method for method, trial in zip(methods, trials, strict=True) if not trial.note]
+        given = seconds, policy.seed, clock, policy.is_unknown
+        best = LookaheadPolicy(simulator, tried[0], *given) if tried else None
+    return best, trials
 
 
 def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> LookaheadPolicy | None:

@@ -69,6 +69,7 @@ class LookaheadPolicy(PolicyAgent):
         seconds: float,
         seed: int,
         clock: Callable[[], float] = time.perf_counter,
+        is_unknown: Callable[[Mapping[str, Any]], bool] | None = None,
     ) -> None:
         """Takes what is prepared.
 
@@ -78,8 +79,10 @@ class LookaheadPolicy(PolicyAgent):
           seconds: of a decision.
           seed: of all decisions.
           clock: tells the seconds.
+          is_unknown: whether a state is one of those that it thinks in; in all if None.
         """
         self.method, self.decisions = method, list[Decision]()
+        self._is_unknown = is_unknown
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
         self._random = np.random.default_rng(seed)
         self._known: Mapping[str, Any] = {}
@@ -89,6 +92,11 @@ class LookaheadPolicy(PolicyAgent):
     def problem(self) -> Problem:
         """What is played."""
         return self.base.problem
+
+    @property
+    def label(self) -> str:
+        """How it thinks, and where, for people."""
+        return self.method.name + (", in unknown states" if self._is_unknown else "")
 
     def save(self, path: str | Path) -> None:
         """Writes the prepared policy, which can be loaded and given time to think again."""
@@ -197,6 +205,8 @@ class LookaheadPolicy(PolicyAgent):
 
     def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
         """The finalist to play; None for the base."""
+        if self._is_unknown is not None and not self._is_unknown(play.state):
+            return None
         test_until = started + _TEST_SHARE * seconds
         a_test = self._simulator.seconds(NARROW, play.step)
         search_until = min(started + _SEARCH_SHARE * seconds, test_until - a_test)

@@ -63,6 +63,10 @@ class TableBase:
         """The table's action at a step."""
         return self._table(step, observation)
 
+    def is_unknown(self, state: Mapping[str, Any]) -> bool:
+        """Whether a state, as the vectorized environment shows it, is not in the table."""
+        return not self._table.knows(state)
+
     def save(self, path: str | Path) -> None:
         """Writes the table to a file."""
         self._table.save(path)

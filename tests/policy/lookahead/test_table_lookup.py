@@ -124,6 +124,17 @@ def test_a_table_without_some_states_is_thought_beyond(optimal):
     assert gains.mean() > 2.0 * gains.std() / np.sqrt(20)
 
 
+@pytest.mark.long
+def test_a_table_that_nothing_beats_is_thought_beyond_where_it_knows_nothing(optimal):
+    choice = choose(TablePolicy(optimal.problem, optimal.table, GUESS, 0), 0.5, clock=Ticking(0.01))
+    assert not any(trial.pays for trial in choice.trials)
+    assert choice.policy is not None
+    assert choice.policy.label == "first actions, in unknown states"
+    for cells in (np.arange(3) == 0, np.zeros(3, bool)):
+        choice.policy.decide(0, {"at": cells, "sky": np.array([0])})
+    assert [decision.calls > 0 for decision in choice.policy.decisions] == [False, True]
+
+
 def test_nothing_is_tried_where_the_optimum_is_proven(optimal):
     choice = choose(optimal, 0.5, clock=Ticking(0.01))
     assert choice.policy is None
