@@ -170,6 +170,16 @@ class Method(Protocol):
           random: source of random numbers.
         """
 
+    def followed(self, base: np.ndarray) -> np.ndarray | None:
+        """What is left of the plan that the latest decision has chosen; None if nothing is.
+
+        Args:
+          base: the prepared policy's action now [D].
+
+        Returns:
+          A candidate [k, D].
+        """
+
     def shift(self, chosen: np.ndarray) -> None:
         """One step was played: what is known moves on with it.
 

@@ -204,24 +204,41 @@ class LookaheadPolicy(PolicyAgent):
         return bool(np.allclose(played, decided, rtol=1e-6))
 
     def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
-        """The finalist to play; None for the base."""
+        """The finalist to play; None for the base.
+
+        A plan that an earlier decision has begun goes on as long as it gains anything: it may have
+        paid its price already, and where the policy is no more ready to go on alone.
+        """
         if self._is_unknown is not None and not self._is_unknown(play.state):
             return None
+        followed = self._followed(play)
         test_until = started + _TEST_SHARE * seconds
         a_test = self._simulator.seconds(NARROW, play.step)
         search_until = min(started + _SEARCH_SHARE * seconds, test_until - a_test)
         if self._clock() + self._simulator.seconds(WIDE, play.step) > search_until:
             self._simulator.expect_less()
-            return None
-        finalists = self._finalists(play, search_until)
+            return None if followed is None else Gain(followed, 0.0, 0.0)
+        finalists = self._finalists(play, search_until, followed)
         if not len(finalists):
             return None
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
-        sure = [gain for gain in tested if gain.mean > _ERRORS * gain.error]
-        return max(sure, key=lambda gain: gain.rate, default=None)
 
-    def _finalists(self, play: Halving, until: float) -> np.ndarray:
-        """The best of all rounds, [n, k, D]."""
+        def is_good(gain: Gain) -> bool:
+            goes_on = followed is not None and np.array_equal(gain.candidate, followed)
+            return gain.mean > (0.0 if goes_on else _ERRORS * gain.error)
+
+        return max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
+
+    def _followed(self, play: Halving) -> np.ndarray | None:
+        """What is left of the plan that is followed [k, D], where its next action is legal."""
+        followed = self.method.followed(play.base[0])
+        if followed is None:
+            return None
+        padded = self._padded(followed[np.newaxis])
+        return padded[0] if self._simulator.legal(play.state, padded[:, 0])[0] else None
+
+    def _finalists(self, play: Halving, until: float, followed: np.ndarray | None) -> np.ndarray:
+        """The best of all rounds, the plan that is followed among them [n, k, D]."""
         self.method.begin(self._situation(play, until - self._clock()))
         best: list[Gain] = []
         gains: Sequence[Gain] = ()
@@ -245,7 +262,10 @@ class LookaheadPolicy(PolicyAgent):
             if not gains:
                 break
         best.sort(key=lambda gain: -gain.rate)
-        return np.array([gain.candidate for gain in best[:most]])
+        found = [gain.candidate for gain in best[:most]]
+        if followed is not None and not any(np.array_equal(each, followed) for each in found):
+            found = [*found[: most - 1], followed]
+        return np.array(found)
 
     def _situation(self, play: Halving, seconds: float) -> Situation:
         """What the method begins with, if the search has so many seconds."""

@@ -151,6 +151,13 @@ class Residuals:
                     candidate[0, place] = random.choice(parts.values[place])
         return candidates
 
+    def followed(self, base: np.ndarray) -> np.ndarray | None:
+        """The plan, where it adds anything."""
+        if not np.any(self._plan):
+            return None
+        self._base = base
+        return self._candidates(self._plan[np.newaxis])[0]
+
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
         self._plan = _next(chosen[np.newaxis, : self.depth])[0]

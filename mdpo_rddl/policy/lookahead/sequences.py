@@ -48,6 +48,7 @@ class Sequences:
     _noop: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _known: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
+    _plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
     _elites: list[Gain] = field(default_factory=list, init=False)
     _is_first: bool = field(default=True, init=False)
     _count: int = field(default=0, init=False)
@@ -65,6 +66,7 @@ class Sequences:
     def reset(self) -> None:
         """No changes are known in a new episode."""
         self._known = np.zeros((0, self.depth, self._parts.size), np.float32)
+        self._plan = np.zeros((self.depth, self._parts.size), np.float32)
 
     def begin(self, situation: Situation) -> None:
         """Starts with what the decisions before have found."""
@@ -90,12 +92,21 @@ class Sequences:
         differs = np.any(candidates[:, 0] != self._base, axis=1)
         return candidates[differs | np.any(candidates[:, 1:], axis=(1, 2))]
 
+    def followed(self, base: np.ndarray) -> np.ndarray | None:
+        """The rest of what was chosen, where it changes anything."""
+        if not np.any(self._plan):
+            return None
+        self._base = base
+        plan = self._plan.copy()
+        plan[0] = self._first_actions(plan[0])
+        return plan
+
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of what was chosen, and of what else was found, is known at the next step."""
         found = [chosen, *(gain.candidate for gain in self._elites)]
         later = np.stack([candidate[1 : self.depth] for candidate in found])
         rest = np.pad(later, ((0, 0), (0, self.depth - later.shape[1]), (0, 0)))
-        self._known = _distinct(rest[np.any(rest, axis=(1, 2))])
+        self._plan, self._known = rest[0], _distinct(rest[np.any(rest, axis=(1, 2))])
 
     @property
     def _parts(self) -> Components:

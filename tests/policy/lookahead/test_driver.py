@@ -120,6 +120,46 @@ def test_noise_alone_is_no_reason_to_leave_the_base():
     assert figures["left_base"] == sum(decision.left_base for decision in thinker.decisions)
 
 
+class Following(FirstActions):
+    """Proposes nothing, and follows a plan that pulls the first arm."""
+
+    def propose(self, gains, random):
+        return np.zeros((0, 1, 3), np.float32)
+
+    def followed(self, base):
+        return np.array([[1.0, 0.0, 0.0]], np.float32)
+
+
+@dataclass
+class Uncertain(SlowSimulator):
+    """Whatever is pulled gains that on average, within its error, if it is no larger than 1."""
+
+    mean: float = 0.0
+
+    def gains(self, kind, state, step, candidates, seed):
+        self.clock.now += self.durations[kind]
+        noise = np.tile([-1.0, 1.0], 8)
+        return np.repeat(self.mean + noise[np.newaxis], len(candidates) - 1, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("mean", "call", "is_left"), [(0.1, 0.2, True), (-0.1, 0.2, False), (-0.1, 0.3, True)]
+)
+def test_a_plan_goes_on_as_long_as_it_gains_or_nothing_else_is_known(mean, call, is_left):
+    clock, method = Stopped(), Following()
+    simulator = Uncertain(lever_policy(NONE), clock, {WIDE: 0.0, NARROW: call}, mean=mean)
+    if call > 0.25:
+        simulator.durations[WIDE] = call
+    method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 0.25, seed=0, clock=clock)
+    action = thinker(0, START)
+    assert bool(np.asarray(action["pull"])[0]) == is_left
+    (decision,) = thinker.decisions
+    assert decision.left_base == is_left
+    # of one call the gain is within its error
+    assert abs(decision.gain) <= decision.error
+
+
 @dataclass
 class RareLoss(SlowSimulator):
     """Pulling any arm pays 1, but once in a hundred scenarios it loses 1000."""

@@ -76,8 +76,11 @@ def test_the_plan_that_was_played_is_shifted_until_the_episode_ends():
     method.shift(chosen)
     method.begin(Situation(BASE, 10, lambda *_: None))
     moved = np.vstack([chosen[1:], [[0.0, 0.0]]])
-    np.testing.assert_allclose(proposed(method)[0], moved + np.eye(4, 1) * BASE, atol=1e-6)
+    expected = moved + np.eye(4, 1) * BASE
+    np.testing.assert_allclose(proposed(method)[0], expected, atol=1e-6)
+    np.testing.assert_allclose(method.followed(BASE), expected, atol=1e-6)
     method.reset()
+    assert method.followed(BASE) is None
     np.testing.assert_array_equal(proposed(begun())[0, 1:], 0.0)
 
 

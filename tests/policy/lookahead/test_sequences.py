@@ -98,7 +98,9 @@ def test_what_was_found_is_known_at_the_next_step_until_the_episode_ends():
     first = propose(method)[0]
     # its second step is the first now: the policy pulls the first arm, the plan the third too
     np.testing.assert_array_equal(first, [(1, 0, 1), (0, 0, 0), (1, 0, 0), (0, 0, 0)])
+    np.testing.assert_array_equal(method.followed(np.array((1, 0, 0), np.float32)), first)
     method.reset()
+    assert method.followed(np.zeros(3, np.float32)) is None
     method.begin(Situation(np.zeros(3, np.float32), 20, lambda *_: None))
     assert not np.any(propose(method)[0, 1:])
 
