@@ -20,6 +20,8 @@ Actions = dict[str, Array]
 _SHARED, _EARLY, _LATE = range(3)
 # of a root's particles: in so many an action must be legal
 _CHECKED = 64
+# of a real's own size: what single precision makes of it in a few steps
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -111,11 +113,14 @@ class Continuations:
 
         return jax.jit(legal)
 
-    def compile(self, size: Size) -> Callable[..., Array]:
+    def compile(self, size: Size, is_rounded: bool = False) -> Callable[..., Array]:
         """Compiles the rollouts.
 
         Args:
           size: of one call.
+          is_rounded: whether reals of the first state differ from scenario to scenario, by as
+            little as rounding does. A return that hangs on it, as at the edge of a condition,
+            another machine does not pay: environments compute in double precision.
 
         Returns:
           A function of a random key, the policy's parameters and hyperparameters, a state (per
@@ -130,6 +135,8 @@ class Continuations:
         def returns(key, params, hyperparams, state, start, candidates):
             shape = (size.candidates, size.scenarios)
             one, many = self._roots(key, state, shape)
+            if is_rounded:
+                many = self._rounded(random.fold_in(key, size.scenarios + 1), many), many[1]
             shared = (params, hyperparams, self._nonfluents, model)
             keys = random.split(key, size.scenarios)
             row = candidates[0, 0]
@@ -194,6 +201,17 @@ class Continuations:
         fluents |= {n: jnp.broadcast_to(v, (shape[0], *v.shape)) for n, v in drawn.items()}
         first = {name: values[0] for name, values in drawn.items()}
         return ({**common[0], **first}, common[1]), (fluents, memory)
+
+    def _rounded(self, key: Array, many: tuple[Any, Any]) -> dict[str, Array]:
+        """Fluents [C, N, *shape] whose reals differ a little between the scenarios."""
+        fluents, ranges = dict(many[0]), self._planner.rddl.variable_ranges
+        for number, name in enumerate(self._planner.rddl.state_fluents):
+            if ranges[name] == "real":
+                value = fluents[name]
+                own = random.fold_in(key, number)
+                drawn = random.uniform(own, value.shape[1:], value.dtype, -1.0, 1.0)
+                fluents[name] = value * (1.0 + _ROUNDING * drawn)
+        return fluents
 
     def _overridden(self, actions: Any, row: Array, is_first: Array, state: Any) -> Actions:
         """The row's actions at the first step, the policy's as the row changes them at others."""

@@ -4,15 +4,35 @@ import jax
 import numpy as np
 import pytest
 from helpers.levers import lever_policy
+from helpers.toys import problem_from
 
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.continuations import Continuations, Size
+from mdpo_rddl.planner.start import unit_hyperparams
+from mdpo_rddl.policy.policy import Policy
 
 NOWHERE = {"pulled": np.zeros(3, bool)}
 
 
-def returns(policy, step, candidates, scenarios=3, state=NOWHERE):
+# a height at which it is just high enough
+EDGE = """
+domain edge {
+    pvariables {
+        height : { state-fluent, real, default = 0.7 };
+        rest : { action-fluent, bool, default = false };
+    };
+    cpfs { height' = height; };
+    reward = if (height >= 0.7) then 1.0 else 0.0;
+}
+non-fluents nf { domain = edge; }
+instance i { domain = edge; non-fluents = nf; horizon = 4; discount = 1.0; }
+"""
+
+
+def returns(policy, step, candidates, scenarios=3, state=NOWHERE, **options):
     candidates = np.asarray(candidates, np.float32)[:, np.newaxis]
-    program = Continuations(policy.planner).compile(Size(len(candidates), scenarios))
+    program = Continuations(policy.planner).compile(Size(len(candidates), scenarios), **options)
     given = policy.params, policy.policy_hyperparams, state, step, candidates
     return np.asarray(program(jax.random.PRNGKey(0), *given))
 
@@ -47,6 +67,21 @@ def test_candidates_see_the_same_random_numbers():
     # they differ by the first arm's first pull alone
     assert set(found[0] - found[2]) == {0.0, 1.0}
     assert found[0].mean() == pytest.approx(0.5 + 3 * 2.0, abs=0.8)
+
+
+def test_a_return_that_hangs_on_rounding_is_not_certain():
+    problem, config = problem_from(EDGE), auto_preset("edge").without_section("Search")
+    planner = build_planner(problem, config).planner
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    policy = Policy(problem, config, planner, params, unit_hyperparams(planner), seed=0)
+    place = 0, [(0.0,), (1.0,)], 64, {"height": np.array(0.7, np.float32)}
+    assert np.all(returns(policy, *place) == 4.0)
+    found = returns(policy, *place, is_rounded=True)
+    assert set(found[0]) == {0.0, 4.0}
+    np.testing.assert_array_equal(found[0], found[1])
+    # beside the edge rounding makes no difference
+    beside = *place[:3], {"height": np.array(0.70001, np.float32)}
+    assert np.all(returns(policy, *beside, is_rounded=True) == 4.0)
 
 
 def test_what_is_legal():

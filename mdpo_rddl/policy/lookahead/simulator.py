@@ -282,7 +282,7 @@ class Simulator:
     def _compile(self, kind: str, rollouts: int, state: Mapping[str, Any], base: Any) -> None:
         self._per_step.pop(kind, None)
         size = self._sizes[kind] = self._size(kind, rollouts)
-        self._programs[kind] = self._continuations.compile(size)
+        self._programs[kind] = self._continuations.compile(size, is_rounded=kind == NARROW)
         candidates = np.zeros((1, self.depth, self.components.size), np.float32)
         candidates[0, 0] = base
 

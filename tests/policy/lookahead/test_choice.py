@@ -157,7 +157,7 @@ def test_what_is_random_where_the_policy_leads_alone_is_not_certain(place, monke
     base = np.array([1.0, 0.0, 1.0], np.float32)
     is_drawn, random_step = [], place[0]
 
-    def compile_one(_, size):
+    def compile_one(_, size, is_rounded):
         def returns(key, params, hyperparams, state, step, candidates):
             is_base = np.all(candidates[:, 0] == base, axis=1)
             is_drawn.append(np.any(is_base[1:]) and not np.all(is_base))
