@@ -23,7 +23,7 @@ _LEAST_LEARNING_SECONDS = 8.0
 # of what learns a value: its program beside the judge's; an iteration takes about so many times as
 # long as the judge's rollouts of a candidate, and so many seconds; the fewest that find anything
 _VALUE_PROGRAMS, _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 1.5, 4.0, 0.03, 30
-MANY_VALUE_ITERATIONS = 350
+MANY_VALUE_ITERATIONS = 120
 """With fewer of them a value is behind what learns without a model's steps."""
 LEARNING_FIRST, LEARNING_LATER = 0.85, 0.4
 """Shares of the time left that the compilation of what learns a law may take: before the other
