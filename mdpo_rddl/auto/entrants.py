@@ -14,11 +14,11 @@ from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExploration
 from mdpo_rddl.auto.arms.policy_gradient import PPO, PolicyGradientArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+from mdpo_rddl.auto.plain import STRAIGHT_LINE
 from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 
 logger = logging.getLogger(__name__)
 
-STRAIGHT_LINE = "slp"
 # of the no-op, that the greedy policy tries at each decision
 _MOST_CHANGES = 256
 # of the states of one of its rollouts: a thousand are kept

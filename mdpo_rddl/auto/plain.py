@@ -10,7 +10,11 @@ from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.problem.load import Problem
 
+STRAIGHT_LINE = "slp"
 _CALL = {"iterations_per_call": 100, "test_every": 20}
+# instead of a straight-line plan's RMSProp, which has no momentum: more return in as many
+# iterations on all of eight problems; its steps are larger, for they shrink where nothing is gained
+_REPLACED, _ADAM, _LARGER = "rmsprop", {"b2": 0.95}, 2.0
 
 
 class PlainPlanners:
@@ -50,6 +54,20 @@ class PlainPlanners:
         config = config_for_domain(name, self._problem.domain_name, method)
         config = config.with_section("Noise", {"method": "NoNoise"})
         config = config.with_values("Planner", pgpe=None)
+        if method == STRAIGHT_LINE:
+            config = _with_momentum(config)
         if method in self._single:
             config = with_single_rollouts(config)
         return config.with_section("MDPO", {**_CALL, **config.section("MDPO")})
+
+
+def _with_momentum(config: PlannerConfig) -> PlannerConfig:
+    """The configuration with Adam in place of RMSProp, if that is all that it says of its steps."""
+    planner = config.section("Planner")
+    arguments = planner.get("optimizer_kwargs", {})
+    if planner.get("optimizer") != _REPLACED or set(arguments) != {"learning_rate"}:
+        return config
+    rate = _LARGER * arguments["learning_rate"]
+    return config.with_values(
+        "Planner", optimizer="adam", optimizer_kwargs={"learning_rate": rate, **_ADAM}
+    )

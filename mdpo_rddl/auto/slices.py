@@ -232,7 +232,7 @@ class Slices:
         contender = self._open(arm, until, arena.clock())
         if arm.is_pending or not contender.slices:
             self._first_slice(contender, patience)
-        if not contender.slices or arm.is_pending:
+        if not contender.slices:
             return
         gain = finite_gain(contender.level, arena.probe.noop_return)
 

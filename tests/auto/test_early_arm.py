@@ -139,6 +139,25 @@ def test_one_that_is_behind_must_catch_up_in_time(leads_by, slices, monkeypatch)
     assert arm.log.slices == slices
 
 
+class Unjudged(Planned):
+    """Whose policies cannot be judged before another program is compiled, after its first slice."""
+
+    awaited = 0
+
+    def _work(self, until):
+        super()._work(until)
+        self._pending = self.awaited == 1
+
+    def await_program(self, until):
+        self.awaited += 1
+        self._pending = False
+
+
+def test_a_plan_that_leads_goes_on_once_its_policies_can_be_judged():
+    arm, _, _ = first([-2.0, 0.5, 3.0, 4.9, 9.0], True, kind=Unjudged, least_gain=0.02)
+    assert arm.log.slices == 4
+
+
 def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
@@ -206,13 +225,13 @@ def raced_arena(judge, clock):
     )
 
 
-def first(returns, is_pending=False, gives_up=False, **given):
+def first(returns, is_pending=False, gives_up=False, kind=Planned, **given):
     """An arm that came first, its schedule and the clock after that."""
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     schedule = Schedule(raced_arena(judge, clock), Search(), lambda name: None)
-    arm = Planned(clock, returns, is_pending)
+    arm = kind(clock, returns, is_pending)
     arm.gives_up = gives_up
     schedule._begin_with("plan first", arm, Terms(0.6, **given))
     return arm, schedule, clock

@@ -14,7 +14,7 @@ from helpers.learners import taken
 from helpers.problems import assert_same_bits
 from jax.flatten_util import ravel_pytree
 
-from mdpo_rddl.auto import RaceOptions, race
+from mdpo_rddl.auto import RaceOptions, plain, race
 from mdpo_rddl.auto.arms import training
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.training import TrainingArm
@@ -24,6 +24,7 @@ from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.search.steps import step_factor
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
 
 FOREVER = 300.0
 ITERATIONS = 400
@@ -106,6 +107,21 @@ def test_without_chance_one_rollout_is_enough(arena):
     for single, size in ((["slp"], 1), (["drp"], 32), ([], 32)):
         config = PlainPlanners(arena.problem, single).config("slp")
         assert config.section("Planner")["batch_size_train"] == size
+
+
+def test_a_straight_line_plan_has_momentum_unless_its_configuration_says_more(arena, monkeypatch):
+    jaxplans = config_for_domain("", arena.problem.domain_name, "slp").section("Planner")
+    ours = PlainPlanners(arena.problem).config("slp").section("Planner")
+    assert (jaxplans["optimizer"], ours["optimizer"]) == ("rmsprop", "adam")
+    rate = jaxplans["optimizer_kwargs"]["learning_rate"]
+    assert ours["optimizer_kwargs"] == {"learning_rate": 2.0 * rate, "b2": 0.95}
+    drp = config_for_domain("", arena.problem.domain_name, "drp").section("Planner")
+    assert PlainPlanners(arena.problem).config("drp").section("Planner") == {**drp, "pgpe": None}
+    for other in ({"optimizer": "sgd"}, {"optimizer_kwargs": {"learning_rate": 0.1, "decay": 0.5}}):
+        told = config_for_domain("", "none", "slp").with_values("Planner", **other)
+        monkeypatch.setattr(plain, "config_for_domain", lambda *_, told=told: told)
+        planner = PlainPlanners(arena.problem).config("slp").section("Planner")
+        assert planner == {**told.section("Planner"), "pgpe": None}
 
 
 def replace_told(arena, told: list):
