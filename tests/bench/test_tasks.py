@@ -218,6 +218,9 @@ def test_published_rows_are_read_from_regular_files_of_a_bounded_size(tmp_path, 
     assert "large.csv: is larger than 1,000 bytes" in one_line(lambda: read_published(large))
 
 
+BELOW = "Below 0.99 with all of the 95% interval of its episodes: "
+
+
 def test_the_published_table_counts_what_reaches_the_best(tmp_path):
     best = float(published()[Task("Navigation_MDP_ippc2011", "1")]["best"])
     records = records_of(tmp_path, ("Navigation_MDP_ippc2011", "mdpo", [best, best]))
@@ -225,7 +228,21 @@ def test_the_published_table_counts_what_reaches_the_best(tmp_path):
     table = published_table(records)
     assert "| Navigation_MDP_ippc2011 | 1 | -8 | 1.000 | -8 | prost_1 |" in table
     assert "| SysAdmin_MDP_ippc2011 | 1 | memory | 0.000 |" in table
-    assert table.endswith("or above: 1 of 2. Mean score, each at most 1: 0.500. Below 0: 0.\n")
+    assert table.endswith(
+        "or above: 1 of 2. Mean score, each at most 1: 0.500. Below 0: 0. " + BELOW + "1.\n"
+    )
+
+
+def test_the_published_table_says_where_the_episodes_tell_that_ours_is_below(tmp_path):
+    row = published()[Task("Navigation_MDP_ippc2011", "1")]
+    assert float(row["best"]) == -8.0
+    for returns, expected in (([-9.0, -9.5, -9.0], 1), ([-4.0, -14.0, -9.0], 0)):
+        folder = tmp_path / str(expected)
+        records = records_of(folder, ("Navigation_MDP_ippc2011", "mdpo", returns))
+        assert published_table(records).endswith(
+            "or above: 0 of 1. Mean score, each at most 1: "
+            f"{score(sum(returns) / 3, row):.3f}. Below 0: 0. {BELOW}{expected}.\n"
+        )
 
 
 def test_the_commands(tmp_path, capsys):

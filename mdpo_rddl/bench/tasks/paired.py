@@ -35,7 +35,7 @@ def paired(first: Rows, second: Rows) -> Paired:
       first: rows of a task, whose episodes begin as those of the second do.
       second: other rows of the task.
     """
-    ours, theirs = _returns(first), _returns(second)
+    ours, theirs = common_returns(first), common_returns(second)
     if ours is None or theirs is None:
         cells = ["failed" if each is None else _mean(each) for each in (ours, theirs)]
         return Paired([*cells, ""], int(ours is not None) - int(theirs is not None))
@@ -55,7 +55,7 @@ def paired_returns(ours: np.ndarray, theirs: np.ndarray) -> Paired:
     return Paired([_mean(ours), _mean(theirs), gained], sign)
 
 
-def _returns(rows: Rows) -> np.ndarray | None:
+def common_returns(rows: Rows) -> np.ndarray | None:
     """Per episode that all seeds have [E] the mean over them; None if one has no returns."""
     if any(row["status"] != OK for row in rows):
         return None

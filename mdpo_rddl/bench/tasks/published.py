@@ -16,7 +16,7 @@ import numpy as np
 from mdpo_rddl.bench.common.markdown import rounded, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, THINKING
-from mdpo_rddl.bench.tasks.paired import paired_returns
+from mdpo_rddl.bench.tasks.paired import common_returns, paired_returns
 from mdpo_rddl.bench.tasks.trial import (
     ALONE,
     COLUMNS,
@@ -29,6 +29,7 @@ from mdpo_rddl.bench.tasks.trial import (
 )
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import MOST_BYTES, decoded, read_bounded
+from mdpo_rddl.problem.evaluation import mean_interval
 
 AT_THE_BEST = 0.99
 _SIGNS = {"better": 1, "as good": 0, "worse": -1}
@@ -140,12 +141,31 @@ def published_table(records: Records) -> str:
         cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
         cells += [_number(row["noop"]), _number(row["random"])]
         lines.append(table_row(cells))
-    lines += ["", " ".join([_totals(np.array(scores)), *_thinking(records)])]
+    said = [_totals(np.array(scores)), *_certainly_below(records), *_thinking(records)]
+    lines += ["", " ".join(said)]
     return "\n".join(lines) + "\n"
 
 
 def _number(text: str) -> str:
     return rounded(float(text), 6) if text else ""
+
+
+def _certainly_below(records: Records) -> list[str]:
+    """On how many tasks the episodes are enough to tell that ours is below the best."""
+    rows, measured = published(), mean_returns(records)
+    below = 0
+    for task in measured:
+        own = [
+            r
+            for r in records.rows
+            if (r["problem"], r["instance"]) == (task.problem, task.instance)
+        ]
+        returns = common_returns(own)
+        interval = None if returns is None else mean_interval(returns)
+        below += interval is None or score(interval[1], rows[task]) < AT_THE_BEST
+    if not measured:
+        return []
+    return [f"Below {AT_THE_BEST:g} with all of the 95% interval of its episodes: {below}."]
 
 
 def _thinking(records: Records) -> list[str]:
