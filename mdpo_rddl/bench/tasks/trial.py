@@ -55,7 +55,7 @@ _DIGITS = 10
 # where `mdpo-thinking` does not think an episode costs next to nothing; where it does, episodes of
 # more steps are played fewer times
 _PLAIN_EPISODES = 20
-_MOST_DECISIONS, _FEWEST_EPISODES = 800, 5
+_USUAL_STEPS, _FEWEST_EPISODES = 40, 5
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class Conditions:
     Attributes:
       seconds: of preparation, compilation included.
       episodes: on the exact environment, the same for all planners; of `mdpo-thinking` at least 20
-        where it plays its policy alone, and where it thinks no more than 800 decisions allow,
-        but at least five of them.
+        where it plays its policy alone, and where it thinks no more than 40 decisions for each
+        of them allow, but at least five.
       memory_gb: of a trial's processes.
       decision_seconds: for `mdpo-thinking` at each decision; 0 where planners do not think.
     """
@@ -233,7 +233,7 @@ def _episodes(planner: Planner, wanted: int, horizon: int) -> int:
         return wanted
     if planner.thinker is None:
         return max(wanted, _PLAIN_EPISODES)
-    return min(wanted, max(_FEWEST_EPISODES, _MOST_DECISIONS // horizon))
+    return min(wanted, max(_FEWEST_EPISODES, _USUAL_STEPS * wanted // horizon))
 
 
 def _decisions(
