@@ -35,6 +35,8 @@ def comparison(old: dict[str, np.ndarray], new: dict[str, np.ndarray]) -> str:
     lines = [*table_head(["instance", "old", "new", "difference, 95% interval", "new is"])]
     counts = dict.fromkeys(("above", "below", "undecided"), 0)
     for name in sorted(old.keys() & new.keys()):
+        if len(old[name]) != len(new[name]):
+            sys.exit(f"{name} has {len(old[name])} and {len(new[name])} trials")
         differences = new[name] - old[name]
         low, high = mean_interval(differences) or (-np.inf, np.inf)
         verdict = "above" if low > 0.0 else "below" if high < 0.0 else "undecided"

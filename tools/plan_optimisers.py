@@ -62,7 +62,7 @@ def trained(built: Built[MDPOPlanner], seconds: float, seed: int) -> tuple[float
         turns = built.with_arguments(**guess).callbacks(jax.random.fold_in(key, phase), _FOREVER)
         for turn in turns:
             now = time.process_time()
-            # the first turn of all is compiled
+            # the first turn of all is compiled, and no phase's is counted
             began = now if began is None else began
             iteration = turn["iteration"] + 1
             if turn["best_return"] > best:

@@ -53,22 +53,30 @@ class Entrants:
         return PolicyGradientArm(arena, until) if self._affording.learning(share) else None
 
     def greedy(self, until: float, share: float) -> CompilingArm | None:
-        """The one that learns a value, where `tries_changes`.
+        """The one that learns a value, where it `learns`.
 
         Args:
           until: how long its first part is to last, by the clock.
           share: of the time left, that its compilation and its first iterations may take.
         """
-        if not self.tries_changes or not self._affording.value(share):
+        if not self.learns(share):
             return None
         return PolicyIterationArm(self._arena, until)
 
-    def learns_fast(self, share: float) -> bool:
-        """Whether `greedy` takes part, and has many iterations in such a share of the time left."""
-        return self.tries_changes and self._affording.value(share, MANY_VALUE_ITERATIONS)
+    def learns(self, share: float, fast: bool = False) -> bool:
+        """Whether `greedy` takes part, and such a share of the time left is enough for it.
+
+        Args:
+          share: of the time left.
+          fast: whether it must be enough for many iterations.
+        """
+        has_time = self._affording.value
+        if not self._tries_changes:
+            return False
+        return has_time(share, MANY_VALUE_ITERATIONS) if fast else has_time(share)
 
     @property
-    def tries_changes(self) -> bool:
+    def _tries_changes(self) -> bool:
         """Whether each bool's change alone can be tried at a decision, and the states be kept."""
         planner = self._arena.planner
         rddl, known = planner.rddl, planner.test_compiled.init_values

@@ -12,13 +12,12 @@ can't, but the rules were grounded, a search by trials has gone ahead.
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
 
-Where no constant and no random rule returns more than the no-op, a search for a plan that explores
-comes first. JaxPlan's default planners are trained meanwhile, in a second process.
+A search for a plan that explores comes first where no constant and no random rule returns more than
+the no-op, or one of many only without chance. JaxPlan's planners are trained in a second process.
 """
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
 
 from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, LEARNING_LATER, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
@@ -55,8 +54,9 @@ _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 _LEARNING_SHARE, _LAW_LEADS_BY = 0.85, 0.5
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
 # of the time left, for greedy, while slices gain: with none after it, with ppo after it, where no
-# reward was found yet, and after others
+# reward was found yet, and after others; what is left of the first once ppo has given way
 _GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85, 0.6, 0.6, 0.6
+_AFTER_PPO_SHARE = _GREEDY_SHARE * (1.0 - _LAW_LEADS_BY)
 # what it has in any case, for its first iterations tell little
 _GREEDY_AT_LEAST = 0.4
 # names of their parts
@@ -93,6 +93,7 @@ class Schedule(Slices):
         super().__init__(arena, on_stage, resumption, shares.without)
         self._shares, self._initial, self._affording = shares, initial, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
+        self._polishers: dict[bool, Arm] = {}
         self.early: Arm | None = None
         self.random_return: float | None = None
 
@@ -121,10 +122,9 @@ class Schedule(Slices):
         self._learn_first()
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
-        leads = self._best.arm in (GREEDY, PPO)
         # where it leads already, the exploration begins with what comes last
-        comes_first = not self._marks.decided("learner leads", lambda: leads)
-        exploration = self._opened(self._entrants.exploration() if comes_first else None, until)
+        leads = self._marks.decided("learner leads", lambda: self._best.arm in (GREEDY, PPO))
+        exploration = self._opened(None if leads else self._entrants.exploration(), until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
             simple.rules = Rules.FEW
@@ -178,7 +178,7 @@ class Schedule(Slices):
         return self._marks.once(part, self._arena, self._arena.until(share))
 
     def _explore(self, shared: SharedWeightsArm) -> None:
-        """For problems in which neither a constant nor one of few random rules beats the no-op."""
+        """Where neither a constant nor one of few random rules beats the no-op."""
         arena = self._arena
         exploration = ExplorationArm(arena)
         # less where a net has found something already
@@ -195,6 +195,7 @@ class Schedule(Slices):
         rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_programs(rounds_until, METHODS)
         self._compete(rounds_until, polishing=found)
+        self._has_plan |= arena.incumbent.arm == exploration.name
         if arena.beats_noop(self._best):
             self._finish()
         else:
@@ -202,7 +203,7 @@ class Schedule(Slices):
             self._end_with(exploration)
 
     def _improve(self, shared: SharedWeightsArm) -> None:
-        """For problems in which a constant or a random rule beats the no-op."""
+        """Where a constant or a random rule beats the no-op, and no rare reward is looked for."""
         arena, shares = self._arena, self._shares
         plan = self._entrants.straight_line(arena.until(shares.rounds_until))
         self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
@@ -246,12 +247,13 @@ class Schedule(Slices):
             return
         leaves_time = self._affording.learning(LEARNING_LATER * (1.0 - _BEFORE_PPO_SHARE))
         share = _BEFORE_PPO_SHARE if leaves_time else _GREEDY_SHARE
-        if self._marks.decided("value before law", lambda: self._entrants.learns_fast(share)):
+        if self._marks.decided("value before law", lambda: self._entrants.learns(share, True)):
             self._learn_value(share)
             self._learn_law(LEARNING_LATER)
         else:
-            can_follow = self._entrants.tries_changes
-            self._learn_law(LEARNING_FIRST, _LAW_LEADS_BY if can_follow else None)
+            learns = self._entrants.learns
+            follows = self._marks.decided("value after law", lambda: learns(_AFTER_PPO_SHARE))
+            self._learn_law(LEARNING_FIRST, _LAW_LEADS_BY if follows else None)
             self._learn_value(_GREEDY_SHARE)
 
     def _learn_law(self, compiling: float, leads_by: float | None = None) -> None:
@@ -341,7 +343,8 @@ class Schedule(Slices):
             self.give(polisher, min(deadline, arena.clock() + self._slice_seconds))
         return None if arm.is_exhausted else arm
 
-    @cached_property
+    @property
     def _polisher(self) -> Arm:
         """Around the best policy: its plan, if that is what made it the best, or its weights."""
-        return polishing_arm(self._arena, self._has_plan)
+        has_plan = self._has_plan
+        return self._polishers.setdefault(has_plan, polishing_arm(self._arena, has_plan))

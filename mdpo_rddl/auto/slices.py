@@ -227,7 +227,9 @@ class Slices:
         if arm is None:
             return
         arena, until = self._arena, self._end(part, terms.share)
-        leads_until = until if terms.leads_by is None else min(until, arena.until(terms.leads_by))
+        leads_until = until
+        if terms.leads_by is not None:
+            leads_until = min(until, self._end(f"{part} leads", terms.leads_by))
         patience = arena.until(_FIRST_PATIENCE)
         contender = self._open(arm, until, arena.clock())
         if arm.is_pending or not contender.slices:

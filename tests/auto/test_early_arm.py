@@ -186,10 +186,8 @@ def test_a_value_that_is_learnt_fast_comes_before_a_law(tells, expected):
     class Entering:
         """Has both, or the second alone."""
 
-        tries_changes = "without" not in tells
-
-        def learns_fast(self, share):
-            return not tells & {"slow", "without"}
+        def learns(self, share, fast=False):
+            return not tells & ({"slow", "without"} if fast else {"without"})
 
         def greedy(self, until, share):
             values.append(share)
@@ -271,7 +269,7 @@ def finished(names):
 
     schedule._entrants = SimpleNamespace(gradients=gradients)
     schedule._affording = SimpleNamespace(patience=lambda until: clock())
-    schedule.__dict__["_polisher"] = polisher
+    schedule._polishers[False] = polisher
     # the rounds are over: nothing is opened for them
     schedule._open_programs(147.0, ["slp"])
     assert schedule.arms == []

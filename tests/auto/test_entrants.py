@@ -132,4 +132,4 @@ def test_what_has_no_time_to_be_compiled_does_not_learn():
     ],
 )
 def test_a_value_is_learnt_fast_with_time_for_many_iterations(refused, case, expected):
-    assert entrants(*refused, **case).learns_fast(0.5) is expected
+    assert entrants(*refused, **case).learns(0.5, fast=True) is expected

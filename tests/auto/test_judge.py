@@ -46,6 +46,17 @@ def test_a_return_that_is_no_number_loses():
     assert one.judged[-1].candidate.mean == -math.inf
 
 
+def test_what_one_rollout_takes_is_known_once_they_were_compiled(planner):
+    one = judge(4)
+    assert one.one_rollout_seconds == 0.0
+    noop = planner.feedback_plan.noop(0)
+    for number, expected in enumerate([0.0, 0.25]):
+        one.record(Candidate("arm", f"{number}", preset(1.0), planner, noop))
+        # the clock ticks once in a call
+        assert one.one_rollout_seconds == pytest.approx(expected * one.rollout_seconds)
+    assert one.rollout_seconds > 0.0
+
+
 def test_candidates_of_one_planner_must_be_better_and_others_by_two_errors():
     one, planner = judge(), object()
     assert one.record(known("first", 0.0, 3.0, planner))

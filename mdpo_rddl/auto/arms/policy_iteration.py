@@ -90,7 +90,10 @@ class PolicyIterationArm(LearningArm[Learner]):
         self._parents = (*guide.parents, guide.arm) if guide.arm else ()
         self._span = Span(now, self._first_ends())
         begun = self._iteration.begin(self._learner_key)
-        self._learner, _ = self._iterated(begun, self._trial_key, _STEP, is_first=True)
+        # the next iteration is timed
+        self._learner, _ = jax.block_until_ready(
+            self._iterated(begun, self._trial_key, _STEP, is_first=True)
+        )
         self._log.iterations += 1
 
     def _pace(self, now: float) -> float:

@@ -6,6 +6,7 @@ from mdpo_rddl.auto.adapting import Adapting
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.rounds import FIRST_SLICES
 from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
 from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
@@ -42,8 +43,9 @@ class SharedWeightsArm(ArenaArm):
         # of the slice that goes on: what its adaptations began with and have found, per part
         self._simple: list[np.ndarray] = []
         self._every: list[np.ndarray] = []
-        # slices that have ended, and rules that were adapted beside the first ones
-        self._ended = self._others = 0
+        # slices that have ended, rules that were adapted beside the first ones, and slices that
+        # were too short for one
+        self._ended = self._others = self._skipped = 0
         self._adapting = Adapting(arena, self._try)
 
     def state(self) -> State | None:
@@ -81,7 +83,8 @@ class SharedWeightsArm(ArenaArm):
         arena, population = self._arena, self._arena.population
         parent = arena.judge.latest(self._begins_with)
         simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
-        if not self._every:
+        resumes = bool(self._every)
+        if not resumes:
             if not self._ended:
                 rule: np.ndarray | None = self._first_rule(simple, parent, until)
             else:
@@ -89,6 +92,8 @@ class SharedWeightsArm(ArenaArm):
             if rule is not None:
                 self._every = [weights_of(simple.to_params(rule), ["shared"]).start]
         if vectors := self._every:
+            if len(vectors) == 1 and not resumes:
+                self._adapting.restore(None)  # it was one of a simple rule
             starts = (vectors[0], _REFINING_SIGMA), (every.start, _SIGMA)
             for start, sigma in starts[len(vectors) - 1 :]:
                 end = self._part(until, 3 - len(vectors))
@@ -118,14 +123,16 @@ class SharedWeightsArm(ArenaArm):
             self._adapt_others(simple, end)
             if (best := self._best_of(simple)) is not before:
                 return best
-        self.is_exhausted = self._others == begun  # there is no time for one in a slice
+        # there is no time for one in a slice; the first ones in the rounds are shorter
+        self._skipped += self._others == begun
+        self.is_exhausted = self._skipped > FIRST_SLICES
         return None
 
     def _best_of(self, simple: Weights) -> np.ndarray:
         """The best rule so far, which alone is kept."""
-        best = self._arena.population.best(simple, self._simple)
-        self._simple = [best]
-        return best
+        if len(self._simple) > 1:
+            self._simple = [self._arena.population.best(simple, self._simple)]
+        return self._simple[0]
 
     def _adapt_others(self, simple: Weights, until: float) -> None:
         """Adapts the best of random rules each, as long as there is time for one more."""

@@ -39,6 +39,9 @@ _CLOSING_SHARE = 0.25
 _CLOSING_INDUCTIONS = 8.0
 # of the decisions: with more of them in unknown states, chance makes every episode a new one
 _MOST_MISSED = 0.5
+# with so many the table is of no use, which a few episodes tell early in the first slice
+_LOST, _FEW = 0.9, 32
+_NEVER_AGAIN = "most states are never seen again"
 # slices without a better table, after which the arm is given up
 _PATIENCE = 3
 
@@ -102,8 +105,7 @@ class TrialsArm(Arm):
         try:
             if (search := self._begun(until, closing)) is None:
                 return
-            search.work(until, self._pulse, lambda one: max(closing, _CLOSING_INDUCTIONS * one))
-            self._close(search, until, closing)
+            self._explore(search, until, closing)
         except NotEnumerableError as error:
             self._give_up(str(error))
         except Exception as error:  # the other arms need no ground model
@@ -117,7 +119,7 @@ class TrialsArm(Arm):
           closing: seconds to be left then.
         """
         if self._search is None:
-            limits = EnumerationLimits(until - self._clock(), clock=self._clock)
+            limits = self._limits(until)
             self._search = TrialSearch(self._model, limits, self._seed, self._clock)
             if self._resumed is not None:
                 self._steps = self._search.restoring(self._resumed.part("search"))
@@ -136,22 +138,35 @@ class TrialsArm(Arm):
                 return
         self._resumed = None
 
-    def _close(self, search: TrialSearch, until: float, closing: float) -> None:
+    def _explore(self, search: TrialSearch, until: float, closing: float) -> None:
+        """Trials, and what they have found, unless hardly a state is ever seen again."""
+        try:
+            if not search.batches:
+                search.work(self._clock() + closing, self._pulse)
+                if self._is_lost(search, self._limits(until)):
+                    self._give_up(_NEVER_AGAIN)
+                    return
+            search.work(until, self._pulse, lambda one: max(closing, _CLOSING_INDUCTIONS * one))
+            self._close(search, until)
+        except OutOfTimeError:
+            self._closing = 2.0 * closing
+            self._note_no_gain("there is too little time to see what was found")
+
+    def _limits(self, until: float) -> EnumerationLimits:
+        return EnumerationLimits(until - self._clock(), clock=self._clock)
+
+    def _close(self, search: TrialSearch, until: float) -> None:
         """Offers what was found if it is better than before, and sees whether to go on.
 
         Args:
           search: what has explored.
           until: when it has to be over.
-          closing: seconds that were left for it.
+
+        Raises:
+          OutOfTimeError: if it is not over then.
         """
         started, before, explored = self._clock(), self._best, search.explored
-        limits = EnumerationLimits(until - started, clock=self._clock)
-        try:
-            best, played, missed = self._found(search, limits.check_time)
-        except OutOfTimeError:
-            self._closing = 2.0 * closing
-            self._note_no_gain("there is too little time to see what was found")
-            return
+        best, played, missed = self._found(search, self._limits(until).check_time)
         self._closing = self._clock() - started
         mean, error = mean_and_error(played.returns)
         if mean > self._best:
@@ -167,7 +182,15 @@ class TrialsArm(Arm):
         if search.is_full:
             self._give_up("no room for more states")
         elif missed > _MOST_MISSED:
-            self._give_up("most states are never seen again")
+            self._give_up(_NEVER_AGAIN)
+
+    def _is_lost(self, search: TrialSearch, limits: EnumerationLimits) -> bool:
+        """Whether a few episodes show that hardly a state is ever seen again."""
+        check_time = limits.check_time
+        greedy = search.found(_TRUSTS[0], check_time)
+        played = play(search.explored, greedy, _FEW, self._seed, check_time=check_time)
+        self._log.details = {"states": search.explored.size, "missed": round(played.missed, 4)}
+        return played.missed > _LOST
 
     def _found(
         self, search: TrialSearch, check_time: Callable[[], None]

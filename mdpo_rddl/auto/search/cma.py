@@ -143,7 +143,8 @@ class Adaptation:
         quarter = len(medians) // 4
         before = float(np.mean(medians[-2 * quarter : -quarter]))
         now = float(np.mean(medians[-quarter:]))
-        return now - before <= least * max(0.0, now - medians[0])
+        first = next((median for median in medians if median > 0.1 * _WORST), before)
+        return now - before <= least * max(0.0, now - first)
 
     def run(self, evaluate: Evaluate, until: float) -> None:
         """Adapts until it has converged or the time is over.

@@ -25,7 +25,7 @@ class Flat:
 
     def tree(self, vectors: np.ndarray) -> Any:
         """Trees of vectors [..., D], whose arrays have the same leading axes."""
-        parts = np.split(vectors, self._ends, axis=-1)
+        parts = np.split(vectors, self._ends, axis=-1) if self._shapes else []
         leading = vectors.shape[:-1]
         leaves = [
             np.reshape(part, (*leading, *shape)).astype(dtype)

@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 _FEWEST_ITERATIONS = 500
 _FINAL_BATCHES = 8
 # the judge's rollouts take longer than those of a population do
-_CERTAINLY = 2.0
+_TOO_SLOW_BY = 2.0
 _SLOW_SECONDS = 0.5
 
 
@@ -104,7 +104,7 @@ def compile_population(
     for rollouts in sorted({size.rollouts, 1}, reverse=True):
         fewer = size._replace(rollouts=rollouts)
         least = _FEWEST_ITERATIONS * size.population * rollouts * rollout_seconds
-        if rollouts > 1 and least > _CERTAINLY * share * (deadline - clock()):
+        if rollouts > 1 and least > _TOO_SLOW_BY * share * (deadline - clock()):
             continue
         population = PopulationReturns(planner, fewer, seed, clock, deadline)
         population(shared, 0, zeros)

@@ -152,17 +152,17 @@ def _number(text: str) -> str:
 
 def _certainly_below(records: Records) -> list[str]:
     """On how many tasks the episodes are enough to tell that ours is below the best."""
-    rows, measured = published(), mean_returns(records)
+    measured = mean_returns(records)
     below = 0
-    for task in measured:
-        own = [
-            r
-            for r in records.rows
-            if (r["problem"], r["instance"]) == (task.problem, task.instance)
-        ]
-        returns = common_returns(own)
-        interval = None if returns is None else mean_interval(returns)
-        below += interval is None or score(interval[1], rows[task]) < AT_THE_BEST
+    for task, row in published().items():
+        if task not in measured:
+            continue
+        place = task.problem, task.instance, OK
+        keys = "problem", "instance", "status"
+        played = [each for each in records.rows if tuple(each[key] for key in keys) == place]
+        returns = common_returns(played) if played else None
+        interval = (-np.inf, -np.inf) if returns is None else mean_interval(returns)
+        below += interval is not None and score(interval[1], row) < AT_THE_BEST
     if not measured:
         return []
     return [f"Below {AT_THE_BEST:g} with all of the 95% interval of its episodes: {below}."]

@@ -141,7 +141,9 @@ class FeedbackPlan(JaxPlan):
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
 
     def noop(self, seed: int) -> Params:
-        """Parameters that play the no-op; unlike for the initializer's, nothing is compiled.
+        """Parameters that play the no-op, drawn by numpy: nothing is compiled for them.
+
+        Their hidden units are others than those of the initializer with the same seed.
 
         Args:
           seed: of the hidden units.

@@ -86,6 +86,9 @@ def choose(
 ) -> Choice:
     """Prepares the methods that apply and takes the one that gains most, if any does.
 
+    Where a table is played, and nothing gains in its states, the first method is for those that it
+    does not know.
+
     Each makes decisions at states that the policy visits. The gain of a decision is measured again
     on scenarios that it did not see. Ties go to the plain policy.
 

@@ -222,6 +222,8 @@ class LookaheadPolicy(PolicyAgent):
         if not len(finalists):
             return None
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
+        if followed is not None and all(gain.mean == -np.inf for gain in tested):
+            return Gain(followed, 0.0, 0.0)
 
         def is_good(gain: Gain) -> bool:
             goes_on = followed is not None and np.array_equal(gain.candidate, followed)

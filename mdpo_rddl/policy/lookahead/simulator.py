@@ -29,8 +29,8 @@ _MEASURED_STEPS, _MOST_CLIMBS = 20, 500
 _CANDIDATES = {WIDE: 32, NARROW: 4}
 # of several steps there are many, however few the actions are
 _FEWEST_SEQUENCES = 16
-# enough where nothing is random: two that are the same tell that
-_CERTAIN_SCENARIOS = 2
+# enough where nothing is random: two that are the same tell that, more that none owes to rounding
+_CERTAIN_SCENARIOS = {WIDE: 2, NARROW: 8}
 # how far actions are from the policy's where that is found out, in units of the components
 _SPREAD = 0.3
 _FEWEST, _MOST = 128, 4096
@@ -309,7 +309,7 @@ class Simulator:
         if self.is_random or (self.may_draw and kind == NARROW):
             return Size(count, max(2, rollouts // count))
         wide = int(min(max(count, rollouts // 4), most))
-        return Size(wide if kind == WIDE else count, _CERTAIN_SCENARIOS)
+        return Size(wide if kind == WIDE else count, _CERTAIN_SCENARIOS[kind])
 
     def _differs(self, step: int, state: Mapping[str, Any]) -> bool:
         """Whether returns differ between scenarios, after the policy's action and many others."""

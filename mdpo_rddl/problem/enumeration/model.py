@@ -12,6 +12,7 @@ from mdpo_rddl.problem.enumeration.joint_actions import action_variables, joint_
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
 from mdpo_rddl.problem.enumeration.rules import ActionRules, OpenRules, open_rules
+from mdpo_rddl.problem.limits import group_limits
 from mdpo_rddl.problem.load import Problem, make_environment
 
 
@@ -134,7 +135,8 @@ def _per_action(
     variables = {each: item for each, item in action_variables(env).items() if each in read}
     most = env.model.max_allowed_actions
     found: dict[tuple[int, ...], tuple[Mapping[Ground, Any], OpenRules]] = {}
-    for assignment in joint_actions(variables, most, (graph, legal), limits):
+    groups = group_limits(env.model)[0]
+    for assignment in joint_actions(variables, most, (graph, legal), limits, groups):
         limits.check_time()
         constants = {
             graph.leaf(Kind.ACTION, each, isinstance(value, bool)): graph.constant(value)

@@ -99,7 +99,10 @@ def test_nothing_is_offered_if_no_other_rule_is_better():
 
 def test_it_gives_up_where_a_slice_is_too_short_for_another_rule():
     arena, arm = after_a_short_slice()
-    assert worked(arm, arena, 0.5) == []
+    for _ in range(3):
+        # the first ones in the rounds are shorter than others
+        assert not arm.is_exhausted
+        assert worked(arm, arena, 0.5) == []
     assert arm.is_exhausted
     assert arena.clock.now == pytest.approx(1.0, abs=3 * _SECONDS)
 

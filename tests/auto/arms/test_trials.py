@@ -79,6 +79,14 @@ def test_it_gives_up_where_every_state_is_new(arm, monkeypatch):
     assert arm.take_candidates()
 
 
+def test_few_episodes_tell_where_every_state_is_new(arm, monkeypatch):
+    monkeypatch.setattr(trials, "_LOST", -1.0)
+    arm.work(100.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "most states are never seen again"
+    assert arm.take_candidates() == []
+
+
 def test_it_gives_up_where_there_is_no_room(arm, monkeypatch):
     monkeypatch.setattr("mdpo_rddl.auto.search.trials.trials._MOST_STATES", 10)
     arm.work(1e5)
@@ -280,9 +288,10 @@ def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, m
     monkeypatch.setattr(trials, "play", noted)
     arm.work(200.0)
     (candidate,) = arm.take_candidates()
-    assert [fresh for fresh, _, _ in played] == [False, False, True]
-    chosen = max(played[:2], key=lambda one: one[2].returns.mean())
-    fresh = played[2]
+    # a few episodes tell whether to go on
+    assert [fresh for fresh, _, _ in played] == [False, False, False, True]
+    chosen = max(played[1:3], key=lambda one: one[2].returns.mean())
+    fresh = played[3]
     assert fresh[1] is chosen[1]
     assert candidate.mean == fresh[2].returns.mean() == candidate.table[1].value
     assert not np.array_equal(fresh[2].returns, chosen[2].returns)

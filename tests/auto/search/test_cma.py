@@ -81,6 +81,16 @@ def test_it_is_left_once_it_gains_little():
     assert adapted().iterations > near.iterations
 
 
+def test_first_returns_that_are_no_numbers_are_no_gain():
+    def rising(iteration, candidates):
+        if not iteration:
+            return np.full(len(candidates), np.nan)
+        return iteration + distance(iteration, candidates)
+
+    made = adapted(rising, iterations=100, separable=True, least_gain=0.01)
+    assert made.iterations == 100
+
+
 def test_it_is_not_left_while_it_gains():
     def rising(iteration, candidates):
         return iteration + distance(iteration, candidates)

@@ -160,6 +160,34 @@ def test_a_plan_goes_on_as_long_as_it_gains_or_nothing_else_is_known(mean, call,
     assert abs(decision.gain) <= decision.error
 
 
+class AlsoFollowing(FirstActions):
+    """Proposes all actions, and follows a plan that pulls the first arm."""
+
+    followed = Following.followed
+
+
+@dataclass
+class Overrunning(SlowSimulator):
+    """Calls of a search take far longer than is expected."""
+
+    def gains(self, kind, state, step, candidates, seed):
+        found = super().gains(kind, state, step, candidates, seed)
+        self.clock.now += 1.0
+        return found
+
+
+def test_a_plan_goes_on_where_its_test_comes_too_late():
+    clock, method = Stopped(), AlsoFollowing()
+    simulator = Overrunning(lever_policy(NONE), clock, {WIDE: 0.001, NARROW: 0.001})
+    method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 0.25, seed=0, clock=clock)
+    action = thinker(0, START)
+    np.testing.assert_array_equal(action["pull"], [True, False, False])
+    (decision,) = thinker.decisions
+    assert (decision.calls, decision.left_base) == (1, True)
+    assert (decision.gain, decision.error) == (0.0, 0.0)
+
+
 @dataclass
 class RareLoss(SlowSimulator):
     """Pulling any arm pays 1, but once in a hundred scenarios it loses 1000."""

@@ -11,10 +11,11 @@ from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.backward import annuity, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
-from mdpo_rddl.problem.enumeration.graph import Graph
+from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.joint_actions import joint_actions
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
+from mdpo_rddl.problem.limits import GroupLimit
 
 # whether it is wet is drawn in two ways at once: most states follow from several draws
 _RAIN = """domain d {
@@ -224,3 +225,47 @@ def test_joint_actions_are_counted_exactly():
     limits = EnumerationLimits(20.0)
     # 1, 12 * 2 and 66 * 4
     assert len(joint_actions(variables, 2, (graph, []), limits)) == 289
+
+
+def bools(agents, tools):
+    """Per tool of each agent whether it is used, of which each agent may use one."""
+    variables = {("use", place): (False, [True]) for place in np.ndindex(agents, tools)}
+    groups = np.broadcast_to(np.arange(agents)[:, np.newaxis], (agents, tools))
+    return variables, GroupLimit({"use": groups}, np.ones(agents, int))
+
+
+def test_actions_that_break_a_limit_are_not_counted():
+    variables, limit = bools(2, 12)
+    limits, unlimited = EnumerationLimits(20.0), (Graph(), [])
+    with pytest.raises(NotEnumerableError, match=r"1.68e\+07 joint actions"):
+        joint_actions(variables, 24, unlimited, limits)
+    assert len(joint_actions(variables, 24, unlimited, limits, [limit])) == 13**2
+    assert len(joint_actions(variables, 1, unlimited, limits, [limit])) == 1 + 24
+
+
+def test_limits_leave_the_order_of_actions_as_it_is():
+    variables, limit = bools(3, 2)
+    limits, unlimited = EnumerationLimits(20.0), (Graph(), [])
+    every = joint_actions(variables, 6, unlimited, limits)
+    used = [np.reshape([*each.values()], (3, 2)).sum(axis=1) for each in every]
+    kept = [each for each, uses in zip(every, used, strict=True) if np.all(uses <= 1)]
+    assert len(kept) == 3**3
+    assert joint_actions(variables, 6, unlimited, limits, [limit]) == kept
+
+
+def test_a_limit_does_not_count_bools_that_are_true_by_default():
+    variables, limit = bools(2, 2)
+    variables["use", (0, 0)] = True, [False]
+    found = joint_actions(variables, 4, (Graph(), []), EnumerationLimits(20.0), [limit])
+    # both of the first agent's others, and one of the second's at most
+    assert len(found) == 2 * 2 * 3
+
+
+def test_values_that_are_never_allowed_are_not_counted():
+    variables, _ = bools(1, 20)
+    graph = Graph()
+    leaves = [graph.leaf(Kind.ACTION, ground, True) for ground in variables]
+    forbidden = [graph.make("not", leaf) for leaf in leaves[3:]]
+    found = joint_actions(variables, 20, (graph, forbidden), EnumerationLimits(20.0))
+    assert len(found) == 2**3
+    assert not any(each[ground] for each in found for ground in [*variables][3:])
