@@ -10,10 +10,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 
-FIRST_SLICES = 2
-"""Slices that an arm has before anything is made of its pace."""
 # one slice of so many is for the arm that has waited longest
 _FLOOR = 8
 # gains become smaller: of what the latest pace would gain in the time left

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, LEARNING_LATER, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT
@@ -144,8 +144,7 @@ class Schedule(Slices):
         # a rule that comes upon a rare reward is far from the best plan, where there is one
         explores = is_rare and arena.has_plan and arena.plans.deterministic
         improves = self._marks.decided("improves", lambda: not explores and self._finds_reward())
-        go_on = self._improve if improves else self._explore
-        go_on(shared)
+        (self._improve if improves else self._explore)(shared)
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
@@ -160,7 +159,8 @@ class Schedule(Slices):
         is_better = self._judge_candidates(arm)
         # what it found is kept from here on
         self._marks.ended(arm.name)
-        contender = self._contend(arm, lambda: arm.reached)
+        slices = FIRST_SLICES if is_better else 0  # it has had the short ones
+        contender = self._contend(arm, lambda: arm.reached, slices)
         self._on_stage("searching")
         if is_better:
             self._give_while(contender, until, lambda: self._judge.best_mean)

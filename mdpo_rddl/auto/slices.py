@@ -6,13 +6,13 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.failures import incumbent_kept
 from mdpo_rddl.auto.gains import finite_gain
 from mdpo_rddl.auto.resumption import Resumption
-from mdpo_rddl.auto.rounds import FIRST_SLICES, Contender, Reached, raising
+from mdpo_rddl.auto.rounds import Contender, Reached, raising
 from mdpo_rddl.errors import Cancelled, note_heard, one_line_cause
 
 logger = logging.getLogger(__name__)
@@ -111,9 +111,9 @@ class Slices:
             self.arms.append(arm)
             self._resumption.enter(arm)
 
-    def _contend(self, arm: Arm, reached: Callable[[], float | None]) -> Contender:
+    def _contend(self, arm: Arm, reached: Callable[[], float | None], slices: int = 0) -> Contender:
         """Has an arm take part in the rounds; the arguments are those of `Contender`."""
-        contender = Contender(arm, reached)
+        contender = Contender(arm, reached, slices)
         if arm.name in self._without:
             arm.is_exhausted = True
             return contender

@@ -16,6 +16,9 @@ from mdpo_rddl.planner.plans.feedback import Params
 
 logger = logging.getLogger(__name__)
 
+FIRST_SLICES = 2
+"""Slices of the rounds, shorter ones, that an arm has before anything is made of its pace."""
+
 
 class Arm(ABC):
     """One way to find a policy.

@@ -4,9 +4,8 @@ import numpy as np
 
 from mdpo_rddl.auto.adapting import Adapting
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import ArenaArm
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, ArenaArm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.rounds import FIRST_SLICES
 from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
 from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.search.trials.backward import Greedy
@@ -30,7 +30,8 @@ from mdpo_rddl.problem.load import Problem
 logger = logging.getLogger(__name__)
 
 TRIALS = "trials"
-_EPISODES = 512
+# that tell a table's return; a quarter of them where that takes too long, but not fewer than some
+_EPISODES, _FEWEST_EPISODES = 512, 64
 # in what was not seen: which is better depends on how much of it is known from elsewhere
 _TRUSTS = (0.0, 0.9)
 # of a first slice: what it may take to see what was found
@@ -39,7 +40,7 @@ _CLOSING_SHARE = 0.25
 _CLOSING_INDUCTIONS = 8.0
 # of the decisions: with more of them in unknown states, chance makes every episode a new one
 _MOST_MISSED = 0.5
-# with so many the table is of no use, which a few episodes tell early in the first slice
+# with so many the table is of no use, which a few episodes tell
 _LOST, _FEW = 0.9, 32
 _NEVER_AGAIN = "most states are never seen again"
 # slices without a better table, after which the arm is given up
@@ -75,8 +76,8 @@ class TrialsArm(Arm):
         # of a search in another process, until this one knows what that has known
         self._resumed: State | None = None
         self._steps: Iterator[None] = iter(())
-        self._best, self._closing = -np.inf, 0.0
-        self._without_gain = 0
+        self._best, self._closing, self._episodes = -np.inf, 0.0, _EPISODES
+        self._without_gain = self._skipped = 0
 
     def state(self) -> State | None:
         """What was seen, and where the search is."""
@@ -100,8 +101,12 @@ class TrialsArm(Arm):
         left = until - self._clock()
         closing = self._closing or _CLOSING_SHARE * left
         if left < 2.0 * closing:
-            self._note_no_gain("its slices are too short")
+            # the first ones in the rounds are shorter than others
+            self._skipped += 1
+            if self._skipped > FIRST_SLICES:
+                self._give_up("its slices are too short")
             return
+        self._skipped = 0
         try:
             if (search := self._begun(until, closing)) is None:
                 return
@@ -141,15 +146,14 @@ class TrialsArm(Arm):
     def _explore(self, search: TrialSearch, until: float, closing: float) -> None:
         """Trials, and what they have found, unless hardly a state is ever seen again."""
         try:
-            if not search.batches:
-                search.work(self._clock() + closing, self._pulse)
-                if self._is_lost(search, self._limits(until)):
-                    self._give_up(_NEVER_AGAIN)
-                    return
             search.work(until, self._pulse, lambda one: max(closing, _CLOSING_INDUCTIONS * one))
-            self._close(search, until)
+            if self._is_lost(search, self._limits(until)):
+                self._give_up(_NEVER_AGAIN)
+            else:
+                self._close(search, until)
         except OutOfTimeError:
             self._closing = 2.0 * closing
+            self._episodes = max(_FEWEST_EPISODES, self._episodes // 4)
             self._note_no_gain("there is too little time to see what was found")
 
     def _limits(self, until: float) -> EnumerationLimits:
@@ -171,7 +175,7 @@ class TrialsArm(Arm):
         mean, error = mean_and_error(played.returns)
         if mean > self._best:
             self._best = mean
-            estimate = Estimate(mean, error, _EPISODES, played.missed, explored.size)
+            estimate = Estimate(mean, error, self._episodes, played.missed, explored.size)
             self._offer_table(explored, best, estimate)
         self._log.iterations = search.batches
         self._log.details = {"states": explored.size, "missed": round(missed, 4)}
@@ -185,7 +189,12 @@ class TrialsArm(Arm):
             self._give_up(_NEVER_AGAIN)
 
     def _is_lost(self, search: TrialSearch, limits: EnumerationLimits) -> bool:
-        """Whether a few episodes show that hardly a state is ever seen again."""
+        """Whether a few episodes show that hardly a state is ever seen again.
+
+        They do not before trials have come to their end, nor once a table was found.
+        """
+        if np.isfinite(self._best) or not search.has_ended:
+            return False
         check_time = limits.check_time
         greedy = search.found(_TRUSTS[0], check_time)
         played = play(search.explored, greedy, _FEW, self._seed, check_time=check_time)
@@ -197,15 +206,16 @@ class TrialsArm(Arm):
     ) -> tuple[Greedy, Play, float]:
         """The best policy, fresh episodes of it, and the share of unknown states in trying it."""
         found: list[tuple[float, Greedy]] = []
+        episodes = self._episodes
         missed = 1.0
         for trust in _TRUSTS:
             greedy = search.found(trust, check_time)
-            played = play(search.explored, greedy, _EPISODES, self._seed, check_time=check_time)
+            played = play(search.explored, greedy, episodes, self._seed, False, check_time)
             missed = min(missed, played.missed)
             found.append((mean_and_error(played.returns)[0], greedy))
         _, best = max(found, key=lambda pair: pair[0])
         # the episodes it was chosen by were kind to it
-        fresh = play(search.explored, best, _EPISODES, self._seed, True, check_time)
+        fresh = play(search.explored, best, episodes, self._seed, True, check_time)
         return best, fresh, missed
 
     def _offer_table(self, explored: Explored, greedy: Greedy, estimate: Estimate) -> None:

@@ -15,6 +15,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
@@ -85,6 +86,13 @@ def test_few_episodes_tell_where_every_state_is_new(arm, monkeypatch):
     assert arm.is_exhausted
     assert arm.log.details["cause"] == "most states are never seen again"
     assert arm.take_candidates() == []
+
+
+def test_trials_that_were_cut_tell_nothing_of_that(arm, monkeypatch):
+    monkeypatch.setattr(trials, "_LOST", -1.0)
+    monkeypatch.setattr(TrialSearch, "_from_the_start", lambda self, ends: False)
+    arm.work(100.0)
+    assert arm.take_candidates()
 
 
 def test_it_gives_up_where_there_is_no_room(arm, monkeypatch):
@@ -262,7 +270,9 @@ def test_what_takes_too_long_to_look_at_costs_the_slice_only(arm, monkeypatch):
     assert not arm.is_exhausted
     first = arm.state().values["closing"]
     arm.work(arm._clock.now + 200.0)
-    assert arm.take_candidates()
+    (candidate,) = arm.take_candidates()
+    # fewer episodes than the 512 tell its return
+    assert candidate.table[1].episodes == 128
     assert arm.state().values["closing"] < first
 
 

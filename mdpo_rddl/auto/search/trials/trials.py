@@ -53,6 +53,7 @@ class TrialSearch:
       explored: what was seen.
       is_full: whether there is no room for more.
       batches: of trials, so far.
+      has_ended: whether one of them has come to the end of its trials, in this process.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class TrialSearch:
         # 50 for as many actions as a ground model may have
         self._trials = min(_TRIALS, together)
         self.batches = 0
-        self.is_full = False
+        self.is_full = self.has_ended = False
         self._random = np.random.default_rng(seed)
         self._clock = clock
         self._greedy = induct(self.explored, _TRUSTS[0])
@@ -107,7 +108,7 @@ class TrialSearch:
         while not self.is_full and self._clock() < ends():
             pulse()
             started = self._clock()
-            self._from_the_start(ends)
+            self.has_ended |= self._from_the_start(ends)
             self._from_rare_states(ends)
             self._searching += self._clock() - started
             self.batches += 1
@@ -205,8 +206,8 @@ class TrialSearch:
         self.is_full = explored.size > self._most_states or explored.reward.count > _MOST_ROWS
         return self.is_full or self._clock() >= ends()
 
-    def _from_the_start(self, ends: Callable[[], float]) -> None:
-        """Trials that mostly follow the greedy policy."""
+    def _from_the_start(self, ends: Callable[[], float]) -> bool:
+        """Trials that mostly follow the greedy policy; whether they have come to their end."""
         explored, random, known = self.explored, self._random, self._greedy.rows.shape[1]
         states = np.zeros(self._trials, np.int64)
         deviation = random.choice(_DEVIATIONS, self._trials)
@@ -214,13 +215,16 @@ class TrialSearch:
         for step in range(explored.model.horizon):
             alive = explored.row_count.values[states] > 0
             states, deviation, mixture = states[alive], deviation[alive], mixture[alive]
-            if not len(states) or self._is_over(ends):
-                return
+            if not len(states):
+                return True
+            if self._is_over(ends):
+                return False
             np.add.at(explored.visits.values, states, 1)
             rows = self._rows_at_random(states, mixture)
             follows = (states < known) & (random.random(len(states)) >= deviation)
             rows[follows] = self._greedy.rows[step, states[follows]]
             states = explored.draw(rows, np.full(len(rows), step), random)
+        return True
 
     def _rows_at_random(self, states: np.ndarray, mixture: np.ndarray) -> np.ndarray:
         """A row for each state [N]: of a popular action, or with a probability [N] of any."""
