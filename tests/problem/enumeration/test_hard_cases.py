@@ -46,6 +46,20 @@ _LARGEST = """domain d {
     reward = depth - a;
 }"""
 
+_GUARD = """domain d {
+    pvariables {
+        open : { state-fluent, bool, default = false };
+        wet : { state-fluent, bool, default = false };
+        close : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        open' = if (close) then false else Bernoulli(0.5);
+        wet' = open;
+    };
+    reward = -wet - 0.1 * close;
+    PRECONDITIONS
+}"""
+
 _WAIT = """domain d {
     pvariables {
         wait : { state-fluent, int, default = 0 };
@@ -269,3 +283,18 @@ def test_values_that_are_never_allowed_are_not_counted():
     found = joint_actions(variables, 20, (graph, forbidden), EnumerationLimits(20.0))
     assert len(found) == 2**3
     assert not any(each[ground] for each in found for ground in [*variables][3:])
+
+
+@pytest.mark.parametrize("preconditions", ["", "action-preconditions { open => close; };"])
+def test_the_first_row_is_made_alone(preconditions):
+    limits = EnumerationLimits(20.0)
+    model = ground_model(problem(_GUARD.replace("PRECONDITIONS", preconditions)), limits)
+    search = TrialSearch(model, limits, 0, Ticking(0.01))
+    search.work(2.0)
+    maker, states = search.explored.maker, search.explored.index.states
+    every, first = maker.rows(states), maker.first(states)
+    places = np.searchsorted(every.state, np.arange(len(states)))
+    # without preconditions that is the no-op; with them it is not where the door is open
+    assert np.count_nonzero(first.action) == (1 if preconditions else 0)
+    for column, all_of_them in zip(first, every, strict=True):
+        np.testing.assert_array_equal(column, all_of_them[places])

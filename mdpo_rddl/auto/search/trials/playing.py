@@ -89,10 +89,9 @@ def _turn(explored: Explored, greedy: Greedy, states: np.ndarray, step: int) -> 
     reward = explored.reward.values[rows]
     afterstates = explored.after_index.states[explored.afterstate.values[rows]]
     if len(unknown):
-        made = explored.maker.rows(states[unknown])
-        first = np.searchsorted(made.state, np.arange(len(unknown)))
-        reward = np.concatenate([reward, made.reward[first]])
-        afterstates = np.concatenate([afterstates, made.afterstates[first]])
+        made = explored.maker.first(states[unknown])
+        reward = np.concatenate([reward, made.reward])
+        afterstates = np.concatenate([afterstates, made.afterstates])
     return _Turn(np.concatenate([known, unknown]), reward, afterstates, len(unknown))
 
 
