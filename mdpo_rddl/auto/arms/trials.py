@@ -144,13 +144,10 @@ class TrialsArm(Arm):
         self._resumed = None
 
     def _explore(self, search: TrialSearch, until: float, closing: float) -> None:
-        """Trials, and what they have found, unless hardly a state is ever seen again."""
+        """Trials, and what they have found, if there is time to see that."""
         try:
             search.work(until, self._pulse, lambda one: max(closing, _CLOSING_INDUCTIONS * one))
-            if self._is_lost(search, self._limits(until)):
-                self._give_up(_NEVER_AGAIN)
-            else:
-                self._close(search, until)
+            self._close(search, until)
         except OutOfTimeError:
             self._closing = 2.0 * closing
             self._episodes = max(_FEWEST_EPISODES, self._episodes // 4)
@@ -170,7 +167,11 @@ class TrialsArm(Arm):
           OutOfTimeError: if it is not over then.
         """
         started, before, explored = self._clock(), self._best, search.explored
-        best, played, missed = self._found(search, self._limits(until).check_time)
+        result = self._found(search, self._limits(until).check_time)
+        if result is None:
+            self._give_up(_NEVER_AGAIN)
+            return
+        best, played, missed = result
         self._closing = self._clock() - started
         mean, error = mean_and_error(played.returns)
         if mean > self._best:
@@ -188,28 +189,31 @@ class TrialsArm(Arm):
         elif missed > _MOST_MISSED:
             self._give_up(_NEVER_AGAIN)
 
-    def _is_lost(self, search: TrialSearch, limits: EnumerationLimits) -> bool:
+    def _is_lost(self, search: TrialSearch, greedy: Greedy, check_time: Callable[[], None]) -> bool:
         """Whether a few episodes show that hardly a state is ever seen again.
 
         They do not before trials have come to their end, nor once a table was found.
         """
         if np.isfinite(self._best) or not search.has_ended:
             return False
-        check_time = limits.check_time
-        greedy = search.found(_TRUSTS[0], check_time)
         played = play(search.explored, greedy, _FEW, self._seed, check_time=check_time)
         self._log.details = {"states": search.explored.size, "missed": round(played.missed, 4)}
         return played.missed > _LOST
 
     def _found(
         self, search: TrialSearch, check_time: Callable[[], None]
-    ) -> tuple[Greedy, Play, float]:
-        """The best policy, fresh episodes of it, and the share of unknown states in trying it."""
+    ) -> tuple[Greedy, Play, float] | None:
+        """The best policy, fresh episodes of it, and the share of unknown states in trying it.
+
+        None if hardly a state is ever seen again.
+        """
         found: list[tuple[float, Greedy]] = []
         episodes = self._episodes
         missed = 1.0
         for trust in _TRUSTS:
             greedy = search.found(trust, check_time)
+            if not found and self._is_lost(search, greedy, check_time):
+                return None
             played = play(search.explored, greedy, episodes, self._seed, False, check_time)
             missed = min(missed, played.missed)
             found.append((mean_and_error(played.returns)[0], greedy))

@@ -86,11 +86,9 @@ def choose(
 ) -> Choice:
     """Prepares the methods that apply and takes the one that gains most, if any does.
 
-    Where a table is played, and nothing gains in its states, the first method is for those that it
-    does not know.
-
     Each makes decisions at states that the policy visits. The gain of a decision is measured again
-    on scenarios that it did not see. Ties go to the plain policy.
+    on scenarios that it did not see. Ties go to the plain policy. Where a table is played, and
+    nothing gains in its states, the first method is for those that it does not know.
 
     Args:
       policy: the prepared policy, or a table.
@@ -143,7 +141,7 @@ def _tried(
     times: tuple[float, float],
     clock: Callable[[], float],
 ) -> tuple[LookaheadPolicy | None, list[Trial]]:
-    """The best of the methods, if any pays, and the trials of all.
+    """The best of the methods, if any pays or a table knows not all, and the trials of all.
 
     Args:
       policy: the prepared policy.

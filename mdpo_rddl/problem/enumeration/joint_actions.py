@@ -75,10 +75,10 @@ def joint_actions(
     count = _count(parts, most)
     if not fixed:
         _check_legal(count, len(variables), limits)
-    places = {ground: place for place, ground in enumerate(variables)}
-    changes = sorted(
-        _changes(parts, most), key=lambda own: (len(own), sorted(places[each] for each in own))
-    )
+    changes = _changes(parts, most)
+    if len(parts) > 1:
+        places = {ground: place for place, ground in enumerate(variables)}
+        changes.sort(key=lambda own: (len(own), sorted(places[ground] for ground in own)))
     legal = _may_be_legal(changes, defaults, graph, fixed)
     # the default comes first even where it is illegal, since others are compared with it
     legal[0] = True

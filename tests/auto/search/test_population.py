@@ -36,13 +36,11 @@ class Timed:
 @pytest.mark.parametrize(
     ("deadline", "rollout_seconds", "expected"),
     [
-        # 500 populations of four rollouts take two seconds
+        # 500 populations of four rollouts take two seconds, of the 45 that the search has
         (100.0, 0.0, [4]),
-        # half of a second is left for one rollout's program
-        (11.0, 0.0, [4]),
-        # there is time for the second program, and the search is too short for the first
+        # they do not fit, but another program takes longer than the search
         (13.0, 0.0, [4]),
-        # by what a rollout takes the first one would be too slow
+        # by what a rollout takes the first program would be too slow
         (13.0, 1.0, [1]),
         (100.0, 1e-9, [4]),
     ],
