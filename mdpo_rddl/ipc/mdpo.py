@@ -66,11 +66,14 @@ class MDPO:
 
     def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
         """A policy, after so many seconds with compilation."""
-        config = self._change(PRESETS[DEFAULT_PRESET](problem.domain_name))
-        config = config.with_values("Optimize", train_seconds=seconds)
-        outcome = plan_automatically(problem, config, seed)
+        outcome = plan_automatically(problem, self._config(problem, seconds), seed)
         self.found_by = (*outcome.chosen.parents, outcome.chosen.arm)
         return outcome.policy
+
+    def _config(self, problem: Problem, seconds: float) -> PlannerConfig:
+        """Of a race of so many seconds."""
+        config = self._change(PRESETS[DEFAULT_PRESET](problem.domain_name))
+        return config.with_values("Optimize", train_seconds=seconds)
 
     def _take_up(self, policy: AnyPolicy) -> None:
         self._policy, self._moves = policy, LegalMoves(policy.problem)

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.auto.underlying import underlying_seconds, with_underlying
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.ipc.mdpo import MDPO
-from mdpo_rddl.policy.lookahead.choice import choose, longest_choice
+from mdpo_rddl.policy.kinds import AnyPolicy
+from mdpo_rddl.policy.lookahead.choice import choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.problem.load import Problem
@@ -19,7 +21,6 @@ _SHARE = 0.7
 _LONGEST_SECONDS, _BANKED = 1.0, 2.0
 # shorter ones do not pay for their overhead
 _SHORTEST_SECONDS = 0.01
-_CHOICE_SHARE = 0.25
 
 
 class ThinkingMDPO(MDPO):
@@ -62,7 +63,7 @@ class ThinkingMDPO(MDPO):
         """Looks for a policy, and in a part of the time for whether to think."""
         decision, kept = self._decision_of(problem), 0.0
         if decision >= _SHORTEST_SECONDS:
-            kept = min(_CHOICE_SHARE * training_seconds(seconds), longest_choice(decision))
+            kept = min(choice_share(problem) * training_seconds(seconds), longest_choice(decision))
         super().prepare(problem, seconds - kept, seed)
 
     def improve(self, seconds: float) -> None:
@@ -98,6 +99,13 @@ class ThinkingMDPO(MDPO):
     ) -> Mapping[str, Any]:
         """As `MDPO.act`: what the prepared policy does without thinking."""
         return super().act(step, state, rng)
+
+    def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
+        """A policy, and where the state is observed in part one of the underlying MDP."""
+        thinks = self._decision_of(problem) >= _SHORTEST_SECONDS
+        kept = underlying_seconds(problem, seconds) if thinks else 0.0
+        policy = super()._find(problem, seconds - kept, seed)
+        return with_underlying(policy, self._config(problem, kept)) if kept > 0.0 else policy
 
     def _seconds_at(self, step: int, now: float) -> float:
         """For the decision at a step."""

@@ -21,18 +21,23 @@ Metadata = dict[str, str]
 
 
 def write_container(path: Path, tensors: Tensors, metadata: Metadata) -> None:
-    """Writes tensors and text: the same ones as the same bytes.
-
-    Args:
-      path: of the file.
-      tensors: by their names.
-      metadata: text by its names, with the `format`; the digest is added.
+    """Writes tensors and text, as `packed` has them.
 
     Raises:
       InputError: if the file cannot be written.
     """
+    write_atomically(path, packed(tensors, metadata))
+
+
+def packed(tensors: Tensors, metadata: Metadata) -> bytes:
+    """Tensors and text as a file holds them: the same ones as the same bytes.
+
+    Args:
+      tensors: by their names.
+      metadata: text by its names, with the `format`; the digest is added.
+    """
     metadata = {**metadata, "digest": _digest(tensors, metadata)}
-    write_atomically(path, _ordered(save(tensors, metadata=metadata)))
+    return _ordered(save(tensors, metadata=metadata))
 
 
 def read_container(
@@ -58,6 +63,20 @@ def read_container(
         raise InputError(f"{path}: no such policy") from error
     except OSError as error:
         raise InputError(f"{path}: damaged policy file: {error.strerror}") from error
+    return unpacked(content, str(path), formats)
+
+
+def unpacked(content: bytes, path: str, formats: Collection[str]) -> tuple[Metadata, Tensors]:
+    """What a file holds, as `read_container` gives it.
+
+    Args:
+      content: of the file.
+      path: of it, for error messages.
+      formats: that it may have.
+
+    Raises:
+      InputError: naming the file, if it is damaged or of another format.
+    """
     try:
         metadata = _metadata(content)
         if metadata.get("format") not in formats:

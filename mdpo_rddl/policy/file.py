@@ -11,7 +11,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause, printable
-from mdpo_rddl.policy.container import Metadata, Tensors, read_container, write_container
+from mdpo_rddl.policy.container import (
+    Metadata,
+    Tensors,
+    packed,
+    read_container,
+    unpacked,
+    write_container,
+)
 from mdpo_rddl.policy.table import (
     ActionTable,
     Claim,
@@ -31,6 +38,7 @@ ESTIMATE_FORMAT = "mdpo-rddl table 3"
 _SEEDS = 2**31
 _MOST_PARTS = 64
 _PART = re.compile(r"\[[0-9]+\]")
+_UNDERLYING = "underlying"
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,8 @@ class SavedPolicy:
       seed: of the run that trained it.
       source: the problem's texts, with which the file stands alone; None if it has none.
       candidates: what planning judged on the way, in its order, as JSON can hold it.
+      underlying: a policy of the underlying MDP, where the state is observed in part only; None if
+        there is none.
     """
 
     params: dict[str, Any]
@@ -55,6 +65,7 @@ class SavedPolicy:
     seed: int
     source: ProblemSource | None = None
     candidates: tuple[Mapping[str, Any], ...] = ()
+    underlying: "SavedPolicy | SavedTable | None" = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +121,11 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
       InputError: if the file cannot be written.
       ValueError: if a tree holds anything but nested dictionaries with string keys, and tuples.
     """
+    write_container(path, *_contents(policy))
+
+
+def _contents(policy: SavedPolicy | SavedTable) -> tuple[Tensors, Metadata]:
+    """A policy as tensors and text."""
     common = {"problem": json.dumps(policy.problem), "seed": str(policy.seed)}
     if policy.source is not None:
         common["source"] = json.dumps(dataclasses.asdict(policy.source))
@@ -117,15 +133,17 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
         text = table_text(policy.table, policy.claim)
         is_estimate = isinstance(policy.claim, Estimate)
         metadata = {"format": ESTIMATE_FORMAT if is_estimate else TABLE_FORMAT, **common, **text}
-        write_container(path, table_tensors(policy.table), metadata)
-        return
+        return table_tensors(policy.table), metadata
     tensors = {
         **flatten(policy.params, "params"),
         **flatten(policy.policy_hyperparams, "hyperparams"),
     }
     if policy.candidates:
         common["candidates"] = json.dumps(policy.candidates)
-    write_container(path, tensors, {"format": FORMAT, "config": policy.config, **common})
+    if policy.underlying is not None:
+        content = packed(*_contents(policy.underlying))
+        tensors[_UNDERLYING] = np.frombuffer(content, np.uint8)
+    return tensors, {"format": FORMAT, "config": policy.config, **common}
 
 
 def load_policy(path: Path, within: Path | None = None) -> SavedPolicy | SavedTable:
@@ -138,9 +156,7 @@ def load_policy(path: Path, within: Path | None = None) -> SavedPolicy | SavedTa
     Raises:
       InputError: naming the file, if it is missing, damaged or not such a policy.
     """
-    readers: dict[str, Callable[[Metadata, Tensors], SavedPolicy | SavedTable]]
-    readers = {FORMAT: _parameters, TABLE_FORMAT: _table, ESTIMATE_FORMAT: _table}
-    return _load(path, readers, within)
+    return _load(path, _READERS, within)
 
 
 def load_parameters(path: Path) -> SavedPolicy:
@@ -180,7 +196,21 @@ def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
         seed=_seed(metadata),
         source=_source(metadata),
         candidates=_candidates(metadata),
+        underlying=_underlying(tensors),
     )
+
+
+def _underlying(tensors: Tensors) -> SavedPolicy | SavedTable | None:
+    """The policy of the underlying MDP; raises ValueError if it cannot be one."""
+    if _UNDERLYING not in tensors:
+        return None
+    try:
+        content = tensors[_UNDERLYING].tobytes()
+        metadata, own = unpacked(content, "of the underlying MDP", _READERS)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+    _require(_UNDERLYING not in own, "policy of the underlying MDP")
+    return _READERS[metadata["format"]](metadata, own)
 
 
 def _identity(metadata: Metadata) -> dict[str, Any]:
@@ -242,6 +272,13 @@ def _require(holds: bool, what: str) -> None:
 def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
     table, claim = parse_table(tensors, metadata)
     return SavedTable(table, claim, _identity(metadata), _seed(metadata), _source(metadata))
+
+
+_READERS: Mapping[str, Callable[[Metadata, Tensors], SavedPolicy | SavedTable]] = {
+    FORMAT: _parameters,
+    TABLE_FORMAT: _table,
+    ESTIMATE_FORMAT: _table,
+}
 
 
 def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:

@@ -18,14 +18,22 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams, with_preprocessor
 from mdpo_rddl.policy.agent import PolicyAgent
-from mdpo_rddl.policy.file import SavedPolicy, problem_identity, require_same_problem, save_policy
+from mdpo_rddl.policy.file import (
+    SavedPolicy,
+    SavedTable,
+    problem_identity,
+    require_same_problem,
+    save_policy,
+)
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
+from mdpo_rddl.problem.underlying import underlying_mdp
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +50,8 @@ class Policy(PolicyAgent):
       candidates: what planning judged on the way, in its order: `seconds` since it began, `arm`,
         `candidate` (a label), `mean_return` and `error` on the exact model, `became_incumbent`.
         One that was loaded does not know the seconds.
+      saved_underlying: a policy of the underlying MDP, with which it thinks where the state is
+        observed in part only; None if there is none.
     """
 
     problem: Problem
@@ -51,6 +61,7 @@ class Policy(PolicyAgent):
     policy_hyperparams: Mapping[str, Any]
     seed: int
     candidates: tuple[Mapping[str, Any], ...] = ()
+    saved_underlying: SavedPolicy | SavedTable | None = None
 
     @classmethod
     def from_saved(cls, saved: SavedPolicy, problem: Problem, source: str) -> "Policy":
@@ -71,8 +82,8 @@ class Policy(PolicyAgent):
         saved = _with_tuples(saved, planner)
         _require_params(saved, planner, source)
         hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
-        candidates = saved.candidates
-        return cls(problem, config, planner, saved.params, hyperparams, saved.seed, candidates)
+        own = saved.params, hyperparams, saved.seed, saved.candidates, saved.underlying
+        return cls(problem, config, planner, *own)
 
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it: without the compiled planner, and without times.
@@ -90,6 +101,7 @@ class Policy(PolicyAgent):
                 {name: value for name, value in each.items() if name != "seconds"}
                 for each in self.candidates
             ),
+            underlying=self.saved_underlying,
         )
 
     def save(self, path: str | Path) -> None:
@@ -104,6 +116,21 @@ class Policy(PolicyAgent):
     def rollout_policy(self) -> Callable[..., Any]:
         """What plays in compiled rollouts."""
         return self.planner.legal_policy
+
+    @cached_property
+    def underlying(self) -> "Policy | TablePolicy | None":
+        """The policy of the underlying MDP, compiled when it is first asked for.
+
+        Raises:
+          InputError: if it was saved for another problem, or cannot be used.
+        """
+        saved = self.saved_underlying
+        if saved is None:
+            return None
+        problem, source = underlying_mdp(self.problem), "the underlying MDP's policy"
+        if isinstance(saved, SavedTable):
+            return TablePolicy.from_saved(saved, problem, source)
+        return Policy.from_saved(saved, problem, source)
 
     @property
     def returns(self) -> np.ndarray:

@@ -90,7 +90,10 @@ def find_by_training(
 
 
 def find_by_race(
-    terms: FindTerms, reporter: Reporter, options: "RaceOptions | None" = None
+    terms: FindTerms,
+    reporter: Reporter,
+    options: "RaceOptions | None" = None,
+    thinks: bool = False,
 ) -> "RaceOutcome":
     """The race of the preset `auto`.
 
@@ -98,6 +101,8 @@ def find_by_race(
       terms: what to plan.
       reporter: is told how it gets on; what it raises as `Cancelled` ends it.
       options: of the race; without them those that follow from the other two.
+      thinks: whether its policy will think at its decisions, for which a part of the time goes to
+        the underlying MDP where the state is observed in part only.
 
     Raises:
       InputError: if the problem or the configuration cannot be used.
@@ -105,6 +110,7 @@ def find_by_race(
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
     from mdpo_rddl.auto.start import accepted_start, start_candidates
+    from mdpo_rddl.auto.underlying import underlying_seconds, with_underlying
 
     options = options or RaceOptions(
         terms.traced_cache, reporter.stage, reporter.training, reporter.judged
@@ -113,4 +119,23 @@ def find_by_race(
         start = accepted_start(terms.start_from, terms.problem)
         initial = functools.partial(start_candidates, policy=start)
         options = dataclasses.replace(options, initial=initial)
-    return plan_automatically(terms.problem, terms.config, terms.seed, options)
+    seconds = terms.config.budget().seconds
+    kept = underlying_seconds(terms.problem, seconds) if thinks else 0.0
+    outcome = plan_automatically(
+        terms.problem, _within(terms.config, seconds - kept), terms.seed, options
+    )
+    if kept == 0.0 or outcome.interrupted:
+        return outcome
+    reporter.stage("planning the underlying MDP")
+    began = options.clock()
+    second = RaceOptions(options.traced_cache, clock=options.clock)
+    try:
+        policy = with_underlying(outcome.policy, _within(terms.config, kept), second)
+    except KeyboardInterrupt:
+        return dataclasses.replace(outcome, interrupted=True)
+    took = outcome.seconds + options.clock() - began
+    return dataclasses.replace(outcome, policy=policy, seconds=took)
+
+
+def _within(config: PlannerConfig, seconds: float) -> PlannerConfig:
+    return config.with_values("Optimize", train_seconds=seconds)

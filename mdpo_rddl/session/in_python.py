@@ -134,15 +134,16 @@ def plan(
             left = max(seconds - watch.elapsed, _LEAST_SECONDS)
             config = config.with_values("Optimize", train_seconds=left)
         watch.seconds = whole = config.budget().seconds
-        kept = choice_seconds(whole, chosen.decision_seconds)
+        kept = choice_seconds(problem, whole, chosen.decision_seconds)
         if kept > 0.0:
             config = config.with_values("Optimize", train_seconds=whole - kept)
         key = config.key if seed is None else seed
         terms = _Terms(problem, config, key, start_from=chosen.start_from)
-        policy: PlannedPolicy = _find(terms, watch, counts_compilation=seconds is not None)
+        thinks = kept > 0.0
+        policy: PlannedPolicy = _find(terms, watch, seconds is not None, thinks)
         if watch.error is not None:
             raise watch.error
-        if kept > 0.0:
+        if thinks:
             policy = choose(policy, chosen.decision_seconds, kept).policy or policy
         # compiled now, the first decision need not wait for it
         policy.reset()
@@ -151,7 +152,7 @@ def plan(
     return policy
 
 
-def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> AnyPolicy:
+def _find(terms: _Terms, watch: Watch, counts_compilation: bool, thinks: bool) -> AnyPolicy:
     if not is_race(terms.config):
         return find_by_training(terms, watch, counts_compilation)[0]
     from mdpo_rddl.auto import RaceOptions
@@ -162,7 +163,7 @@ def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> AnyPolicy:
         on_judged=watch.judged,
         clock=watch.clock,
     )
-    return find_by_race(terms, watch, options).policy
+    return find_by_race(terms, watch, options, thinks).policy
 
 
 def _check(seconds: Any, seed: Any) -> None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -161,7 +162,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
         logger.warning("%s; try another --seed", less)
     summary = {
         **_identity(policy, request),
-        **_played(policy, plain, request, reporter, observed),
+        **_played(policy, plain, request, reporter, observed, outcome.seconds),
         **race_figures(outcome),
         "rule": _rule(policy, observed, outcome.was_played, outcome.interrupted),
     }
@@ -193,7 +194,8 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
         on_pulse=kept.pulse,
         on_wait=kept.waits,
     )
-    outcome = find_by_race(without_choice(request), reporter, options)
+    thinks = request.decision_seconds > 0.0
+    outcome = find_by_race(without_choice(request), reporter, options, thinks)
     if outcome.interrupted:
         kept.stopped(outcome.seconds)
     return outcome
@@ -221,13 +223,23 @@ def _played(
     request: PlanRequest,
     reporter: Reporter,
     observed: Observed,
+    used: float = math.inf,
 ) -> dict[str, Any]:
-    """The figures of the evaluation, with thinking and hindsight if these were asked for."""
+    """The figures of the evaluation, with thinking and hindsight if these were asked for.
+
+    Args:
+      policy: the result.
+      plain: what it returned without thinking.
+      request: what was asked for.
+      reporter: hears of the stages.
+      observed: how it plays.
+      used: seconds that finding it took.
+    """
     figures = _figures(plain)
     if isinstance(plain, NotPlayedError):
         return figures
     if request.decision_seconds > 0.0:
-        times = choice_times(request)
+        times = choice_times(request, used)
         try:
             figures = think(policy, plain, times, request, reporter, observed)
         except NotPlayedError as error:

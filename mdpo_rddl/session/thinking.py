@@ -2,42 +2,52 @@
 
 import contextlib
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
 
 from mdpo_rddl.policy.kinds import AnyPolicy
-from mdpo_rddl.policy.lookahead.choice import Choice, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import Choice, choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import finite_or_none, return_figures
 from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
 
-# of the time for planning: as a rule, for the programs, and never more than
-_SHARE, _LEAST_SECONDS, _LARGEST_SHARE = 0.25, 8.0, 0.5
+# of the time for planning: for the programs, and never more than
+_LEAST_SECONDS, _LARGEST_SHARE = 8.0, 0.5
 
 
-def choice_seconds(seconds: float, decision_seconds: float) -> float:
+def choice_seconds(problem: Problem, seconds: float, decision_seconds: float) -> float:
     """How much of the time for planning is kept for preparing to think.
 
     0 where thinking was not asked for.
 
     Args:
+      problem: what is planned.
       seconds: for planning, in all.
       decision_seconds: of a decision; 0 if thinking was not asked for.
     """
     if decision_seconds == 0.0:
         return 0.0
-    wanted = min(max(_SHARE * seconds, _LEAST_SECONDS), _LARGEST_SHARE * seconds)
+    share = choice_share(problem)
+    wanted = min(max(share * seconds, _LEAST_SECONDS), _LARGEST_SHARE * seconds)
     return min(wanted, longest_choice(decision_seconds))
 
 
-def choice_times(request: PlanRequest) -> tuple[float, float]:
-    """Seconds of a decision, and of the choice, for a request."""
+def choice_times(request: PlanRequest, used: float = math.inf) -> tuple[float, float]:
+    """Seconds of a decision, and of the choice, for a request.
+
+    Args:
+      request: what to plan.
+      used: seconds that finding the policy took; what it has left over is the choice's too.
+    """
     seconds, decision = request.config.budget().seconds, request.decision_seconds
-    return decision, choice_seconds(seconds, decision)
+    kept = choice_seconds(request.problem, seconds, decision)
+    return decision, max(kept, min(seconds - used, longest_choice(decision)))
 
 
 def without_choice(request: PlanRequest) -> PlanRequest:

@@ -12,7 +12,7 @@ from helpers.mistakes import one_line
 from helpers.problems import tiny_files
 from safetensors.numpy import save
 
-from mdpo_rddl.policy.container import write_container
+from mdpo_rddl.policy.container import packed, read_container, write_container
 from mdpo_rddl.policy.file import (
     FORMAT,
     SavedPolicy,
@@ -235,6 +235,33 @@ def test_a_tree_of_too_many_levels_is_refused(tmp_path: Path, depth: int) -> Non
     assert refused(path).endswith("... has more than 64 parts")
     write_container(path, {"params/" + "a/" * 62 + "x": np.zeros(1, np.float32)}, metadata)
     assert len(leaves(load_policy(path).params)) == 1
+
+
+def test_a_policy_of_the_underlying_mdp_comes_back_too(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    inner = dataclasses.replace(POLICY, seed=3)
+    save_policy(path, dataclasses.replace(POLICY, underlying=inner))
+    saved = load_policy(path)
+    assert isinstance(saved, SavedPolicy)
+    assert isinstance(saved.underlying, SavedPolicy)
+    assert (saved.seed, saved.underlying.seed) == (POLICY.seed, 3)
+    assert leaves(saved.underlying.params) == leaves(saved.params) == leaves(POLICY.params)
+    assert saved.underlying.underlying is None
+
+
+def test_what_is_no_policy_of_the_underlying_mdp_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    save_policy(path, dataclasses.replace(POLICY, underlying=POLICY))
+    metadata, tensors = read_container(path, [FORMAT])
+    good = tensors["underlying"]
+    for bad in (good[:-1], np.zeros(3, np.uint8), np.array(1.0, np.float32)):
+        write_container(path, {**tensors, "underlying": bad}, metadata)
+        assert refused(path).startswith("damaged policy file: of the underlying MDP: damaged")
+    # one inside another has no meaning
+    inner = packed({**tensors}, metadata)
+    nested = np.frombuffer(inner, np.uint8)
+    write_container(path, {**tensors, "underlying": nested}, metadata)
+    assert refused(path).endswith("its policy of the underlying MDP cannot be what was saved")
 
 
 def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:

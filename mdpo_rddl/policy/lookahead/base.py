@@ -40,6 +40,10 @@ class Prepared(Protocol):
     def seed(self) -> int:
         """Of whatever is drawn."""
 
+    @property
+    def underlying(self) -> "Prepared | Tabled | None":
+        """A policy of the underlying MDP, where the state is observed in part only, if any."""
+
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step."""
 

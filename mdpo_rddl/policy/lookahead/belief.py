@@ -1,5 +1,6 @@
 """A prepared policy of a partially observed problem, with its belief of the state."""
 
+import copy
 import dataclasses
 import math
 import time
@@ -15,7 +16,7 @@ from mdpo_rddl.planner.continuations import HiddenRoot
 from mdpo_rddl.planner.filtering import Filtered, ParticleFilter, Particles
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
-from mdpo_rddl.policy.lookahead.base import Prepared
+from mdpo_rddl.policy.lookahead.base import Prepared, Tabled
 from mdpo_rddl.policy.playable import step_keys
 from mdpo_rddl.policy.recall import Recall
 from mdpo_rddl.problem.episode import tell_played
@@ -69,10 +70,14 @@ class Believer:
     Attributes:
       policy: the prepared policy, with a memory or without one.
       clock: tells the seconds.
+      continuing: what plays in compiled rollouts, where that is not the policy.
+      filter_seconds: that a step of the filter takes, once it is prepared.
     """
 
     policy: Prepared
     clock: Callable[[], float] = time.perf_counter
+    continuing: Prepared | None = field(default=None, init=False)
+    filter_seconds: float = field(default=0.0, init=False)
     _now: Belief | None = field(default=None, init=False)
     _step: int = field(default=-1, init=False)
     _before: list[Particles] = field(default_factory=list, init=False)
@@ -103,17 +108,26 @@ class Believer:
     @property
     def rollout_policy(self) -> Callable[..., Any]:
         """What plays in compiled rollouts."""
-        return self.policy.rollout_policy
+        return self._continuing.rollout_policy
 
     @property
     def params(self) -> Any:
-        """Of the policy."""
-        return self.policy.params
+        """Of what plays in compiled rollouts."""
+        return self._continuing.params
 
     @property
     def policy_hyperparams(self) -> Mapping[str, Any]:
         """JaxPlan's, which go with the parameters."""
-        return self.policy.policy_hyperparams
+        return self._continuing.policy_hyperparams
+
+    @property
+    def underlying(self) -> Prepared | Tabled | None:
+        """The policy's of the underlying MDP, if it has one."""
+        return self.policy.underlying
+
+    @property
+    def _continuing(self) -> Prepared:
+        return self.policy if self.continuing is None else self.continuing
 
     @property
     def seed(self) -> int:
@@ -135,8 +149,22 @@ class Believer:
         if isinstance(observation, Belief):
             # of the same types at each step, so that nothing is compiled twice
             known, memory = dict(observation.root.observed), dict(observation.root.memory)
-        given = self._keys[step], self.params, step, known, self.policy_hyperparams
+        own = self.policy
+        given = self._keys[step], own.params, step, known, own.policy_hyperparams
         return self.planner.get_action(*given, *([memory] if memory else []))
+
+    def continued_by(self, policy: Prepared) -> "Believer":
+        """The same, with nothing compiled again, but for what plays in compiled rollouts.
+
+        Args:
+          policy: of the underlying MDP, which reads the state.
+        """
+        other = copy.copy(self)
+        other.continuing = policy
+        # each follows episodes of its own
+        other._now, other._step, other._before = None, -1, []
+        other._recall = Recall(self.planner)
+        return other
 
     def prepare(self, seconds: float, until: float = math.inf) -> None:
         """Compiles the filter, once more with fewer particles if it takes too long.
@@ -148,13 +176,13 @@ class Believer:
         """
         observed = self._shown(dict.fromkeys(self.planner.rddl.observ_fluents))
         began = self.clock()
-        took = self._measured(observed)
+        self.filter_seconds = self._measured(observed)
         now = self.clock()
         is_in_time = now + (now - began) <= until
-        count = max(_FEWEST, int(self._count * _SHARE * seconds / took))
+        count = max(_FEWEST, int(self._count * _SHARE * seconds / self.filter_seconds))
         if is_in_time and count < self._count:
             self._count = count
-            self._measured(observed)
+            self.filter_seconds = self._measured(observed)
         self._seconds = _SHARE * seconds
 
     def believe(self, step: int, observation: Mapping[str, Any], is_tried: bool = False) -> Belief:

@@ -14,6 +14,7 @@ from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+from mdpo_rddl.policy.lookahead.qmdp import try_qmdp
 from mdpo_rddl.policy.lookahead.residuals import Residuals
 from mdpo_rddl.policy.lookahead.sequences import Sequences
 from mdpo_rddl.policy.lookahead.simulator import Simulator
@@ -27,7 +28,7 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trials,
 )
 from mdpo_rddl.policy.table import Optimum
-from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.load import Problem, make_environment
 
 _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
@@ -35,8 +36,13 @@ _BEYOND = 0.1
 OPTIMAL = "the optimum is proven"
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
+# of the time for planning; where the state is observed in part there is a filter to compile too,
+# and episodes are played
+_SHARE, _HIDDEN_SHARE = 0.25, 0.4
 # of the time for the choice, the episodes that give the states may take
 _VISITING_SHARE = 0.1
+# what goes on with a policy of the underlying MDP may take; the rest is for the others
+_QMDP_SHARE = 0.75
 # at so many states it is seen whether anything is random
 _PLACES = 12
 # the fractional parts of its multiples are spread evenly
@@ -68,6 +74,11 @@ class Choice:
         return self.reason or (NO_TIME if short else "no gain")
 
 
+def choice_share(problem: Problem) -> float:
+    """Which share of the time for planning the choice has, as a rule."""
+    return _HIDDEN_SHARE if problem.model.observ_fluents else _SHARE
+
+
 def longest_choice(seconds: float) -> float:
     """Seconds that the choice may take where nothing else limits it.
 
@@ -88,7 +99,8 @@ def choose(
 
     Each makes decisions at states that the policy visits. The gain of a decision is measured again
     on scenarios that it did not see. Ties go to the plain policy. Where a table is played, and
-    nothing gains in its states, the first method is for those that it does not know.
+    nothing gains in its states, the first method is for those that it does not know. What thinks
+    with a policy of the underlying MDP is tried in episodes, if there is such a policy.
 
     Args:
       policy: the prepared policy, or a table.
@@ -156,31 +168,35 @@ def _tried(
     # rollouts take longer to compile than the filter
     if isinstance(policy, Believer) and clock() + (clock() - before) > until:
         return None, no_time
+    found, shown = list[LookaheadPolicy](), list[Trial]()
+    if isinstance(policy, Believer):
+        ends = clock() + _QMDP_SHARE * (until - clock())
+        found, shown = try_qmdp(policy, methods, (seconds, ends), clock)
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
-        return None, no_time
+        return _best(found, shown), [*shown, *no_time]
     if any(method.climbs for method in methods):
         simulator.prepare_climbing(visited[0][1], until)
     few = 2 * FEWEST_STATES * seconds * len(methods)
     until = max(until, clock() + min(few, _BEYOND * within))
     thinkers = [LookaheadPolicy(simulator, each, seconds, policy.seed, clock) for each in methods]
     trials = Trials(thinkers, simulator, seconds, clock).at(visited, until)
-    best = _best(thinkers, trials)
+    best = _best([*found, *thinkers], [*shown, *trials])
     if best is None and isinstance(policy, TableBase) and simulator.may_draw:
         # what is unknown is too rare for trials, and the no-op a poor action there
         tried = [method for method, trial in zip(methods, trials, strict=True) if not trial.note]
         given = seconds, policy.seed, clock, policy.is_unknown
         best = LookaheadPolicy(simulator, tried[0], *given) if tried else None
-    return best, trials
+    return best, [*shown, *trials]
 
 
 def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> LookaheadPolicy | None:
     """The one that gains most, if any gains."""
     gains = [trial.mean or 0.0 if trial.pays else 0.0 for trial in trials]
-    best = int(np.argmax(gains))
-    return thinkers[best] if gains[best] > 0.0 else None
+    best = int(np.argmax([*gains, 0.0]))
+    return thinkers[best] if best < len(gains) and gains[best] > 0.0 else None
 
 
 def _methods() -> list[Method]:

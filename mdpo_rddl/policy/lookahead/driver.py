@@ -96,7 +96,9 @@ class LookaheadPolicy(PolicyAgent):
     @property
     def label(self) -> str:
         """How it thinks, and where, for people."""
-        return self.method.name + (", in unknown states" if self._is_unknown else "")
+        with_state = isinstance(self.base, Believer) and self.base.continuing is not None
+        kind = ", QMDP" if with_state else ""
+        return self.method.name + kind + (", in unknown states" if self._is_unknown else "")
 
     def save(self, path: str | Path) -> None:
         """Writes the prepared policy, which can be loaded and given time to think again."""

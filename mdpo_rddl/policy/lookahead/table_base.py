@@ -59,6 +59,10 @@ class TableBase:
         """Of the run that found the table."""
         return self._table.seed
 
+    @property
+    def underlying(self) -> None:
+        """None: the state is observed."""
+
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The table's action at a step."""
         return self._table(step, observation)

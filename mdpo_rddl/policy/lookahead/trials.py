@@ -34,7 +34,7 @@ _CLEAR, _CLEARLY_BETTER, _CLEAR_STATES = 6.0, 3.0, 20
 
 @dataclass(frozen=True)
 class Trial:
-    """What a method gained a decision at states that the base policy visits.
+    """What a method gained a decision, at states that the base policy visits or in episodes.
 
     Of a candidate that changes later steps too, what it gains a step until its last change counts.
 

@@ -1,16 +1,11 @@
 """Thinking where the state is not observed: a tiger behind one of two doors."""
 
-import functools
-
-import jax
 import numpy as np
 import pytest
 from helpers.clocks import Stopped, Ticking
-from helpers.lakes import preset
 from helpers.mistakes import one_line
-from helpers.toys import toy
+from helpers.tiger import NOTHING_SHOWN, listener
 
-from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -18,7 +13,6 @@ from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, Simulator
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.episode import Episode, Verdict
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.observed import Observed
@@ -26,24 +20,10 @@ from mdpo_rddl.session.requests import Terms
 
 HEARS = 0.85
 LISTEN = {"open-left": np.bool_(False), "open-right": np.bool_(False)}
-NOTHING_SHOWN = {"growl-left": np.array(None)}
 
 
 def heard(is_left):
     return {"growl-left": np.bool_(is_left)}
-
-
-@functools.cache
-def listener():
-    """A policy that listens, whatever it hears, and remembers."""
-    config = preset(1.0).without_section("Search")
-    memory = {"observations": [1.0], "actions": [1.0]}
-    config = config.with_policy_arguments(topology=[], plan=False, memory=memory)
-    problem = toy("tiger")
-    planner = build_planner(problem, config).planner
-    params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
-    biases = {name: {**own, "bias": np.float32(-4.0)} for name, own in params["own"].items()}
-    return Policy(problem, config, planner, {**params, "own": biases}, {}, seed=0)
 
 
 @pytest.fixture(scope="module")

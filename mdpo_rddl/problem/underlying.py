@@ -1,0 +1,28 @@
+"""The underlying Markov decision process of a problem whose state is observed in part only."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.source import ProblemSource
+
+_COMMENT = re.compile(r"//[^\n]*")
+
+
+def underlying_mdp(problem: Problem, tables: Path | None = None) -> Problem:
+    """The same problem without its observation fluents: whoever plays it sees the state.
+
+    Args:
+      problem: whose state is observed in part only.
+      tables: as `load_problem` takes them.
+
+    Raises:
+      InputError: if the domain is no problem without them.
+    """
+    text = _COMMENT.sub("", problem.domain_text)
+    for name in problem.model.observ_fluents:
+        head = rf"(?<![\w'-]){re.escape(name)}\s*(\([^)]*\))?\s*"
+        text = re.sub(head + r":\s*\{\s*observ-fluent[^}]*\}\s*;", "", text)
+        text = re.sub(head + r"=(?![=>])[^;]*;", "", text)
+    return dataclasses.replace(ProblemSource.of(problem), domain_text=text).load(tables)
