@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import jax
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.checkpoints import Checkpoints
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -121,20 +121,19 @@ def find_by_race(
         options = dataclasses.replace(options, initial=initial)
     seconds = terms.config.budget().seconds
     kept = underlying_seconds(terms.problem, seconds) if thinks else 0.0
-    outcome = plan_automatically(
-        terms.problem, _within(terms.config, seconds - kept), terms.seed, options
-    )
+    config = _within(terms.config, seconds - kept) if kept > 0.0 else terms.config
+    outcome = plan_automatically(terms.problem, config, terms.seed, options)
     if kept == 0.0 or outcome.interrupted:
         return outcome
     reporter.stage("planning the underlying MDP")
-    began = options.clock()
     second = RaceOptions(options.traced_cache, clock=options.clock)
     try:
+        began = options.clock()
         policy = with_underlying(outcome.policy, _within(terms.config, kept), second)
-    except KeyboardInterrupt:
+        seconds = outcome.seconds + options.clock() - began
+    except (Cancelled, KeyboardInterrupt):
         return dataclasses.replace(outcome, interrupted=True)
-    took = outcome.seconds + options.clock() - began
-    return dataclasses.replace(outcome, policy=policy, seconds=took)
+    return dataclasses.replace(outcome, policy=policy, seconds=seconds)
 
 
 def _within(config: PlannerConfig, seconds: float) -> PlannerConfig:

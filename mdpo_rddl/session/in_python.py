@@ -143,7 +143,7 @@ def plan(
         policy: PlannedPolicy = _find(terms, watch, seconds is not None, thinks)
         if watch.error is not None:
             raise watch.error
-        if thinks:
+        if thinks and not watch.is_cancelled:
             policy = choose(policy, chosen.decision_seconds, kept).policy or policy
         # compiled now, the first decision need not wait for it
         policy.reset()

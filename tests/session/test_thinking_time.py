@@ -10,6 +10,7 @@ from helpers.toys import toy
 
 from mdpo_rddl import auto
 from mdpo_rddl.auto import RaceOptions, RaceOutcome, underlying
+from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.session.find import find_by_race
@@ -61,7 +62,7 @@ class Silent:
 def raced(monkeypatch):
     """Races of which the seconds are noted, the second one interrupted or not."""
 
-    def use(problem, thinks, interrupted=(False, False)):
+    def use(problem, thinks, interrupted=(False, False), clock=None):
         asked, inner = [], SimpleNamespace(to_saved=lambda: "saved")
         policy = Policy(problem, None, None, {}, {}, seed=5)
         ends = iter(zip((policy, inner), interrupted, strict=True))
@@ -76,7 +77,7 @@ def raced(monkeypatch):
         for module in (auto, underlying):
             monkeypatch.setattr(module, "plan_automatically", run)
         reporter = Silent()
-        options = RaceOptions(clock=Ticking(1.0))
+        options = RaceOptions(clock=clock or Ticking(1.0))
         outcome = find_by_race(request(50.0, 1.0, problem), reporter, options, thinks)
         return asked, outcome, reporter.stages
 
@@ -105,3 +106,11 @@ def test_an_interruption_ends_both(raced, interrupted):
     assert len(asked) == 1 + interrupted[1]
     assert outcome.interrupted
     assert outcome.policy.saved_underlying is None
+
+
+def test_cancelled_between_the_two_the_first_is_all(raced):
+    def cancelled():
+        raise Cancelled
+
+    asked, outcome, _ = raced(toy("tiger"), True, clock=cancelled)
+    assert (len(asked), outcome.interrupted) == (1, True)

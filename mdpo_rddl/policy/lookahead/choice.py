@@ -41,7 +41,7 @@ _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 _SHARE, _HIDDEN_SHARE = 0.25, 0.4
 # of the time for the choice, the episodes that give the states may take
 _VISITING_SHARE = 0.1
-# what goes on with a policy of the underlying MDP may take; the rest is for the others
+# what goes on with a policy of the underlying MDP may take; the rest is for the others, if need be
 _QMDP_SHARE = 0.75
 # at so many states it is seen whether anything is random
 _PLACES = 12
@@ -99,8 +99,9 @@ def choose(
 
     Each makes decisions at states that the policy visits. The gain of a decision is measured again
     on scenarios that it did not see. Ties go to the plain policy. Where a table is played, and
-    nothing gains in its states, the first method is for those that it does not know. What thinks
-    with a policy of the underlying MDP is tried in episodes, if there is such a policy.
+    nothing gains in its states, the first method is for those that it does not know. If there is a
+    policy of the underlying MDP, thinking with that is tried first, in episodes, and taken if it
+    pays there: what single decisions gain is not what episodes gain.
 
     Args:
       policy: the prepared policy, or a table.
@@ -168,22 +169,24 @@ def _tried(
     # rollouts take longer to compile than the filter
     if isinstance(policy, Believer) and clock() + (clock() - before) > until:
         return None, no_time
-    found, shown = list[LookaheadPolicy](), list[Trial]()
+    shown = list[Trial]()
     if isinstance(policy, Believer):
         ends = clock() + _QMDP_SHARE * (until - clock())
         found, shown = try_qmdp(policy, methods, (seconds, ends), clock)
+        if (best := _best(found, shown)) is not None:
+            return best, shown
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
-        return _best(found, shown), [*shown, *no_time]
+        return None, [*shown, *no_time]
     if any(method.climbs for method in methods):
         simulator.prepare_climbing(visited[0][1], until)
     few = 2 * FEWEST_STATES * seconds * len(methods)
     until = max(until, clock() + min(few, _BEYOND * within))
     thinkers = [LookaheadPolicy(simulator, each, seconds, policy.seed, clock) for each in methods]
     trials = Trials(thinkers, simulator, seconds, clock).at(visited, until)
-    best = _best([*found, *thinkers], [*shown, *trials])
+    best = _best(thinkers, trials)
     if best is None and isinstance(policy, TableBase) and simulator.may_draw:
         # what is unknown is too rare for trials, and the no-op a poor action there
         tried = [method for method, trial in zip(methods, trials, strict=True) if not trial.note]

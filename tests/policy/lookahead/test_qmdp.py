@@ -14,6 +14,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead import choice as choosing
+from mdpo_rddl.policy.lookahead import qmdp
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.components import Components
@@ -114,14 +115,24 @@ def test_a_policy_that_does_not_fit_is_told_and_left_out(believer, monkeypatch, 
     assert "no policy of the underlying MDP: it is of another problem" in caplog.text
 
 
-def test_it_is_chosen_where_it_gains_most(monkeypatch):
-    monkeypatch.setattr(choosing, "_methods", lambda: [FirstActions()])
+def test_it_is_chosen_where_it_pays():
     choice = choose(seeing(), SECONDS, clock=Ticking(0.01))
     assert choice.policy is not None
-    assert [trial.method for trial in choice.trials] == ["first actions, QMDP", "first actions"]
-    gains = [trial.mean if trial.pays else 0.0 for trial in choice.trials]
-    best = choice.trials[int(np.argmax(gains))]
-    assert choice.policy.label == best.method
+    assert choice.policy.label == "first actions, QMDP"
+    assert [trial.pays for trial in choice.trials] == [True]
+
+
+def test_the_other_methods_are_tried_where_it_does_not_pay(monkeypatch):
+    monkeypatch.setattr(choosing, "_methods", lambda: [FirstActions()])
+    monkeypatch.setattr(qmdp, "_gains", lambda *_: np.array([1.0, -1.0, 1.0, -1.5]))
+    choice = choose(seeing(), SECONDS, clock=Ticking(0.01))
+    first, second = choice.trials
+    assert (first.method, first.pays) == ("first actions, QMDP", False)
+    # an episode has twelve decisions
+    assert first.mean == pytest.approx(-0.125 / 12.0)
+    assert (second.method, second.pays) == ("first actions", True)
+    assert choice.policy is not None
+    assert choice.policy.label == "first actions"
 
 
 def test_it_is_saved_with_the_policy(tmp_path):
