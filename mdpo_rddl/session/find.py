@@ -125,7 +125,7 @@ def find_by_race(
     outcome = plan_automatically(terms.problem, config, terms.seed, options)
     if kept == 0.0 or outcome.interrupted:
         return outcome
-    reporter.stage("planning the underlying MDP")
+    reporter.stage("underlying MDP")
     second = RaceOptions(options.traced_cache, clock=options.clock)
     try:
         began = options.clock()

@@ -23,7 +23,7 @@ class PlanProgress:
 
     Attributes:
       stage: what goes on: "loading", "probing", "searching", "compiling", "racing",
-        "training", "polishing" or "planning the underlying MDP".
+        "training", "polishing" or "underlying MDP".
       seconds: since it began.
       fraction: of the time, from 0 to 1; of the iterations, if they end a training first.
       best_return: mean return of the best policy so far on the exact model; None before the first.

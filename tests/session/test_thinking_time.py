@@ -90,7 +90,7 @@ def test_a_part_of_the_race_is_for_the_underlying_mdp(raced):
     assert outcome.policy.saved_underlying == "saved"
     # the second race took a second by the clock
     assert (outcome.seconds, outcome.interrupted) == (2.0, False)
-    assert stages == ["planning the underlying MDP"]
+    assert stages == ["underlying MDP"]
 
 
 def test_without_thinking_or_with_an_observed_state_there_is_one_race(raced):
