@@ -32,8 +32,10 @@ from mdpo_rddl.problem.sizes import oversize
 
 logger = logging.getLogger(__name__)
 
+COMMENT = re.compile(r"//[^\n]*")
+"""Of a domain or an instance, to the end of its line."""
+
 _UNDECODABLE = "\ufffd"
-_COMMENT = re.compile(r"//[^\n]*")
 _LINE_BREAK = re.compile(r"\s*[\r\n]+\s*")
 
 
@@ -180,7 +182,7 @@ class _Parser(RDDLParser):
     def parse_file(self, path: Path, text: str) -> dict[str, Any]:
         """Return the file's blocks by kind. Raises `InputError` for a syntax error."""
         self._path = path
-        self._text = _COMMENT.sub("", text)
+        self._text = COMMENT.sub("", text)
         self.lexer = _Lexer(path)
         with _guarded(path):
             try:

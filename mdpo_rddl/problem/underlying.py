@@ -4,10 +4,8 @@ import dataclasses
 import re
 from pathlib import Path
 
-from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.load import COMMENT, Problem
 from mdpo_rddl.problem.source import ProblemSource
-
-_COMMENT = re.compile(r"//[^\n]*")
 
 
 def underlying_mdp(problem: Problem, tables: Path | None = None) -> Problem:
@@ -20,7 +18,7 @@ def underlying_mdp(problem: Problem, tables: Path | None = None) -> Problem:
     Raises:
       InputError: if the domain is no problem without them.
     """
-    text = _COMMENT.sub("", problem.domain_text)
+    text = COMMENT.sub("", problem.domain_text)
     for name in problem.model.observ_fluents:
         head = rf"(?<![\w'-]){re.escape(name)}\s*(\([^)]*\))?\s*"
         text = re.sub(head + r":\s*\{\s*observ-fluent[^}]*\}\s*;", "", text)
