@@ -2,18 +2,16 @@
 
 import dataclasses
 import re
-from pathlib import Path
 
 from mdpo_rddl.problem.load import COMMENT, Problem
 from mdpo_rddl.problem.source import ProblemSource
 
 
-def underlying_mdp(problem: Problem, tables: Path | None = None) -> Problem:
+def underlying_mdp(problem: Problem) -> Problem:
     """The same problem without its observation fluents: whoever plays it sees the state.
 
     Args:
       problem: whose state is observed in part only.
-      tables: as `load_problem` takes them.
 
     Raises:
       InputError: if the domain is no problem without them.
@@ -23,4 +21,4 @@ def underlying_mdp(problem: Problem, tables: Path | None = None) -> Problem:
         head = rf"(?<![\w'-]){re.escape(name)}\s*(\([^)]*\))?\s*"
         text = re.sub(head + r":\s*\{\s*observ-fluent[^}]*\}\s*;", "", text)
         text = re.sub(head + r"=(?![=>])[^;]*;", "", text)
-    return dataclasses.replace(ProblemSource.of(problem), domain_text=text).load(tables)
+    return dataclasses.replace(ProblemSource.of(problem), domain_text=text).load()

@@ -173,8 +173,8 @@ def _tried(
     if isinstance(policy, Believer):
         ends = clock() + _QMDP_SHARE * (until - clock())
         found, shown = try_qmdp(policy, methods, (seconds, ends), clock)
-        if (best := _best(found, shown)) is not None:
-            return best, shown
+        if found is not None:
+            return found, shown
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
@@ -198,8 +198,8 @@ def _tried(
 def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> LookaheadPolicy | None:
     """The one that gains most, if any gains."""
     gains = [trial.mean or 0.0 if trial.pays else 0.0 for trial in trials]
-    best = int(np.argmax([*gains, 0.0]))
-    return thinkers[best] if best < len(gains) and gains[best] > 0.0 else None
+    best = int(np.argmax(gains))
+    return thinkers[best] if gains[best] > 0.0 else None
 
 
 def _methods() -> list[Method]:

@@ -41,8 +41,8 @@ def try_qmdp(
     methods: Sequence[Method],
     times: tuple[float, float],
     clock: Callable[[], float],
-) -> tuple[list[LookaheadPolicy], list[Trial]]:
-    """Thinks with the policy of the underlying MDP, and tries that in episodes.
+) -> tuple[LookaheadPolicy | None, list[Trial]]:
+    """Thinks with the policy of the underlying MDP, if that pays in episodes.
 
     Args:
       believer: of a policy that may have one of the underlying MDP.
@@ -51,18 +51,19 @@ def try_qmdp(
       clock: tells the seconds.
 
     Returns:
-      What thinks, and the trial of that; neither where there is no such policy or no such method.
+      What thinks, None where that does not pay; and the trial, if there is such a policy and such
+      a method.
     """
     single = [method for method in methods if method.depth == 1]
     knowing = _knowing(believer) if single else None
     if knowing is None:
-        return [], []
+        return None, []
     seconds, until = times
     method, policy = single[0], believer.continued_by(knowing)
     simulator = Simulator(policy, method.depth, clock)
     given = policy.seed, clock
     thinker = LookaheadPolicy(simulator, method, seconds, *given)
-    no_time = [thinker], [Trial(thinker.label, None, None, NO_TIME)]
+    no_time = None, [Trial(thinker.label, None, None, NO_TIME)]
     start = known_at(policy, 0, make_environment(policy.problem).reset(seed=policy.seed)[0])
     if clock() >= until or not simulator.prepare(start, _SIZED_FOR * seconds, until):
         return no_time
@@ -79,7 +80,7 @@ def try_qmdp(
     rates = gains / simulator.horizon
     error = float(np.std(rates, ddof=1) / math.sqrt(len(rates)))
     trial = Trial(thinker.label, float(np.mean(rates)), error, states=len(trying.decisions))
-    return [thinker], [trial]
+    return thinker if trial.pays else None, [trial]
 
 
 def _knowing(believer: Believer) -> Prepared | None:

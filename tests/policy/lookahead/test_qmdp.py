@@ -55,7 +55,7 @@ def tried(believer, methods, until=1000.0):
 
 
 def test_doors_are_opened_and_the_trial_says_what_that_gains(believer):
-    (thinker,), (trial,) = tried(believer, [Sequences(), FirstActions(), Coordinate()])
+    thinker, (trial,) = tried(believer, [Sequences(), FirstActions(), Coordinate()])
     assert (thinker.label, trial.method) == ("first actions, QMDP", "first actions, QMDP")
     assert trial.pays
     alone = -11.0
@@ -69,7 +69,7 @@ def test_doors_are_opened_and_the_trial_says_what_that_gains(believer):
 
 
 def test_the_particles_go_on_as_whoever_sees_the_tiger(believer):
-    (thinker,), _ = tried(believer, [FirstActions()])
+    thinker, _ = tried(believer, [FirstActions()])
     simulator, believing = thinker._simulator, thinker.base
     belief = believing.believe(0, NOTHING_SHOWN)
     listening, opening = np.zeros((2, 1, 2), np.float32)
@@ -96,14 +96,14 @@ def test_episodes_of_two_believers_do_not_meet(believer):
 
 
 def test_without_such_a_policy_or_method_nothing_is_tried(believer):
-    assert tried(believer, [Sequences()]) == ([], [])
+    assert tried(believer, [Sequences()]) == (None, [])
     plain = Believer(listener(), Ticking(0.01))
-    assert tried(plain, [FirstActions()]) == ([], [])
+    assert tried(plain, [FirstActions()]) == (None, [])
 
 
 def test_without_time_nothing_is_played(believer):
-    (_,), (trial,) = tried(believer, [FirstActions()], until=0.0)
-    assert (trial.note, trial.pays) == (NO_TIME, False)
+    thinker, (trial,) = tried(believer, [FirstActions()], until=0.0)
+    assert (thinker, trial.note, trial.pays) == (None, NO_TIME, False)
 
 
 def test_a_policy_that_does_not_fit_is_told_and_left_out(believer, monkeypatch, caplog):
@@ -111,7 +111,7 @@ def test_a_policy_that_does_not_fit_is_told_and_left_out(believer, monkeypatch, 
         raise InputError("it is of\nanother problem")
 
     monkeypatch.setattr(Policy, "underlying", property(refused))
-    assert tried(believer, [FirstActions()]) == ([], [])
+    assert tried(believer, [FirstActions()]) == (None, [])
     assert "no policy of the underlying MDP: it is of another problem" in caplog.text
 
 
