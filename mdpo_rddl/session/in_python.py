@@ -23,7 +23,7 @@ from mdpo_rddl.session.configuration import config_of_file, config_of_preset
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.progress_bar import ProgressBar
-from mdpo_rddl.session.thinking import choice_seconds
+from mdpo_rddl.session.thinking import choice_seconds, with_leftover
 from mdpo_rddl.session.watch import PlanProgress, Watch
 
 PlannedPolicy = AnyPolicy | LookaheadPolicy
@@ -139,12 +139,14 @@ def plan(
             config = config.with_values("Optimize", train_seconds=whole - kept)
         key = config.key if seed is None else seed
         terms = _Terms(problem, config, key, start_from=chosen.start_from)
-        thinks = kept > 0.0
+        thinks, began = kept > 0.0, watch.elapsed
         policy: PlannedPolicy = _find(terms, watch, seconds is not None, thinks)
         if watch.error is not None:
             raise watch.error
         if thinks and not watch.is_cancelled:
-            policy = choose(policy, chosen.decision_seconds, kept).policy or policy
+            left = whole - (watch.elapsed - began)
+            within = with_leftover(kept, left, chosen.decision_seconds)
+            policy = choose(policy, chosen.decision_seconds, within).policy or policy
         # compiled now, the first decision need not wait for it
         policy.reset()
         policy.sample_action()

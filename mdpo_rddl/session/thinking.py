@@ -38,6 +38,17 @@ def choice_seconds(problem: Problem, seconds: float, decision_seconds: float) ->
     return min(wanted, longest_choice(decision_seconds))
 
 
+def with_leftover(kept: float, left: float, decision_seconds: float) -> float:
+    """Seconds of the choice once a policy was found.
+
+    Args:
+      kept: for it, from the beginning.
+      left: of the time for planning.
+      decision_seconds: of a decision.
+    """
+    return max(kept, min(left, longest_choice(decision_seconds)))
+
+
 def choice_times(request: PlanRequest, used: float = math.inf) -> tuple[float, float]:
     """Seconds of a decision, and of the choice, for a request.
 
@@ -47,7 +58,7 @@ def choice_times(request: PlanRequest, used: float = math.inf) -> tuple[float, f
     """
     seconds, decision = request.config.budget().seconds, request.decision_seconds
     kept = choice_seconds(request.problem, seconds, decision)
-    return decision, max(kept, min(seconds - used, longest_choice(decision)))
+    return decision, with_leftover(kept, seconds - used, decision)
 
 
 def without_choice(request: PlanRequest) -> PlanRequest:

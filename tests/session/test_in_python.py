@@ -166,7 +166,10 @@ def test_time_to_think_is_a_part_of_the_runs_time(files, quick, monkeypatch):
     assert asked == []
     # the plain policy is returned where thinking was not chosen
     assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)
-    assert asked == [(0.5, pytest.approx(0.25 * 40.0, abs=2.0))]
+    # a quarter of it is kept for the choice; three iterations leave more
+    ((decision, within),) = asked
+    assert decision == 0.5
+    assert 0.25 * 40.0 < within < 40.0
     for wrong in (-1.0, float("nan")):
         said = one_line(partial(quick, *files, decision_seconds=wrong))
         assert said.startswith("decision_seconds must be a number of at least 0")

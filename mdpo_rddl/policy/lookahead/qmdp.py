@@ -26,12 +26,15 @@ from mdpo_rddl.problem.load import make_environment
 logger = logging.getLogger(__name__)
 
 # episodes that are played with thinking and without
-_FEWEST, _WANTED, _MOST = 3, 5, 20
+_FEWEST, _WANTED, _MOST = 3, 12, 40
 # decisions are shortened, if so many episodes take too long, to no less than so many calls beside
 # the filter's time; so that calls are short, they are sized for decisions of this share of the time
 _SHORTEST_CALLS, _SIZED_FOR = 5.0, 0.25
-# no more are played once the gain is so many errors
-_CLEAR = 4.0
+# the gain must be so many errors: decisions in play are longer and gain more, and the error of a
+# few episodes hides gains worth having
+_ERRORS = 0.5
+# no more are played, after so many, once the gain is so many errors
+_CLEAR, _CLEAR_EPISODES = 4.0, 5
 # no episode of an evaluation
 _STREAM = 2**31
 
@@ -79,7 +82,8 @@ def try_qmdp(
         return no_time
     rates = gains / simulator.horizon
     error = float(np.std(rates, ddof=1) / math.sqrt(len(rates)))
-    trial = Trial(thinker.label, float(np.mean(rates)), error, states=len(trying.decisions))
+    found = float(np.mean(rates)), error, "", len(trying.decisions)
+    trial = Trial(thinker.label, *found, beyond=_ERRORS)
     return thinker if trial.pays else None, [trial]
 
 
@@ -111,7 +115,7 @@ def _gains(
 
 
 def _is_clear(gains: Sequence[float]) -> bool:
-    if len(gains) < _WANTED:
+    if len(gains) < _CLEAR_EPISODES:
         return False
     error = np.std(gains, ddof=1) / math.sqrt(len(gains))
     return bool(abs(np.mean(gains)) > _CLEAR * error)

@@ -44,6 +44,7 @@ class Trial:
       error: the mean's standard error over the scenarios; None without a result.
       note: why there is no result; empty if there is one.
       states: at which the method decided.
+      beyond: so many standard errors the gain must be to pay.
     """
 
     method: str
@@ -51,13 +52,14 @@ class Trial:
     error: float | None
     note: str = ""
     states: int = 0
+    beyond: float = _ERRORS
 
     @property
     def pays(self) -> bool:
-        """Whether the gain is beyond its standard error."""
+        """Whether the gain is so many standard errors."""
         if self.mean is None or self.error is None:
             return False
-        return self.mean > _ERRORS * self.error
+        return self.mean > self.beyond * self.error
 
 
 @dataclass

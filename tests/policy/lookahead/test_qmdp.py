@@ -135,6 +135,14 @@ def test_the_other_methods_are_tried_where_it_does_not_pay(monkeypatch):
     assert choice.policy.label == "first actions"
 
 
+def test_half_an_error_is_gain_enough(believer, monkeypatch):
+    for gains, pays in (([3.0, -1.0, 2.0, -1.0], True), ([1.0, -1.0, 1.0, -0.5], False)):
+        monkeypatch.setattr(qmdp, "_gains", lambda *_, gains=gains: np.array(gains))
+        thinker, (trial,) = tried(believer, [FirstActions()])
+        assert 0.0 < trial.mean < trial.error
+        assert (trial.pays, thinker is not None) == (pays, pays)
+
+
 def test_it_is_saved_with_the_policy(tmp_path):
     path = tmp_path / "policy"
     seeing().save(path)
