@@ -28,7 +28,7 @@ class Ascent(NamedTuple):
     Attributes:
       candidates: [C, k, D].
       first, second: Adam's moments of the gradient [C, k, D].
-      steps: how many there were.
+      steps: how many there were [C].
     """
 
     candidates: Any
@@ -40,7 +40,12 @@ class Ascent(NamedTuple):
     def from_candidates(cls, candidates: np.ndarray) -> "Ascent":
         """Before the first step."""
         zeros = np.zeros_like(candidates)
-        return cls(candidates, zeros, zeros, np.int32(0))
+        return cls(candidates, zeros, zeros, np.zeros(len(candidates), np.int32))
+
+    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Ascent":
+        """The candidates and the moments changed in the same way."""
+        first, second = change(self.first), change(self.second)
+        return Ascent(change(self.candidates), first, second, self.steps)
 
 
 @dataclass(frozen=True)
@@ -117,8 +122,9 @@ class Climbing:
                 first = _FIRST * ascent.first + (1.0 - _FIRST) * gradient
                 second = _SECOND * ascent.second + (1.0 - _SECOND) * gradient**2
                 count = ascent.steps + 1
-                mean = first / (1.0 - _FIRST**count)
-                size = jnp.sqrt(second / (1.0 - _SECOND**count))
+                power = count[:, jnp.newaxis, jnp.newaxis]
+                mean = first / (1.0 - _FIRST**power)
+                size = jnp.sqrt(second / (1.0 - _SECOND**power))
                 moved = ascent.candidates + rates * scale * mean / (size + _SMALL)
                 after = Ascent(self._with_legal_start(moved), first, second, count)
                 return after, jnp.where(number == 0, gradient, initial)

@@ -19,6 +19,7 @@ class SlowSimulator:
     preparation: float = 0.0
     may_draw: bool = True
     is_random: bool = True
+    climbers: int = 1
     horizon: int = 4
     depth: int = 12
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from mdpo_rddl.planner.climbing import Ascent
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.table import ActionTable, Claim
@@ -104,12 +105,12 @@ class Climbed:
     """Where gradient steps have led.
 
     Attributes:
-      candidates: [P, k, D].
+      ascent: of P candidates [P, k, D], to go on from.
       sigma: deviation of MDPO's adaptive noise at each step of the candidates that were given, in
         units of the components, the largest being 1 [P, k].
     """
 
-    candidates: np.ndarray
+    ascent: Ascent
     sigma: np.ndarray
 
 
@@ -120,13 +121,16 @@ class Situation:
     Attributes:
       base: the prepared policy's action [D].
       capacity: so many candidates are played in one call.
-      climb: gradient steps on candidates [P, k, D] with rates [P], in units of the components, for
-        a share of the time of the search; None where there is no time for a step.
+      climb: gradient steps on as many candidates as climb side by side, with rates [P], in units of
+        the components, for a share of the time of the search; None where there is no time for a
+        step.
+      climbers: that many climb.
     """
 
     base: np.ndarray
     capacity: int
-    climb: Callable[[np.ndarray, np.ndarray, float], Climbed | None]
+    climb: Callable[[Ascent, np.ndarray, float], Climbed | None]
+    climbers: int = 1
 
 
 class Method(Protocol):
@@ -142,6 +146,7 @@ class Method(Protocol):
       depth: number of steps k.
       rounds: how often it proposes at one decision.
       climbs: whether it asks for gradient steps, which are compiled for it then.
+      is_for_chance: whether it can gain where chance plays a part.
     """
 
     @property
@@ -162,6 +167,10 @@ class Method(Protocol):
     @property
     def climbs(self) -> bool:
         """Whether it asks for gradient steps, which are compiled for it then."""
+
+    @property
+    def is_for_chance(self) -> bool:
+        """Whether it can gain where chance plays a part."""
 
     def begin(self, situation: Situation) -> None:
         """A decision begins."""

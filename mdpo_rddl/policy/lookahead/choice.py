@@ -14,6 +14,7 @@ from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+from mdpo_rddl.policy.lookahead.gradient_steps import GradientSteps
 from mdpo_rddl.policy.lookahead.qmdp import try_qmdp
 from mdpo_rddl.policy.lookahead.residuals import Residuals
 from mdpo_rddl.policy.lookahead.sequences import Sequences
@@ -180,6 +181,9 @@ def _tried(
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
         return None, [*shown, *no_time]
+    methods = [each for each in methods if each.is_for_chance or not simulator.is_random]
+    if not methods:
+        return None, shown
     if any(method.climbs for method in methods):
         simulator.prepare_climbing(visited[0][1], until)
     few = 2 * FEWEST_STATES * seconds * len(methods)
@@ -203,7 +207,7 @@ def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> Looka
 
 
 def _methods() -> list[Method]:
-    return [FirstActions(), Coordinate(), Sequences(), Residuals()]
+    return [FirstActions(), Coordinate(), Sequences(), Residuals(), GradientSteps()]
 
 
 def _unsuitable(policy: Prepared | Tabled) -> str:

@@ -26,6 +26,7 @@ class Coordinate:
     rounds: int = 3
     _components: Components | None = field(default=None, init=False)
     climbs: bool = False
+    is_for_chance: bool = True
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
 
     def applies(self, components: Components) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.climbing import Ascent
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
 from mdpo_rddl.policy.lookahead.belief import Believer, is_unmatched, known_at, note_played
@@ -274,16 +275,22 @@ class LookaheadPolicy(PolicyAgent):
     def _situation(self, play: Halving, seconds: float) -> Situation:
         """What the method begins with, if the search has so many seconds."""
 
-        def climb(candidates: np.ndarray, rates: np.ndarray, share: float) -> Climbed | None:
-            depth = candidates.shape[1]
-            place = play.state, play.step
-            padded = self._padded(candidates)
-            found = self._simulator.climb(place, padded, rates, share * seconds)
+        simulator = self._simulator
+        # what was reached is compared in a call
+        a_call = max(simulator.seconds(kind, play.step) for kind in (WIDE, NARROW))
+        most = seconds - _ROUND_CALLS * a_call
+
+        def climb(ascent: Ascent, rates: np.ndarray, share: float) -> Climbed | None:
+            depth = ascent.candidates.shape[1]
+            padded, place = ascent.changed(self._padded), (play.state, play.step)
+            found = simulator.climb(place, padded, rates, min(share * seconds, most))
             if found is None:
                 return None
-            return Climbed(found.candidates[:, :depth], found.sigma[:, :depth])
+            own = found.ascent.changed(lambda part: part[:, :depth])
+            return Climbed(own, found.sigma[:, :depth])
 
-        return Situation(play.base[0], self._simulator.challengers(WIDE), climb)
+        base, capacity = play.base[0], simulator.challengers(WIDE)
+        return Situation(base, capacity, climb, simulator.climbers)
 
     def _padded(self, candidates: np.ndarray) -> np.ndarray:
         """Candidates with as many steps as the simulator's; nothing is added at the last ones."""

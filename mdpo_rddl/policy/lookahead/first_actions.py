@@ -25,6 +25,7 @@ class FirstActions:
     rounds: int = 1
     _actions: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
     climbs: bool = False
+    is_for_chance: bool = True
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
 
     def applies(self, components: Components) -> bool:

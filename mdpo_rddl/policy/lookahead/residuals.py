@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mdpo_rddl.planner.climbing import Ascent
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
-from mdpo_rddl.policy.lookahead.simulator import CLIMBERS
 
 _DEPTH = 40
 # proposals of the rounds: fewer and nearer as the search goes on, but at least one call's
@@ -18,7 +18,7 @@ _SIGMA, _SMALLEST_SHARE = 0.3, 0.03
 # power-law exponent of the noise over the steps, as in iCEM
 _COLOUR = 2.0
 # gradient steps: their share of the search's time, and their rates in units of the components
-_CLIMBING_SHARE, _RATES = 0.5, (0.003, 0.01, 0.03, 0.1)
+_CLIMBING_SHARE, _RATES = 0.5, (0.01, 0.1, 0.03, 0.003)
 # so many samples change a discrete component of the first action
 _DISCRETE_SHARE = 0.3
 
@@ -43,6 +43,7 @@ class Residuals:
     climbs: bool = True
     depth: int = _DEPTH
     rounds: int = len(_POPULATIONS)
+    is_for_chance: bool = True
     _components: Components | None = field(default=None, init=False)
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
@@ -72,14 +73,15 @@ class Residuals:
         if not self.climbs:
             return
         zero = np.zeros_like(self._plan)
-        last = self._climbed[0] if len(self._climbed) else zero
-        starts = self._candidates(np.stack([zero, self._plan, last, self._plan]))
-        assert len(starts) == CLIMBERS
-        climbed = situation.climb(starts, np.array(_RATES), _CLIMBING_SHARE)
+        last = self._climbed[-1] if len(self._climbed) else zero
+        starts = self._candidates(np.stack([self._plan, self._plan, last, zero]))
+        count = situation.climbers
+        ascent = Ascent.from_candidates(starts[:count])
+        climbed = situation.climb(ascent, np.array(_RATES[:count]), _CLIMBING_SHARE)
         if climbed is None:
             self._climbed = self._climbed[:0]
             return
-        reached = climbed.candidates.copy()
+        reached = climbed.ascent.candidates.copy()
         reached[:, 0] -= self._base
         self._climbed = reached
         if self.adaptive:

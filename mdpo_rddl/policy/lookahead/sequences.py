@@ -42,6 +42,7 @@ class Sequences:
     depth: int = _DEPTH
     rounds: int = _ROUNDS
     climbs: bool = False
+    is_for_chance: bool = True
     _components: Components | None = field(default=None, init=False)
     _places: np.ndarray = field(default_factory=lambda: np.zeros(0, int), init=False)
     _lowest: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)

@@ -18,9 +18,8 @@ from mdpo_rddl.policy.lookahead.gains import paired_gains
 from mdpo_rddl.problem.chance import has_draws
 
 WIDE, NARROW = "wide", "narrow"
-CLIMBERS = 4
-"""Candidates that climb side by side."""
-
+# candidates that climb side by side; where nothing is random one makes more steps
+_CLIMBERS = 4
 # over how many scenarios and steps their return is differentiated, if anything is random
 _CLIMB_SCENARIOS, _CLIMB_WINDOW = 4, 100
 _NOISE = AdaptiveNoise(sigma_min=0.1, sigma_max=1.0)
@@ -74,12 +73,12 @@ class Simulator:
         self._sizes: dict[str, Size] = {}
         self._overhead: dict[str, float] = {}
         self._per_step: dict[str, float] = {}
-        hyperparams = dict(policy.policy_hyperparams)
         self._climb: Callable[..., Any] | None = None
         self._climb_seconds = (0.0, 0.0)
         self._least_climb_seconds, self._compile_seconds = 0.0, 0.0
         self.is_random = self.may_draw = has_draws(policy.problem.model)
-        self._policy_arguments = jax.device_put((policy.params, hyperparams))
+        given = policy.params, dict(policy.policy_hyperparams)
+        self._policy_arguments = jax.device_put(given)
 
     def prepare(
         self,
@@ -138,12 +137,12 @@ class Simulator:
         if isinstance(state, Belief) or not self._can_compile(_CLIMB_COMPILATION, until):
             return
         count = _CLIMB_SCENARIOS if self.is_random else 1
-        size = ClimbSize(CLIMBERS, count, min(self.horizon, _CLIMB_WINDOW))
+        size = ClimbSize(self.climbers, count, min(self.horizon, _CLIMB_WINDOW))
         climbing = Climbing(self.policy.planner)
         self._climb = climbing.compile(size, self.components.units, _NOISE)
-        candidates = np.zeros((CLIMBERS, self.depth, self.components.size), np.float32)
+        candidates = np.zeros((self.climbers, self.depth, self.components.size), np.float32)
         candidates[:, 0] = self.components.flat(self.policy(0, state))
-        rates = np.zeros(CLIMBERS, np.float32)
+        rates = np.zeros(self.climbers, np.float32)
 
         def call(steps: int) -> float:
             started = self._clock()
@@ -159,7 +158,7 @@ class Simulator:
     def climb(
         self,
         place: tuple[Mapping[str, Any], int],
-        candidates: np.ndarray,
+        ascent: Ascent,
         rates: np.ndarray,
         seconds: float,
     ) -> Climbed | None:
@@ -167,26 +166,27 @@ class Simulator:
 
         Args:
           place: the state, as the environment shows it, and its step.
-          candidates: at most `CLIMBERS` [P, k, D].
+          ascent: of `climbers` candidates [P, k, D].
           rates: theirs [P], in units of the components.
           seconds: for all steps.
         """
-        until, count = self._clock() + seconds, len(candidates)
-        padded = np.concatenate([candidates, np.repeat(candidates[:1], CLIMBERS - count, axis=0)])
-        ascent = Ascent.from_candidates(padded.astype(np.float32))
-        all_rates = np.concatenate([rates, np.zeros(CLIMBERS - count)]).astype(np.float32)
-        first_sigma = None
-        while (steps := self._climbs_until(until)) > 0 and ascent.steps < _MOST_CLIMBS:
-            started = self._clock()
-            ascent, sigma = self._take_steps(place, ascent, all_rates, steps)
+        until, start, first_sigma, taken = self._clock() + seconds, ascent, None, 0
+        while (steps := self._climbs_until(until)) > 0 and taken < _MOST_CLIMBS:
+            started, taken = self._clock(), taken + steps
+            ascent, sigma = self._take_steps(place, ascent, rates.astype(np.float32), steps)
             first_sigma = sigma if first_sigma is None else first_sigma
             overhead, each = self._climb_seconds
             seen = (self._clock() - started - overhead) / steps
             self._climb_seconds = overhead, max(_FORGETTING * each, seen)
         if first_sigma is None:
             return None
-        reached = np.where(np.isfinite(ascent.candidates), ascent.candidates, padded)
-        return Climbed(reached[:count], first_sigma[:count])
+        reached = np.where(np.isfinite(ascent.candidates), ascent.candidates, start.candidates)
+        return Climbed(ascent._replace(candidates=reached), first_sigma)
+
+    @property
+    def climbers(self) -> int:
+        """Candidates that climb side by side."""
+        return _CLIMBERS if self.is_random else 1
 
     def _can_compile(self, programs: float, until: float) -> bool:
         """Whether compiling so much, in units of the first program, is likely to end in time."""

@@ -7,6 +7,7 @@ import pytest
 from helpers.clocks import Ticking
 from helpers.tiny_policy import idle_policy
 
+from mdpo_rddl.planner.climbing import Ascent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -21,7 +22,7 @@ BASE = np.array([0.5, -0.5], np.float32)
 def begun(climb=lambda *_: None, **options):
     method = Residuals(depth=4, **options)
     assert method.applies(Components.of(idle_policy().planner))
-    method.begin(Situation(BASE, 10, climb))
+    method.begin(Situation(BASE, 10, climb, 4))
     return method
 
 
@@ -47,13 +48,14 @@ def test_the_first_action_is_in_its_box_and_the_policy_is_kept_in_mind():
 def test_gradient_steps_are_proposed_and_shape_the_noise():
     end = np.full((4, 4, 2), 0.25, np.float32)
     sigma = np.array([[1.0, 0.0, 1.0, 0.0]] * 4)
-    method = begun(lambda candidates, rates, share: Climbed(end, sigma))
+    climbed = Climbed(Ascent.from_candidates(end), sigma)
+    method = begun(lambda *_: climbed)
     candidates = proposed(method)
     np.testing.assert_array_equal(candidates[1:5], end)
     samples = candidates[5:]
     np.testing.assert_array_equal(samples[:, [1, 3]], 0.0)
     assert np.std(samples[:, 2]) > 0.01
-    isotropic = begun(lambda candidates, rates, share: Climbed(end, sigma), adaptive=False)
+    isotropic = begun(lambda *_: climbed, adaptive=False)
     assert np.all(np.std(proposed(isotropic)[5:, 1:], axis=0) > 0.01)
 
 
