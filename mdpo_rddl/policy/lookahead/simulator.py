@@ -23,7 +23,7 @@ _CLIMBERS = 4
 # over how many scenarios and steps their return is differentiated, if anything is random
 _CLIMB_SCENARIOS, _CLIMB_WINDOW = 4, 100
 _NOISE = AdaptiveNoise(sigma_min=0.1, sigma_max=1.0)
-_MEASURED_STEPS, _MOST_CLIMBS = 20, 500
+_MEASURED_STEPS, _MOST_CLIMBS = 20, 5000
 # candidates of a call, the base among them; the rest of its size are scenarios
 _CANDIDATES = {WIDE: 32, NARROW: 4}
 # of several steps there are many, however few the actions are

@@ -95,7 +95,6 @@ def test_a_policy_that_never_acts_is_improved():
     simulator.prepare_climbing(START)
     thinker = LookaheadPolicy(simulator, method, 1.0, seed=0, clock=clock)
     played = evaluate(make_environment(policy.problem), thinker, 1, 0)
-    # at most 500 small steps a decision: nearly half a unit in the first one
     assert played.mean > -1.5
     assert played.illegal_actions == 0
 
