@@ -95,7 +95,8 @@ def test_a_policy_that_never_acts_is_improved():
     simulator.prepare_climbing(START)
     thinker = LookaheadPolicy(simulator, method, 1.0, seed=0, clock=clock)
     played = evaluate(make_environment(policy.problem), thinker, 1, 0)
-    assert played.mean > -1.5
+    # the best is to pay for the start alone
+    assert played.mean == pytest.approx(-0.5, abs=0.01)
     assert played.illegal_actions == 0
 
 
