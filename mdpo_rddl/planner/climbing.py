@@ -96,9 +96,9 @@ class Climbing:
 
         Returns:
           A function of a random key, the policy's parameters and hyperparameters (a pair), a state
-          (per state fluent [*shape]) and its step (a pair), an `Ascent`, rates [C] and how many
-          more steps of Adam. It gives the ascent after them and, per step of the candidates that
-          were given, the noise's sigma in units [C, k].
+          (per state fluent [*shape]) and its step (a pair), an `Ascent`, rates [C, k] and how
+          many more steps of Adam. It gives the ascent after them and, per step of the candidates
+          that were given, the noise's sigma in units [C, k].
         """
         returns = self._compile_returns(size)
         ascend = jax.vmap(jax.grad(returns), in_axes=(0, None))
@@ -113,7 +113,7 @@ class Climbing:
         def climb(key, policy, place, ascent, rates, steps):
             state, start = place
             given = key, policy, self._cast(state), start
-            rates = rates[:, jnp.newaxis, jnp.newaxis]
+            rates = rates[:, :, jnp.newaxis]
 
             def advance(number, carry):
                 ascent, initial = carry

@@ -21,7 +21,8 @@ def climb():
     def call(start, candidates, rates, steps):
         place = START, start
         key = jax.random.PRNGKey(0)
-        candidates, rates = np.asarray(candidates, np.float32), np.asarray(rates, np.float32)
+        candidates = np.asarray(candidates, np.float32)
+        rates = np.broadcast_to(np.reshape(rates, (2, -1)), candidates.shape[:2])
         ascent = Ascent.from_candidates(candidates)
         for count in np.atleast_1d(steps):
             ascent, sigma = program(key, arguments, place, ascent, rates, int(count))
@@ -38,6 +39,12 @@ def test_each_candidate_climbs_at_its_own_rate(climb):
     np.testing.assert_array_equal(reached[1], zero[1])
     # Adam's first step has the rate's length, in units of the component
     np.testing.assert_allclose(climb(0, zero, [0.01, 0.0], 1)[0][0], np.full((3, 2), 0.02), 1e-5)
+
+
+def test_a_step_without_a_rate_stays(climb):
+    rates = np.array([[0.01, 0.0, 0.01], [0.0, 0.01, 0.0]])
+    moved = np.any(climb(0, np.zeros((2, 3, 2)), rates, 3)[0] != 0.0, axis=2)
+    np.testing.assert_array_equal(moved, rates > 0.0)
 
 
 def test_an_ascent_goes_on_where_it_was_left(climb):

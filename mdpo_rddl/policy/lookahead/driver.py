@@ -283,7 +283,9 @@ class LookaheadPolicy(PolicyAgent):
         def climb(ascent: Ascent, rates: np.ndarray, share: float) -> Climbed | None:
             depth = ascent.candidates.shape[1]
             padded, place = ascent.changed(self._padded), (play.state, play.step)
-            found = simulator.climb(place, padded, rates, min(share * seconds, most))
+            # what the method does not keep must not move
+            all_rates = rates[:, np.newaxis] * (np.arange(simulator.depth) < depth)
+            found = simulator.climb(place, padded, all_rates, min(share * seconds, most))
             if found is None:
                 return None
             own = found.ascent.changed(lambda part: part[:, :depth])

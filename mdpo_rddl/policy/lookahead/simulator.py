@@ -142,7 +142,7 @@ class Simulator:
         self._climb = climbing.compile(size, self.components.units, _NOISE)
         candidates = np.zeros((self.climbers, self.depth, self.components.size), np.float32)
         candidates[:, 0] = self.components.flat(self.policy(0, state))
-        rates = np.zeros(self.climbers, np.float32)
+        rates = np.zeros(candidates.shape[:2], np.float32)
 
         def call(steps: int) -> float:
             started = self._clock()
@@ -167,7 +167,7 @@ class Simulator:
         Args:
           place: the state, as the environment shows it, and its step.
           ascent: of `climbers` candidates [P, k, D].
-          rates: theirs [P], in units of the components.
+          rates: of each step of theirs [P, k], in units of the components.
           seconds: for all steps.
         """
         until, start, first_sigma, taken = self._clock() + seconds, ascent, None, 0

@@ -114,7 +114,8 @@ def test_of_many_components_as_many_candidates_as_memory_is_meant_for():
 @pytest.mark.long
 def test_a_policy_that_never_acts_is_improved():
     policy, clock = idle_policy(), Ticking(0.01)
-    simulator = Simulator(policy, 4, clock)
+    # another method looks further ahead
+    simulator = Simulator(policy, 6, clock)
     method = Residuals(depth=4)
     assert method.applies(simulator.components)
     simulator.prepare({"x": np.zeros(2)}, 1.0)
