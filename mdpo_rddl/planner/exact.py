@@ -62,15 +62,19 @@ def compile_visits(
 
 def step_bytes(planner: MDPOPlanner) -> int:
     """What one rollout of a feedback policy holds at one step, about: fluents and features."""
-    fluents = initial_values(planner).test.fluents
-    state = sum(leaf[:1].nbytes for leaf in jax.tree.leaves(fluents))
     feedback = planner.feedback_plan.feedback
     real = jnp.dtype(planner.compiled.REAL).itemsize
     features = sum(
         len(feedback.names(name)) * math.prod(shape) * real
         for name, shape in feedback.action_shapes.items()
     )
-    return state + features
+    return fluent_bytes(planner) + features
+
+
+def fluent_bytes(planner: MDPOPlanner) -> int:
+    """What the fluents of one rollout take at one step."""
+    fluents = initial_values(planner).test.fluents
+    return sum(leaf[:1].nbytes for leaf in jax.tree.leaves(fluents))
 
 
 def visit_bytes(planner: MDPOPlanner) -> int:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.planner.exact import fluent_bytes
 from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
 from mdpo_rddl.policy.lookahead.belief import Believer, believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
@@ -35,6 +36,9 @@ _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
 _BEYOND = 0.1
 OPTIMAL = "the optimum is proven"
+LARGE = "rollouts take too much memory"
+# of one rollout's fluents, of which a call holds those of a hundred or more several times
+_MOST_FLUENT_BYTES = 4 * 10**6
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # of the time for planning; where the state is observed in part there is a filter to compile too,
@@ -220,6 +224,8 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
         return "the policy reads the history"
     if policy.planner.preprocessor is not None:
         return "the policy reads preprocessed states"
+    if fluent_bytes(policy.planner) > _MOST_FLUENT_BYTES:
+        return LARGE
     return ""
 
 

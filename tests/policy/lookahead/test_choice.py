@@ -205,3 +205,10 @@ def test_a_gain_within_its_error_does_not_pay():
     assert not Trial("one", 0.5, 1.0).pays
     assert not Trial("one", 0.0, 0.0).pays
     assert not Trial("one", None, None, NO_TIME).pays
+
+
+def test_where_a_call_would_take_too_much_memory_the_policy_plays_alone(slow, monkeypatch):
+    clock = slow(0.01)
+    monkeypatch.setattr(choosing, "_MOST_FLUENT_BYTES", 1)
+    choice = choose(lever_policy(NONE), SECONDS, 60.0, clock)
+    assert (choice.policy, choice.note) == (None, choosing.LARGE)
