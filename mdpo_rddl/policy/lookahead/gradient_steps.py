@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdpo_rddl.planner.climbing import Ascent
+from mdpo_rddl.policy.lookahead.additions import candidates_of, one_step_later
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
 
@@ -78,24 +79,14 @@ class GradientSteps:
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played, and of the ascent."""
         chosen = chosen[np.newaxis, : self.depth]
-        self._plan = _next(chosen)[0]
+        self._plan = one_step_later(chosen)[0]
         if self._ascent is None:
             return
         is_end = np.array_equal(self._candidates(self._ascent.candidates), chosen)
         self._refused = 0 if is_end else self._refused + 1
         goes_on = self._refused < _MOST_REFUSED
-        self._ascent = self._ascent.changed(_next) if goes_on else None
+        self._ascent = self._ascent.changed(one_step_later) if goes_on else None
         self._refused %= _MOST_REFUSED
 
     def _candidates(self, additions: np.ndarray) -> np.ndarray:
-        """Additions [P, k, D] as candidates: the first is an action in its box."""
-        parts = self._components
-        assert parts is not None
-        candidates = additions.astype(np.float32)
-        candidates[:, 0] = np.clip(candidates[:, 0] + self._base, parts.lower, parts.upper)
-        return candidates
-
-
-def _next(plans: np.ndarray) -> np.ndarray:
-    """Plans [P, k, D] one step later; nothing is added at the last one."""
-    return np.pad(plans[:, 1:], ((0, 0), (0, 1), (0, 0)))
+        return candidates_of(additions, self._base, self._components)

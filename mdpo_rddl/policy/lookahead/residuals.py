@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdpo_rddl.planner.climbing import Ascent
+from mdpo_rddl.policy.lookahead.additions import candidates_of, one_step_later
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
 
@@ -133,12 +134,7 @@ class Residuals:
         return coloured
 
     def _candidates(self, additions: np.ndarray) -> np.ndarray:
-        """Additions [P, k, D] as candidates: the first is an action in its box."""
-        parts = self._components
-        assert parts is not None
-        candidates = additions.astype(np.float32)
-        candidates[:, 0] = np.clip(candidates[:, 0] + self._base, parts.lower, parts.upper)
-        return candidates
+        return candidates_of(additions, self._base, self._components)
 
     def _with_discrete_changes(
         self, candidates: np.ndarray, random: np.random.Generator, known: int
@@ -162,10 +158,5 @@ class Residuals:
 
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
-        self._plan = _next(chosen[np.newaxis, : self.depth])[0]
-        self._climbed = _next(self._climbed)
-
-
-def _next(plans: np.ndarray) -> np.ndarray:
-    """Plans [P, k, D] one step later; nothing is added at the last one."""
-    return np.pad(plans[:, 1:], ((0, 0), (0, 1), (0, 0)))
+        self._plan = one_step_later(chosen[np.newaxis, : self.depth])[0]
+        self._climbed = one_step_later(self._climbed)
