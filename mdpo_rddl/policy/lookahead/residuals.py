@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdpo_rddl.planner.climbing import Ascent
-from mdpo_rddl.policy.lookahead.additions import candidates_of, one_step_later
+from mdpo_rddl.policy.lookahead.additions import Additions, one_step_later
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
-from mdpo_rddl.policy.lookahead.components import Components
 
 _DEPTH = 40
 # proposals of the rounds: fewer and nearer as the search goes on, but at least one call's
@@ -25,7 +24,7 @@ _DISCRETE_SHARE = 0.3
 
 
 @dataclass
-class Residuals:
+class Residuals(Additions):
     """Cross-entropy search over additions to the policy's actions, the policy afterwards.
 
     Coloured noise, elites that are kept and a mean that is shifted to the next step are those of
@@ -45,25 +44,15 @@ class Residuals:
     depth: int = _DEPTH
     rounds: int = len(_POPULATIONS)
     is_for_chance: bool = True
-    _components: Components | None = field(default=None, init=False)
-    _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
-    _plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
     _climbed: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
     _sigma: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _elites: list[Gain] = field(default_factory=list, init=False)
     _round: int = field(default=0, init=False)
     _capacity: int = field(default=0, init=False)
 
-    def applies(self, components: Components) -> bool:
-        """Some component is real."""
-        self._components = components
-        self.reset()
-        return bool(np.any(components.is_real))
-
     def reset(self) -> None:
         """The plan of a new episode adds nothing."""
-        assert self._components is not None  # `applies` was asked first
-        self._plan = np.zeros((self.depth, self._components.size), np.float32)
+        super().reset()
         self._climbed = self._plan[np.newaxis][:0]
 
     def begin(self, situation: Situation) -> None:
@@ -133,9 +122,6 @@ class Residuals:
         coloured *= (self._sigma[:, np.newaxis] * parts.units).astype(np.float32)
         return coloured
 
-    def _candidates(self, additions: np.ndarray) -> np.ndarray:
-        return candidates_of(additions, self._base, self._components)
-
     def _with_discrete_changes(
         self, candidates: np.ndarray, random: np.random.Generator, known: int
     ) -> np.ndarray:
@@ -149,14 +135,7 @@ class Residuals:
                     candidate[0, place] = random.choice(parts.values[place])
         return candidates
 
-    def followed(self, base: np.ndarray) -> np.ndarray | None:
-        """The plan, where it adds anything."""
-        if not np.any(self._plan):
-            return None
-        self._base = base
-        return self._candidates(self._plan[np.newaxis])[0]
-
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
-        self._plan = one_step_later(chosen[np.newaxis, : self.depth])[0]
+        super().shift(chosen)
         self._climbed = one_step_later(self._climbed)
