@@ -2,6 +2,7 @@
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.gradient import GRADIENT
+from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.planner.programs.quick import QUICK, is_short
 
@@ -11,7 +12,7 @@ PATIENCE = 0.3
 _FEWEST_POLICIES = 60
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population
-_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}
+_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0, SHOOTING: 3.0}
 _GRADIENT_EVALUATIONS = 100.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
@@ -31,7 +32,7 @@ arms, and after some of them."""
 EXPLORING_FIRST, LATER = 0.4, 0.25
 """The same of what explores a net's parameters."""
 # of the time left: what an arm that must compile may need
-_AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25}
+_AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25, SHOOTING: 0.5}
 # the same of one that nothing else is likely to come near, if so many seconds are left
 _AFFORDED_FIRST, _FIRST_AT_LEAST = 0.8, 15.0
 

@@ -13,7 +13,9 @@ from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
 from mdpo_rddl.auto.arms.policy_gradient import PPO, PolicyGradientArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
+from mdpo_rddl.auto.arms.shooting import SHOOTING, ShootingArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.plain import STRAIGHT_LINE
 from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 
@@ -108,14 +110,33 @@ class Entrants:
         kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
         if not self._arena.probe.deterministic or kinds != {"real"}:
             return None
-        return next(self.gradients((STRAIGHT_LINE,), until, comes_first=True), None)
+        if SHOOTING in self._without or not self._affording.gradient(SHOOTING, until, True):
+            return None
+        return ShootingArm(self._arena, self._affording.usual_seconds(SHOOTING))
+
+    def rivals(self, best: Candidate) -> Sequence[str]:
+        """Arms with a gradient that may find more than the best policy so far."""
+        # where that is a plan and chance plays no part, no policy that sees the states can, and
+        # these follow the same gradient
+        return () if best.arm == SHOOTING else (GRADIENT, *METHODS)
+
+    def trained(self, name: str, until: float, arms: Sequence[Arm]) -> CompilingArm | None:
+        """The arm of a name, if it trains a policy of JaxPlan's; None for another.
+
+        Args:
+          name: of the arm.
+          until: how long it may work, by the clock.
+          arms: that take part already.
+        """
+        if name == SHOOTING:
+            return self.straight_line(until)
+        return next(self.gradients([name] if name in METHODS else [], until, arms), None)
 
     def gradients(
         self,
         names: Sequence[str],
         until: float,
         arms: Sequence[Arm] = (),
-        comes_first: bool = False,
     ) -> Iterator[CompilingArm]:
         """Those that follow a gradient, each asked for once the one before it has begun.
 
@@ -123,13 +144,14 @@ class Entrants:
           names: of the arms.
           until: how long they may work, by the clock.
           arms: that take part already.
-          comes_first: whether nothing else is likely to come near what they find.
         """
         taken = {*self._without, *(arm.name for arm in arms)}
+        if SHOOTING in taken - {*self._without}:
+            taken.add(STRAIGHT_LINE)  # its plans are of the same class
         for name in names:
             if name in taken:
                 continue
-            if self._affording.gradient(name, until, comes_first):
+            if self._affording.gradient(name, until):
                 usual = self._affording.usual_seconds(name)
                 is_plain = name in METHODS
                 yield (

@@ -24,7 +24,6 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
-from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
@@ -52,7 +51,7 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # follow; for a straight-line plan, while slices gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 _LEARNING_SHARE, _LAW_LEADS_BY = 0.85, 0.5
-_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.02
+_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.005
 # of the time left, for greedy, while slices gain: with none after it, with ppo after it, where no
 # reward was found yet, and after others; what is left of the first once ppo has given way
 _GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85, 0.6, 0.6, 0.6
@@ -220,7 +219,7 @@ class Schedule(Slices):
             for until in self._marks.once("own weights", arena, own_until):
                 self.give(OwnWeightsArm("own weights", arena, around), until)
         self._contend(shared, lambda: shared.reached)
-        self._open_programs(rounds_until, (GRADIENT, *METHODS))
+        self._open_programs(rounds_until, self._entrants.rivals(self._best))
         self._compete(rounds_until)
         self._finish()
 
@@ -334,8 +333,8 @@ class Schedule(Slices):
     def _reopened(self, name: str) -> Arm | None:
         """The arm that led a race which was stopped after its rounds; None if it cannot go on."""
         arena, polisher = self._arena, self._polisher
-        deadline, names = arena.deadline, [each for each in METHODS if each == name]
-        arm = next(iter(self._entrants.gradients(names, deadline, self.arms)), None)
+        deadline = arena.deadline
+        arm = self._entrants.trained(name, deadline, self.arms)
         if arm is None:
             return None
         self._open(arm, deadline, self._affording.patience(deadline))

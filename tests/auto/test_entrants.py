@@ -73,13 +73,39 @@ def test_what_takes_too_long_is_left_out_and_the_gradient_is_missed(caplog):
         ({}, True),
         ({"deterministic": False}, False),
         ({"kind": "bool"}, False),
-        ({"without": ["slp"]}, False),
+        ({"without": ["shooting"]}, False),
     ],
 )
-def test_a_plan_comes_first_where_nothing_returns_more(case, comes):
+def test_plans_come_first_where_nothing_returns_more(case, comes):
     arm = entrants(**case).straight_line(60.0)
     assert (arm is not None) == comes
-    assert arm is None or arm.name == "slp"
+    assert arm is None or (arm.name, arm.usual_seconds) == ("shooting", 3.0)
+    assert entrants("shooting", **case).straight_line(60.0) is None
+
+
+def test_plans_of_one_class_are_not_trained_twice():
+    shooting = [SimpleNamespace(name="shooting")]
+    found = entrants().gradients(("gradient", "slp", "drp"), 60.0, shooting)
+    assert [arm.name for arm in found] == ["gradient", "drp"]
+    # one that is left out has none
+    left_out = entrants(without=["shooting"]).gradients(("slp",), 60.0)
+    assert [arm.name for arm in left_out] == ["slp"]
+
+
+def test_what_sees_the_states_has_no_prospect_where_the_best_plan_leads():
+    def rivals(arm):
+        return entrants().rivals(SimpleNamespace(arm=arm))
+
+    assert rivals("shooting") == ()
+    assert rivals("plan") == ("gradient", "slp", "drp")
+
+
+def test_an_arm_that_trains_is_found_by_its_name():
+    def name_of(wanted):
+        arm = entrants().trained(wanted, 60.0, [])
+        return None if arm is None else arm.name
+
+    assert [name_of(name) for name in ("shooting", "drp", "plan")] == ["shooting", "drp", None]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ OPTIONAL_ARMS = (
     "plan",
     "own weights",
     "gradient",
+    "shooting",
     "slp",
     "drp",
     "polishing the plan",
