@@ -11,9 +11,9 @@ PATIENCE = 0.3
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
 # a gradient's program takes longer to compile than the population's, and an iteration longer
-# than the rollouts of one population
-_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0, SHOOTING: 3.0}
-_GRADIENT_EVALUATIONS = 100.0
+# than the rollouts of one population, but for those of a few plans alone
+_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0, SHOOTING: 2.0}
+_EVALUATIONS, _SHOOTING_EVALUATIONS = 100.0, 20.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
 # and what learns from exact rollouts compiles these and gradients of the policy and the critic: 5.1
@@ -101,7 +101,8 @@ class Affording:
           until: how long it may work, by the clock.
           comes_first: whether nothing else is likely to come near what it finds.
         """
-        seconds = _GRADIENT_EVALUATIONS * self._arena.population.seconds
+        evaluations = _SHOOTING_EVALUATIONS if name == SHOOTING else _EVALUATIONS
+        seconds = evaluations * self._arena.population.seconds
         left = until - self._arena.clock()
         needed = self.usual_seconds(name) + seconds
         has_time = comes_first and left >= _FIRST_AT_LEAST

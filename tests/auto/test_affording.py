@@ -74,6 +74,13 @@ def test_what_comes_first_may_need_most_of_the_time(left, expected):
     assert (asked.gradient("slp", until), asked.gradient("slp", until, True)) == expected
 
 
+def test_plans_side_by_side_need_less_time_than_a_training():
+    # 8 s for their program, and 0.4 s
+    asked = affording(0.01, 16.0)
+    asked._arena.population = SimpleNamespace(compile_seconds=4.0, seconds=0.02)
+    assert [asked.gradient(name, 36.0, True) for name in ("slp", "shooting")] == [False, True]
+
+
 @pytest.mark.parametrize(
     ("seconds", "left", "expected"),
     [
