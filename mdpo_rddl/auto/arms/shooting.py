@@ -13,6 +13,7 @@ from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.plain import STRAIGHT_LINE
 from mdpo_rddl.auto.search.crossing import Plans, crossed, parts_of
 from mdpo_rddl.auto.state import State, count_of
+from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.shooting import Climb, Shooting
 from mdpo_rddl.planner.start import unit_hyperparams
@@ -115,15 +116,25 @@ class ShootingArm(CompilingArm):
         return self._shooting
 
     def _work(self, until: float) -> None:
-        """Climbs for a slice."""
+        """Climbs for a slice.
+
+        Raises:
+          Cancelled: if interrupted; what was found till then is offered.
+        """
         if not self._is_compiled(until):
             return
-        while True:
-            self._climb_on(until)
-            self._arena.pulse()
-            is_over = self._log.iterations >= self._arena.most_iterations
-            if is_over or self._clock() >= until:
-                break
+        try:
+            while True:
+                self._climb_on(until)
+                self._arena.pulse()
+                is_over = self._log.iterations >= self._arena.most_iterations
+                if is_over or self._clock() >= until:
+                    break
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            if self._is_judged:
+                self._offer_best(self._clock())  # nobody waits for a compilation now
+            raise
         self._offer_best(until)
         self.is_exhausted = is_over and not self.awaits_judge
 

@@ -15,6 +15,7 @@ from mdpo_rddl.auto.arms import shooting
 from mdpo_rddl.auto.arms.shooting import ShootingArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.state import State
+from mdpo_rddl.errors import Cancelled
 
 FOREVER = 300.0
 # see tests/planner/test_shooting.py
@@ -129,6 +130,23 @@ def test_an_arm_of_a_race_that_goes_on_begins_with_its_policy(arena):
     known = arena.judge.best_of_arm("shooting")
     again = begun(ShootingArm(arena))
     assert again.reached >= known.mean - 1e-4
+
+
+def test_what_was_found_before_an_interrupt_is_handed_in(arena):
+    arm = begun(ShootingArm(arena))
+    while not taken(arm, arena.judge):
+        arm.work(time.monotonic())
+        arm.await_program(time.monotonic() + FOREVER)
+
+    def cancel():
+        raise Cancelled
+
+    arm._arena = replace(arena, pulse=cancel)
+    arm._arena.__dict__["plain"] = arena.plain
+    with pytest.raises(Cancelled):
+        arm.work(time.monotonic() + FOREVER)
+    (candidate,) = taken(arm, arena.judge)
+    assert candidate.mean == pytest.approx(arm._estimate, rel=1e-5)
 
 
 def test_many_numbers_leave_room_for_few_plans(arena, monkeypatch):
