@@ -5,9 +5,8 @@ can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
 2. The arms begin in the order of what they cost: `greedy`, then `ppo`, where all actions are
-   bools; `pgpe`; the weights that all objects share; an open-loop plan, or each object's own
-   weights; and those that need the model's gradient, as far as there is time to compile them; but
-   where chance plays no part, a straight-line plan is second.
+   bools; `pgpe`; `shooting` where chance plays no part; the weights that all objects share; an
+   open-loop plan, or each object's own weights; and those that need the model's gradient.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
@@ -58,8 +57,7 @@ _GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85,
 _AFTER_PPO_SHARE = _GREEDY_SHARE * (1.0 - _LAW_LEADS_BY)
 # what it has in any case, for its first iterations tell little
 _GREEDY_AT_LEAST = 0.4
-# names of their parts
-_LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"
+_LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"  # parts
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
 
@@ -203,13 +201,21 @@ class Schedule(Slices):
 
     def _improve(self, shared: SharedWeightsArm) -> None:
         """Where a constant or a random rule beats the no-op, and no rare reward is looked for."""
-        arena, shares = self._arena, self._shares
-        plan = self._entrants.straight_line(arena.until(shares.rounds_until))
+        share = self._shares.rounds_until
+        plan = self._entrants.straight_line(self._arena.until(share))
         self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
-        shared_until = self._end("shared weights", shares.shared_until)
-        own_until = self._end("own weights", shares.own_until)
-        rounds_until = self._end("rounds", shares.rounds_until)
-        for until in self._marks.once("shared weights", arena, shared_until):
+        rounds_until = self._end("rounds", share)
+        if self._entrants.rivals(self._best):
+            self._search_in_turn(shared)
+        self._contend(shared, lambda: shared.reached)
+        self._open_programs(rounds_until, self._entrants.rivals(self._best))
+        self._compete(rounds_until)
+        self._finish()
+
+    def _search_in_turn(self, shared: SharedWeightsArm) -> None:
+        """What searches without a gradient, each once before the rounds."""
+        arena, own_until = self._arena, self._end("own weights", self._shares.own_until)
+        for until in self._once("shared weights", self._shares.shared_until):
             self.give(shared, until)
         if arena.has_plan:
             for until in self._marks.once("plan", arena, own_until):
@@ -218,10 +224,6 @@ class Schedule(Slices):
             around = Around(begins_with=SHARED_WEIGHTS)
             for until in self._marks.once("own weights", arena, own_until):
                 self.give(OwnWeightsArm("own weights", arena, around), until)
-        self._contend(shared, lambda: shared.reached)
-        self._open_programs(rounds_until, self._entrants.rivals(self._best))
-        self._compete(rounds_until)
-        self._finish()
 
     @property
     def _has_plan(self) -> bool:
@@ -332,8 +334,7 @@ class Schedule(Slices):
 
     def _reopened(self, name: str) -> Arm | None:
         """The arm that led a race which was stopped after its rounds; None if it cannot go on."""
-        arena, polisher = self._arena, self._polisher
-        deadline = arena.deadline
+        arena, polisher, deadline = self._arena, self._polisher, self._arena.deadline
         arm = self._entrants.trained(name, deadline, self.arms)
         if arm is None:
             return None
