@@ -5,8 +5,9 @@ import threading
 
 import numpy as np
 import pytest
-from helpers.lakes import preset
+from helpers.lakes import PLAIN, preset
 from helpers.races import CLOCK, means, means_of, raced
+from helpers.toys import toy
 
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import (
@@ -158,6 +159,24 @@ def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch)
     assert outcome.random_return is None
     assert outcome.policy.config.section("Planner")["method_kwargs"]["plan"] is False
     assert "own weights" in means(outcome)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("takes_part", [True, False])
+def test_where_plans_lead_the_searches_begin_in_the_rounds(takes_part):
+    left_out = [] if takes_part else ["shooting"]
+    options = RaceOptions(clock=CLOCK, most_iterations=2000)
+    boats = toy("boats", TERMINATION="false")
+    outcome = raced(boats, 900.0, options, without=[*PLAIN, *left_out])
+    arms = list(outcome.diagnostics()["arms"])
+    assert ("shooting" in arms) == takes_part
+    # what follows the same gradient is not compiled, and what else finds plans is not needed
+    assert {"plan", "gradient"}.isdisjoint(arms) is takes_part
+    assert "shared weights" in arms
+    if takes_part:
+        assert arms.index("shooting") < arms.index("shared weights")
+        assert outcome.chosen.arm == "shooting"
+        assert outcome.chosen.mean == pytest.approx(-2.75, abs=0.01)
 
 
 def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_arena, monkeypatch):
