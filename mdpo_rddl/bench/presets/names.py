@@ -15,6 +15,7 @@ VARIANT_NAMES = (
     "auto-without-plan",
     "auto-without-own-weights",
     "auto-without-gradient",
+    "auto-without-shooting",
     "auto-without-slp",
     "auto-without-drp",
     "auto-without-polishing-the-plan",
