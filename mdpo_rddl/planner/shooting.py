@@ -5,12 +5,12 @@ for problems in whose return chance plays no part.
 """
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 from jax import Array, lax, random
 
 from mdpo_rddl.planner.exact import compile_exact_returns
@@ -22,8 +22,8 @@ from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
 Plans = dict[str, Any]
 """Per action fluent the actions of L plans [L, H, *shape]."""
 
-# Adam's
-_FIRST, _SECOND, _SMALL = 0.9, 0.95, 1e-12
+# of which the step size is left to each plan
+_ADAM = optax.scale_by_adam(b1=0.9, b2=0.95, eps=1e-12)
 # steps to one test of the plans on the exact model
 _STEPS = 20
 
@@ -33,16 +33,13 @@ class Climb(NamedTuple):
 
     Attributes:
       plans: the latest ones.
-      first, second: Adam's moments of the gradient.
-      steps: of Adam so far.
+      moments: of Adam.
       best: the best tested iterate of each.
       returns: what these return on the exact model [L].
     """
 
     plans: Plans
-    first: Plans
-    second: Plans
-    steps: Any
+    moments: Any
     best: Plans
     returns: Any
 
@@ -74,17 +71,17 @@ class Shooting:
     def noop(self) -> Plans:
         """The plan that does nothing, without the axis of plans."""
         fluents = initial_values(self._planner).training.fluents
-        horizon = self._planner.horizon
+        horizon, real = self._planner.horizon, self._planner.compiled.REAL
         return {
-            name: np.repeat(np.asarray(fluents[name])[:1], horizon, axis=0).astype(np.float32)
+            name: np.repeat(np.asarray(fluents[name], real)[:1], horizon, axis=0)
             for name in self.units
         }
 
     def begin(self, plans: Plans) -> Climb:
         """Before the first step of such plans, projected onto their box and tested."""
-        plans = jax.tree.map(np.asarray, jax.vmap(self._projected)(plans))
-        zeros = jax.tree.map(np.zeros_like, plans)
-        return Climb(plans, zeros, zeros, np.zeros((), np.int32), plans, self.returns(plans))
+        given = jax.tree.map(lambda plan: jnp.asarray(plan, self._planner.compiled.REAL), plans)
+        plans = jax.tree.map(np.asarray, jax.vmap(self._projected)(given))
+        return Climb(plans, _ADAM.init(plans), plans, self.returns(plans))
 
     def returns(self, plans: Plans) -> np.ndarray:
         """Returns of plans on the exact model [L]; minus infinity for one that is no number."""
@@ -111,17 +108,12 @@ class Shooting:
             # per unit, and zero where it is no number
             slopes = {name: slope * self.units[name] for name, slope in slopes.items()}
             slopes = jax.tree.map(lambda g: jnp.where(jnp.isfinite(g), g, 0.0), slopes)
-            count = climb.steps + 1
-            first = _mixed(_FIRST, climb.first, slopes)
-            second = _mixed(_SECOND, climb.second, {n: g**2 for n, g in slopes.items()})
-            moved = {}
-            for name, plan in climb.plans.items():
-                mean = first[name] / (1.0 - _FIRST**count)
-                size = jnp.sqrt(second[name] / (1.0 - _SECOND**count))
-                move = along(rates, plan) * mean / (size + _SMALL)
-                moved[name] = plan + self.units[name] * move
-            plans = jax.vmap(self._projected)(moved)
-            return climb._replace(plans=plans, first=first, second=second, steps=count)
+            moves, moments = _ADAM.update(slopes, climb.moments)
+            moved = {
+                name: plan + self.units[name] * along(rates, plan) * moves[name]
+                for name, plan in climb.plans.items()
+            }
+            return climb._replace(plans=jax.vmap(self._projected)(moved), moments=moments)
 
         def block(_: Any, climb: Climb) -> Climb:
             climb = lax.fori_loop(0, _STEPS, step, climb)
@@ -159,11 +151,3 @@ class Shooting:
 
     def _projected(self, plan: Plans) -> Plans:
         return self._planner.plan.projection(plan, self._hyperparams)[0]
-
-
-def _mixed(share: float, old: Plans, new: Plans) -> Plans:
-    return jax.tree.map(partial(_mix, share), old, new)
-
-
-def _mix(share: float, old: Array, new: Array) -> Array:
-    return share * old + (1.0 - share) * new

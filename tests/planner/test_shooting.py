@@ -48,7 +48,7 @@ def test_each_plan_climbs_to_the_optimum_at_its_own_rate(shooting):
     # the no-op: 4 steps of 1.5 and 0.5 away, and of 0.25
     assert begun.returns == pytest.approx([-4 * (2.25 + 0.25 + 0.0625)] * 2)
     climb = shooting.climbed(begun, np.array([0.01, 0.0]), 25)
-    assert int(climb.steps) == 25 * shooting.steps
+    assert int(climb.moments.count) == 25 * shooting.steps
     # a boat that rows as fast as it can is half a unit away after one step
     assert climb.returns[0] == pytest.approx(-(2.25 + 0.25 + 0.25), abs=1e-3)
     best = {name: np.asarray(plan)[0] for name, plan in climb.best.items()}

@@ -165,8 +165,7 @@ class ShootingArm(CompilingArm):
         for name, unit in self._begun.units.items():
             plan = self._best[name]
             noise = random.normal(size=(self._count, *plan.shape)) * np.asarray(unit)
-            shifted = plan + np.reshape(spread, (-1, *[1] * plan.ndim)) * noise
-            plans[name] = shifted.astype(np.float32)
+            plans[name] = plan + np.reshape(spread, (-1, *[1] * plan.ndim)) * noise
         self._climb, self._done = self._begun.begin(plans), 0
 
     def _advance(self, tests: int) -> None:
