@@ -65,10 +65,9 @@ def crossed(
     if not gaining:
         return best, reached
     taken = [(parts[place], others[int(alone[place].argmax())]) for place in gaining]
-    single = int(alone.argmax())
-    finalists = [_with(best, plans, taken), trials[single]]
-    together, one = float(evaluate(_stacked(finalists[:1]))[0]), float(alone.flat[single])
-    return (finalists[0], together) if together >= one else (finalists[1], one)
+    together, single = _with(best, plans, taken), int(alone.argmax())
+    of_all, of_one = float(evaluate(_stacked([together]))[0]), float(alone.flat[single])
+    return (together, of_all) if of_all >= of_one else (trials[single], of_one)
 
 
 def _with(
