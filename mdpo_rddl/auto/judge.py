@@ -13,7 +13,7 @@ from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.timing import Clock, Timed
-from mdpo_rddl.planner.exact import exact_returns
+from mdpo_rddl.planner.exact import LOST, exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
@@ -61,9 +61,15 @@ def mean_and_error(returns: np.ndarray) -> tuple[float, float]:
 
 
 def difference_error(one: Candidate, other: Candidate) -> float:
-    """Standard error of the difference of two means, rollout by rollout where both were played."""
+    """Standard error of the difference of two means, rollout by rollout where both were played.
+
+    Rollouts that one of them has lost are left out: how many these are decides by itself.
+    """
     if one.returns is not None and other.returns is not None:
-        differences = one.returns - other.returns
+        are_whole = np.minimum(one.returns, other.returns) > LOST
+        if np.any(~are_whole) and np.count_nonzero(are_whole) < 2:
+            return 0.0
+        differences = (one.returns - other.returns)[are_whole]
         if np.all(np.isfinite(differences)):
             return mean_and_error(differences)[1]
     return float(np.hypot(one.error, other.error))

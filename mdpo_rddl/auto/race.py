@@ -26,6 +26,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probing import probe
+from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.sizes import judge_rollouts, plans_fit
@@ -51,6 +52,8 @@ from mdpo_rddl.problem.load import Problem
 logger = logging.getLogger(__name__)
 
 _ROLLOUTS = 128
+# where an error that is rare in play must be seen
+_MANY_ROLLOUTS = 1024
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
@@ -89,6 +92,8 @@ def plan_automatically(
     resumption = Resumption(lambda: clock() - started, None if earlier is None else earlier.state)
     options.on_begun(resumption.snapshot)
     seconds, shares = config.budget().seconds, _shares(config)
+    by = clock() + RAISING_SHARE * seconds
+    problem = watched(problem, lambda: clock() < by)
     wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
     alternatives = Alternatives(problem, seed, seconds - used, wanted)
     with alternatives, one_line_errors(problem):
@@ -300,7 +305,8 @@ def _arena(
     planner = build_planner(problem, config, options.traced_cache, jit=jit).planner
     # without chance few rollouts are as good
     left = 0.0 if seen.deterministic else deadline - clock()
-    rollouts = judge_rollouts(_ROLLOUTS, seen.policy_seconds, left)
+    wanted = _MANY_ROLLOUTS if problem.raises else _ROLLOUTS
+    rollouts = judge_rollouts(wanted, seen.policy_seconds, left)
     return Arena(
         problem=problem,
         config=config,

@@ -54,6 +54,7 @@ def build_planner(
             f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
             f"(configured by {config.source})"
         ) from error
+    planner.lose_on_error = problem.raises
     if traced_cache is not None:
         text = config.with_values("Optimize", **_NOT_COMPILED).to_text()
         identity = f"{problem.digest} {problem.horizon} {text}"

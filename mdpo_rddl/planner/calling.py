@@ -19,7 +19,14 @@ from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlan
 
 
 class CallingPlanner(ActingPlanner):
-    """JaxPlan's planner with several iterations a turn, its restarts spread over the devices."""
+    """JaxPlan's planner with several iterations a turn, its restarts spread over the devices.
+
+    Attributes:
+      lose_on_error: whether a rollout of the exact model is lost where the environment would raise
+        an error; set before it is compiled.
+    """
+
+    lose_on_error = False
 
     def __init__(
         self,

@@ -16,6 +16,12 @@ from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
+from mdpo_rddl.planner.upstream import INVALID_PARAMETERS
+
+LOST = -1e9
+"""The return of an episode in which the environment raises an error: below any that ends.
+
+It is finite, for policies to be told apart by how often that happens."""
 
 
 def compile_exact_returns(
@@ -25,7 +31,8 @@ def compile_exact_returns(
 
     These are the exact environment's rules: no reward counts after a termination condition or a
     broken invariant has ended the episode, whatever the planner's own switch says, and an action
-    that breaks a rule is replaced as in play (`mdpo_rddl.planner.plans.legal`).
+    that breaks a rule is replaced as in play (`mdpo_rddl.planner.plans.legal`). Where the planner
+    has `lose_on_error`, a rollout in which the environment would raise an error returns `LOST`.
 
     Args:
       planner: the compiled planner.
@@ -117,6 +124,9 @@ def _compile_play(
         log, _ = rollout(key, params, hyperparams, start, nonfluents, model)
         states = {name: log["fluents"][name] for name in seen} if with_states else {}
         total = jnp.sum(discounts * log["reward"], axis=-1)
+        if planner.lose_on_error:
+            has_error = jnp.any((log["error"] & INVALID_PARAMETERS) != 0, axis=-1)
+            total = jnp.where(has_error, LOST, total)
         return jnp.zeros_like(total) if ends_at_once else total, states
 
     return play

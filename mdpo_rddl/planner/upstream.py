@@ -28,6 +28,10 @@ JaxPlannerStoppingRule = planner.JaxPlannerStoppingRule
 JaxStraightLinePlan = planner.JaxStraightLinePlan
 GaussianPGPE = planner.GaussianPGPE
 
+_CODES = compiler.JaxRDDLCompiler.ERROR_CODES
+INVALID_PARAMETERS = sum(code for name, code in _CODES.items() if name.startswith("INVALID_PARAM"))
+"""The bits of a rollout's `error` that tell of a distribution's parameter outside its domain."""
+
 
 def import_tuning() -> ModuleType:
     """JaxPlan's module for tuning.
@@ -46,6 +50,7 @@ def import_tuning() -> ModuleType:
 
 
 __all__ = [
+    "INVALID_PARAMETERS",
     "GaussianPGPE",
     "JaxBackpropPlanner",
     "JaxDeepReactivePolicy",

@@ -45,7 +45,8 @@ class Problem:
 
     `label` is a short name for folders and tables: the stem of the instance file, or
     '<Domain>-<instance>' for a problem of rddlrepository. The texts are those of the two files,
-    with Unix line ends, and `digest` is the sha256 (hex) of one followed by the other.
+    with Unix line ends, and `digest` is the sha256 (hex) of one followed by the other. `raises`
+    says that the environment was seen to raise an error in play, which policies must avoid.
     """
 
     model: RDDLLiftedModel
@@ -57,6 +58,7 @@ class Problem:
     domain_text: str
     instance_text: str
     digest: str
+    raises: bool = False
 
     @property
     def horizon(self) -> int:

@@ -12,10 +12,10 @@ from helpers.lakes import preset, write_lake
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
-from mdpo_rddl.auto.judge import Judge, mean_and_error
+from mdpo_rddl.auto.judge import Judge, difference_error, mean_and_error
 from mdpo_rddl.auto.sizes import judge_rollouts
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact import LOST, compile_exact_returns
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,19 @@ def test_candidates_of_one_planner_must_be_better_and_others_by_two_errors():
     assert not one.record(known("other", 10.0, 4.0))
     assert one.record(known("other", 10.2, 4.0))
     assert one.best_of(planner).label == "paired"
+
+
+def rolled(label: str, returns: list[float]) -> Candidate:
+    one = known(label, float(np.mean(returns)))
+    return dataclasses.replace(one, returns=np.array(returns))
+
+
+def test_how_many_rollouts_are_lost_decides_before_any_error():
+    all_lost, one_lost = [LOST] * 4, [3.0, LOST, 1.0, 9.0]
+    assert difference_error(rolled("a", all_lost), rolled("b", [0.0] * 4)) == 0.0
+    # of 4, -5 and 6 the error is
+    error = difference_error(rolled("a", one_lost), rolled("b", [-1.0, 7.0, 6.0, 3.0]))
+    assert error == pytest.approx(np.std([4.0, -5.0, 6.0], ddof=1) / np.sqrt(3))
 
 
 def test_an_arm_goes_on_from_what_another_process_has_left():

@@ -18,6 +18,7 @@ import numpy as np
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
@@ -182,7 +183,9 @@ class JaxPlanArm(Arm):
 def serve(messages: Messages) -> None:
     """The second process: is told what is wanted, trains, and answers for each method."""
     request = ChildRequest(**messages.receive())
+    by = time.monotonic() + RAISING_SHARE * request.seconds
     problem = ProblemSource(**request.problem).load(kept_tables())
+    problem = watched(problem, lambda: time.monotonic() < by)
     for method in METHODS:
         try:
             answer = _train(problem, request, method)

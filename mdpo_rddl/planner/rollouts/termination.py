@@ -1,4 +1,4 @@
-"""No reward after the end of an episode: JaxPlan's rollouts ignore where it ends."""
+"""No reward nor error after the end of an episode: JaxPlan's rollouts ignore where it ends."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +22,7 @@ def steps_alive(ended: Array) -> Array:
 
 
 def stop_at_termination(rollouts: Callable) -> Callable:
-    """Rollouts whose rewards are zero once a termination condition or an invariant has ended them.
+    """Rollouts without rewards and errors after a termination condition or a broken invariant.
 
     Which step is the last is treated as constant: the gradient passes through the rewards that
     count, not through the moment of the end.
@@ -37,6 +37,7 @@ def stop_at_termination(rollouts: Callable) -> Callable:
         alive = steps_alive(ended).astype(log["reward"].dtype)
         # a non-finite reward after the end must not survive a multiplication by zero
         reward = jnp.where(alive > 0.0, log["reward"], 0.0)
-        return {**log, "reward": reward}, model_params
+        error = jnp.where(alive > 0.0, log["error"], 0)
+        return {**log, "reward": reward, "error": error}, model_params
 
     return stopped

@@ -1,0 +1,70 @@
+"""Where the environment raises an error in play, policies that avoid it are better."""
+
+import dataclasses
+import logging
+
+import jax
+import numpy as np
+import pytest
+from helpers.lakes import preset
+from helpers.toys import toy
+
+from mdpo_rddl.auto.constants import with_bias
+from mdpo_rddl.auto.fitting import without_scales
+from mdpo_rddl.auto.race import plan_automatically
+from mdpo_rddl.auto.raising import watched
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.exact import LOST, compile_exact_returns
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.load import make_environment
+
+
+def always() -> bool:
+    return True
+
+
+@pytest.fixture(scope="module")
+def kettle():
+    return toy("kettle", TERMINATION="false")
+
+
+def test_an_error_in_an_episode_of_the_no_op_is_seen_and_told(kettle, caplog):
+    with caplog.at_level(logging.WARNING):
+        assert watched(kettle, always).raises
+    assert "Bernoulli" in caplog.text
+
+
+def test_an_episode_without_an_error_says_nothing():
+    assert not watched(toy("kettle", TERMINATION="heat > 0.7"), always).raises
+    assert not watched(toy("boats", TERMINATION="false"), always).raises
+
+
+def test_the_episode_ends_when_its_time_is_over(kettle):
+    assert not watched(kettle, iter([True, False]).__next__).raises
+
+
+def returns(problem) -> np.ndarray:
+    """Of the no-op, and of a policy that always cools: one rollout of each [2]."""
+    planner = build_planner(problem, without_scales(preset(1.0))).planner
+    noop = planner.feedback_plan.noop(0)
+    both = jax.tree.map(lambda *leaves: np.stack(leaves), noop, with_bias(noop, {"cool": 5.0}))
+    return np.asarray(compile_exact_returns(planner, 1)(jax.random.PRNGKey(0), both))[:, 0]
+
+
+def test_a_rollout_with_an_error_is_lost(kettle):
+    noop, cooled = returns(watched(kettle, always))
+    assert noop == np.float32(LOST)
+    assert cooled == pytest.approx(-4.0)
+    assert returns(kettle)[0] == pytest.approx(0.375 * 28)
+
+
+def test_an_error_after_the_end_of_an_episode_counts_for_nothing(kettle):
+    ending = toy("kettle", TERMINATION="heat > 0.7")
+    noop, _ = returns(dataclasses.replace(ending, raises=True))
+    assert noop == pytest.approx(0.375)
+
+
+def test_the_race_avoids_it(kettle):
+    policy = plan_automatically(kettle, preset(8.0), seed=0).policy
+    played = evaluate(make_environment(kettle), policy, 4, 0)
+    assert np.all(played.returns > 0.0)
