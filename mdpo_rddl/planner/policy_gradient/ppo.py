@@ -26,13 +26,12 @@ from mdpo_rddl.planner.policy_gradient.advantages import (
 )
 from mdpo_rddl.planner.policy_gradient.critic import Critic
 from mdpo_rddl.planner.policy_gradient.playing import Rollouts, compile_drawn_rollouts
+from mdpo_rddl.planner.programs.quick import Jit
 
 # of the scale of returns: what an iteration changes; and the least, of how they differ from step
 # to step and of their size
 _NEWS, _LEAST_SPREAD, _LEAST_SIZE = 0.1, 1e-2, 1e-3
 _TINY = 1e-6
-# a tenth less to compile, and as fast: the loops are few and large
-_COMPILER_OPTIONS = {"xla_backend_optimization_level": 1}
 # log of a ratio of probabilities: beyond that its exponential, or a gradient of it, is no number
 _LARGEST_LOG_RATIO = 20.0
 
@@ -122,12 +121,15 @@ class PolicyGradient:
         it has shown; compiled.
     """
 
-    def __init__(self, planner: MDPOPlanner, learning: Learning | None = None) -> None:
+    def __init__(
+        self, planner: MDPOPlanner, learning: Learning | None = None, jit: Jit = jax.jit
+    ) -> None:
         """Compiles nothing yet.
 
         Args:
           planner: compiled, with a `FeedbackPlan`, of a model that `can_be_drawn`.
           learning: how it is learnt.
+          jit: compiles `iterate`.
         """
         self._learning = learning = learning or Learning()
         self._actor, self._critic = Actor(planner), Critic(planner.feedback_plan.feedback)
@@ -140,9 +142,7 @@ class PolicyGradient:
             optax.chain(clipped, optax.scale_by_adam(eps=_TINY)),
             optax.adam(learning.critic_step),
         )
-        self.iterate: Callable[[Learner, Array, Pace], tuple[Learner, Shown]] = jax.jit(
-            self._iterate, compiler_options=_COMPILER_OPTIONS
-        )
+        self.iterate: Callable[[Learner, Array, Pace], tuple[Learner, Shown]] = jit(self._iterate)
 
     def begin(self, params: Params, key: Array) -> Learner:
         """A learner that knows nothing of the returns.
