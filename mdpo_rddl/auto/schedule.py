@@ -55,8 +55,7 @@ _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.005
 # reward was found yet, and after others; what is left of the first once ppo has given way
 _GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85, 0.6, 0.6, 0.6
 _AFTER_PPO_SHARE = _GREEDY_SHARE * (1.0 - _LAW_LEADS_BY)
-# what it has in any case, for its first iterations tell little
-_GREEDY_AT_LEAST = 0.4
+_GREEDY_AT_LEAST = 0.4  # in any case, for its first iterations tell little
 _LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"  # parts
 # of the time left, at most, for an arm that needs no compilation, before the others
 _EARLY_SHARE, _LESS = 0.3, 0.5
@@ -154,13 +153,14 @@ class Schedule(Slices):
         """Slices for one that may have worked already, while each finds a better policy."""
         self._enter(arm)
         is_better = self._judge_candidates(arm)
-        # what it found is kept from here on
+        # it has had the short ones, and what it found is kept from here on
         self._marks.ended(arm.name)
-        slices = FIRST_SLICES if is_better else 0  # it has had the short ones
-        contender = self._contend(arm, lambda: arm.reached, slices)
+        contender = self._contend(arm, lambda: arm.reached, FIRST_SLICES if is_better else 0)
         self._on_stage("searching")
         if is_better:
-            self._give_while(contender, until, lambda: self._judge.best_mean)
+            # its returns are told with errors; where no other finds a reward, what it knows decides
+            own, judge = not self._finds_reward(), self._judge
+            self._give_while(contender, until, lambda: arm.progress if own else judge.best_mean)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""

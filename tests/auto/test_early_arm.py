@@ -31,12 +31,15 @@ class Scripted(Arm):
             )
 
 
-def slices(returns, deadline=160.0):
+def slices(returns, deadline=160.0, is_rare=False):
     """How many slices the arm has had before the others begin, and the best return."""
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=0.0, error=0.0))
-    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=deadline)
+    arena = SimpleNamespace(
+        judge=judge, clock=clock, began=0.0, deadline=deadline, has_plan=is_rare, incumbent=None
+    )
+    arena.beats_noop = lambda candidate: False
     arm = Scripted(clock, returns)
     arm.work(1.0)
     schedule = Schedule(arena, Search(), lambda name: None)
@@ -57,10 +60,17 @@ def test_it_goes_on_as_long_as_it_gains(returns, expected):
     assert slices(returns) == expected
 
 
+def test_where_no_other_finds_a_reward_its_own_figures_decide(monkeypatch):
+    # it knows more after each slice, whatever it returns in a few episodes
+    monkeypatch.setattr(Scripted, "progress", property(lambda arm: min(5, arm.log.slices)))
+    assert slices([1.0, 1.0, 1.0], is_rare=True) == (6, 1.0)
+    assert slices([1.0, 1.0, 1.0]) == (2, 1.0)
+
+
 def test_it_is_over_once_what_it_found_was_judged():
     clock, seen = Stopped(), []
     judge = Judge(1, 0, clock, 0.0, lambda judged: seen.append(schedule._marks.values()["over"]))
-    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0)
+    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0, has_plan=False)
     arm = Scripted(clock, [1.0])
     arm.work(1.0)
     schedule = Schedule(arena, Search(), lambda name: None)

@@ -43,8 +43,9 @@ _MOST_MISSED = 0.5
 # with so many the table is of no use, which a few episodes tell
 _LOST, _FEW = 0.9, 32
 _NEVER_AGAIN = "most states are never seen again"
-# slices without a better table, after which the arm is given up
-_PATIENCE = 3
+# slices without a better table, after which the arm is given up; of the error of its return, by
+# which what is known must rise otherwise
+_PATIENCE, _NOTICED = 3, 0.1
 
 
 class TrialsArm(Arm):
@@ -77,7 +78,14 @@ class TrialsArm(Arm):
         self._resumed: State | None = None
         self._steps: Iterator[None] = iter(())
         self._best, self._closing, self._episodes = -np.inf, 0.0, _EPISODES
+        # what the best policy on what was seen returns, by what is known of it
+        self._known = -np.inf
         self._without_gain = self._skipped = 0
+
+    @property
+    def progress(self) -> float:
+        """What the best policy returns by what was seen, and at least elsewhere."""
+        return self._known
 
     def state(self) -> State | None:
         """What was seen, and where the search is."""
@@ -166,7 +174,8 @@ class TrialsArm(Arm):
         Raises:
           OutOfTimeError: if it is not over then.
         """
-        started, before, explored = self._clock(), self._best, search.explored
+        started, explored = self._clock(), search.explored
+        before = self._best, self._known
         result = self._found(search, self._limits(until).check_time)
         if result is None:
             self._give_up(_NEVER_AGAIN)
@@ -180,7 +189,8 @@ class TrialsArm(Arm):
             self._offer_table(explored, best, estimate)
         self._log.iterations = search.batches
         self._log.details = {"states": explored.size, "missed": round(missed, 4)}
-        if self._best > before:
+        least = _NOTICED * error if np.isfinite(error) else 0.0
+        if self._best > before[0] or self._known > before[1] + least:
             self._without_gain = 0
         else:
             self._note_no_gain("it gains nothing more")
@@ -212,6 +222,8 @@ class TrialsArm(Arm):
         missed = 1.0
         for trust in _TRUSTS:
             greedy = search.found(trust, check_time)
+            if trust == 0.0:
+                self._known = max(self._known, greedy.value)
             if not found and self._is_lost(search, greedy, check_time):
                 return None
             played = play(search.explored, greedy, episodes, self._seed, False, check_time)

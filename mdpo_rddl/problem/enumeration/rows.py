@@ -89,12 +89,12 @@ class RowMaker:
         actions = self._model.actions
         is_default_legal = batch.of(actions[0].legal).astype(bool)
         unchanged = self._default(batch)
-        encoded: dict[Any, np.ndarray] = {}
+        flips: dict[Any, np.ndarray] = {}
         allowed, found = np.zeros(len(states), bool), []
         for number, action in enumerate(actions):
             legal = batch.of(action.legal).astype(bool)
             allowed |= legal
-            packed = self._changed(number, unchanged, batch, encoded)
+            packed = self._changed(number, unchanged, batch, flips)
             reward = batch.of(action.reward) * 1.0
             if number:
                 is_same = np.all(packed == unchanged, axis=1)
@@ -150,17 +150,16 @@ class RowMaker:
         return packed
 
     def _changed(
-        self, action: int, unchanged: np.ndarray, batch: _Batch, encoded: dict[Any, np.ndarray]
+        self, action: int, unchanged: np.ndarray, batch: _Batch, flips: dict[Any, np.ndarray]
     ) -> np.ndarray:
-        """Afterstates [N, words] of another action; `encoded` keeps what several share."""
+        """Afterstates [N, words] of another action; `flips` keeps what several share."""
         packed, rules = unchanged.copy(), self._model.actions[action]
 
         def put(number: int, key: Any, encode: Callable[[], np.ndarray]) -> None:
-            if key not in encoded:
-                encoded[key] = encode()
             place = self._afterstates.packing.places[number]
-            packed[:, place.word] &= ~place.mask
-            packed[:, place.word] |= encoded[key]
+            if key not in flips:
+                flips[key] = (unchanged[:, place.word] & place.mask) ^ encode()
+            packed[:, place.word] ^= flips[key]
 
         for number in self._differs[action]:
             law = rules.laws[number]

@@ -48,23 +48,47 @@ def induct(
         trials to what is new.
       check_time: called now and then; what it raises ends the induction.
     """
+    return greedy_of(explored, *swept(explored, Future(explored, trust), check_time))
+
+
+def swept(
+    explored: Explored,
+    future: "Future",
+    check_time: Callable[[], None] = lambda: None,
+    untried: Callable[[int], np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Goes through all steps, the last one first.
+
+    Args:
+      explored: with S states.
+      future: says what is to be expected after an action.
+      check_time: as of `induct`.
+      untried: what each state [S] is worth at a step where an action of which nothing was seen
+        is played; what `future` says of these if None.
+
+    Returns:
+      What to play in each state at each step [H, S], as `Greedy` has it, and what each state is
+      worth at the step at which it was first reached [S].
+    """
     horizon, discount = explored.model.horizon, explored.model.discount
     decided = np.flatnonzero(explored.row_count.values)
     rows = np.full((horizon, explored.size), -1, np.int32)
-    no_action = np.zeros(len(explored.model.actions))
+    values, at_depth = np.zeros((2, explored.size))
     if not len(decided):
-        return Greedy(rows, 0.0, no_action)
+        return rows, at_depth
     starts = explored.first_row.values[decided]
     counts = explored.row_count.values[decided]
     reward, afterstate = explored.reward.values, explored.afterstate.values
-    everything = np.arange(len(reward))
-    values, at_depth = np.zeros((2, explored.size))
-    future = _Future(explored, trust)
+    explored.shorten_depths()
+    everything, owners = np.arange(len(reward)), explored.owners()
+    unseen = np.flatnonzero(~explored.was_drawn()[afterstate])
     timed_steps = 1 + _ROWS_UNTIMED // len(reward)
     for step in reversed(range(horizon)):
         if (horizon - step) % timed_steps == 0:
             check_time()
         q = reward + discount * future.values(values, horizon - 1 - step)[afterstate]
+        if untried is not None:
+            q[unseen] = untried(step)[owners[unseen]]
         best = np.maximum.reduceat(q, starts)
         # rounding shall not choose
         enough = np.repeat(best - _TIE * (1 + np.abs(best)), counts)
@@ -72,8 +96,13 @@ def induct(
         values[decided] = best
         here = explored.depth.values == step
         at_depth[here] = values[here]
-    popularity = no_action + _popularity(explored, rows, at_depth)
-    return Greedy(rows, float(values[0]), popularity)
+    return rows, at_depth
+
+
+def greedy_of(explored: Explored, rows: np.ndarray, at_depth: np.ndarray) -> Greedy:
+    """A policy with what is known of it, as `swept` gives it; the first state is initial."""
+    popularity = np.zeros(len(explored.model.actions)) + _popularity(explored, rows, at_depth)
+    return Greedy(rows, float(at_depth[0]), popularity)
 
 
 def annuity(discount: float, steps: Any) -> Any:
@@ -83,14 +112,21 @@ def annuity(discount: float, steps: Any) -> Any:
     return (1.0 - discount**steps) / (1.0 - discount)
 
 
-class _Future:
-    """Expected values of next states."""
+class Future:
+    """What is to be expected of next states."""
 
-    def __init__(self, explored: Explored, trust: float) -> None:
+    def __init__(self, explored: Explored, trust: float, hope: float = 0.0) -> None:
+        """Adds up the probabilities that are known.
+
+        Args:
+          explored: what was seen.
+          trust: see `induct`.
+          hope: share of the best that was seen, rather than of the mean.
+        """
         self._origin, self._next = explored.origin.values, explored.next.values
         self._probability = explored.probability.values
         self._idle = explored.idle.values
-        self._count = explored.after_index.count
+        self._count, self._hope = explored.after_index.count, hope
         self._discount = explored.model.discount
         seen = np.bincount(self._origin, self._probability, self._count)
         self._unseen = np.maximum(0.0, 1.0 - seen)
@@ -102,7 +138,14 @@ class _Future:
         weighted = self._probability * values[self._next]
         seen = np.bincount(self._origin, weighted, self._count)
         idle = annuity(self._discount, left) * self._idle
-        return seen * self._scale + self._doubt * idle
+        expected = seen * self._scale + self._doubt * idle
+        return expected if self._hope == 0.0 else self._hopeful(expected, values)
+
+    def _hopeful(self, expected: np.ndarray, values: np.ndarray) -> np.ndarray:
+        best = np.full(self._count, -np.inf)
+        np.maximum.at(best, self._origin, values[self._next])
+        mixed = (1.0 - self._hope) * expected + self._hope * best
+        return np.where(np.isfinite(best), mixed, expected)
 
 
 def _popularity(explored: Explored, rows: np.ndarray, values: np.ndarray) -> np.ndarray:

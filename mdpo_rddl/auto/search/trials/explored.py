@@ -79,6 +79,32 @@ class Explored:
         """Number of states."""
         return self.index.count
 
+    def owners(self) -> np.ndarray:
+        """The state of each row [R]."""
+        return np.repeat(np.arange(self.size), self.row_count.values)
+
+    def was_drawn(self) -> np.ndarray:
+        """Whether a next state of each afterstate [E] is known."""
+        return np.bincount(self.origin.values, minlength=self.after_index.count) > 0
+
+    def shorten_depths(self) -> None:
+        """Makes depths the least by all that was seen.
+
+        What follows a state was drawn when it was first reached, perhaps by a detour.
+        """
+        owners, afterstate = self.owners(), self.afterstate.values
+        origin, following = self.origin.values, self.next.values
+        depth = self.depth.values.astype(np.int64)
+        while True:
+            after = np.full(self.after_index.count, int(NEVER), np.int64)
+            np.minimum.at(after, afterstate, depth[owners])
+            shorter = depth.copy()
+            np.minimum.at(shorter, following, after[origin] + 1)
+            if np.array_equal(shorter, depth):
+                break
+            depth = shorter
+        self.depth.values[:] = depth
+
     def add(self, states: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """The numbers [N] of packed states [N, words], of which new ones get their rows.
 
@@ -101,13 +127,20 @@ class Explored:
         origin = self.afterstate.values[rows]
         states, probability = self.afterstates.sample(self.after_index.states[origin], random)
         np.add.at(self.tried.values, rows, 1)
-        numbers = self.add(states, depth + 1)
-        self._remember(Draws(origin, states, probability), numbers)
-        self._complete(origin, depth)
-        return numbers
+        drawn = Draws(origin, states, probability)
+        # together, for it takes about as long to add a few states as to add many
+        draws = [(drawn, depth), *self._complete(origin, depth)]
+        reached = np.concatenate([each.states for each, _ in draws])
+        numbers = self.add(reached, np.concatenate([at for _, at in draws]) + 1)
+        ends = np.cumsum([len(at) for _, at in draws])
+        for (each, _), own in zip(draws, np.split(numbers, ends[:-1]), strict=True):
+            self._remember(each, own)
+        return numbers[: len(rows)]
 
-    def _complete(self, origin: np.ndarray, depth: np.ndarray) -> None:
-        """Adds all that may follow afterstates [N], drawn at a depth [N], if it is little."""
+    def _complete(
+        self, origin: np.ndarray, depth: np.ndarray
+    ) -> Iterator[tuple[Draws, np.ndarray]]:
+        """All that may follow afterstates [N], and depths [N], if it is little; with its depths."""
         new = self.after_index.count - self._is_complete.count
         self._is_complete.add(np.zeros(new, bool))
         first, where = np.unique(origin, return_index=True)
@@ -119,8 +152,7 @@ class Explored:
         if not len(first):
             return
         for draws in self.afterstates.draw(self.after_index.states[first]):
-            numbers = self.add(draws.states, depth[where][draws.origin] + 1)
-            self._remember(draws._replace(origin=first[draws.origin]), numbers)
+            yield draws._replace(origin=first[draws.origin]), depth[where][draws.origin]
 
     def _expand(self, states: np.ndarray) -> None:
         together = max(1, _ROWS_TOGETHER // len(self.model.actions))

@@ -3,7 +3,8 @@
 After real-time dynamic programming (Barto, Bradtke and Singh 1995) and trial-based heuristic tree
 search (Keller and Helmert 2013), with the known probabilities of what trials have drawn. In place
 of single backups all that was seen is gone through once it has grown by a share. Where the greedy
-policy knows no state, a trial plays the actions that this policy uses elsewhere, or any. Other
+policy knows no state, a trial plays the actions that this policy uses elsewhere, or any. Every
+other policy that trials follow hopes for luck and guesses what was not tried (`guide.py`). Other
 trials begin at a state that has a rare value of some variable, and prefer what was rarely tried.
 """
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from mdpo_rddl.auto.search.trials.backward import Greedy, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
+from mdpo_rddl.auto.search.trials.guide import guide
 from mdpo_rddl.auto.search.trials.kept_policy import policy_state, read_policy
 from mdpo_rddl.auto.state import State, count_of, generator_place, joined, set_generator
 from mdpo_rddl.auto.timing import Clock
@@ -34,11 +36,12 @@ _STATES_OF_ONE = 8
 # of the decisions of a trial, at random; and of these, by any action rather than a popular one
 _DEVIATIONS = (0.0, 0.0, 0.0, 0.05, 0.2)
 _ANY_ACTION = (0.05, 0.2, 0.5, 1.0)
-# from one backward induction to the next
-_TRUSTS = (1.0, 0.5, 1.0, 0.9)
+# from one backward induction to the next; without one it is a guide that is followed
+_TRUSTS = (1.0, None, 0.5, None, 1.0, None, 0.9, None)
 _GROWTH, _INDUCTION_SHARE = 1.25, 0.25
 # of an induction, for each row and step, as long as none was timed
 _ROW_SECONDS = 2e-8
+_REMEMBERED = 0.8
 # of a trial that begins anywhere
 _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
@@ -78,7 +81,7 @@ class TrialSearch:
         self.is_full = self.has_ended = False
         self._random = np.random.default_rng(seed)
         self._clock = clock
-        self._greedy = induct(self.explored, _TRUSTS[0])
+        self._greedy = induct(self.explored, 1.0)
         self._rarity = np.ones(1)
         self._inductions = 0
         self._searching = self._inducting = 0.0
@@ -186,10 +189,16 @@ class TrialSearch:
         trust = _TRUSTS[(self._inductions + 1) % len(_TRUSTS)]
         limits = EnumerationLimits(until - started, clock=self._clock)
         with contextlib.suppress(OutOfTimeError):  # the policy before is followed on
-            self._greedy = induct(self.explored, trust, limits.check_time)
+            self._greedy = (
+                guide(self.explored, limits.check_time)
+                if trust is None
+                else induct(self.explored, trust, limits.check_time)
+            )
             self._rarity = _rarity(self.explored, self.explored.size)
             self._inductions += 1
-            self._row_seconds = (self._clock() - started) / max(1, self.explored.reward.count)
+            # a guide takes twice as long as others
+            seconds = (self._clock() - started) / max(1, self.explored.reward.count)
+            self._row_seconds = max(seconds, _REMEMBERED * self._row_seconds)
         self._inducting += self._clock() - started
 
     @property
