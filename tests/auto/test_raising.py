@@ -68,3 +68,11 @@ def test_the_race_avoids_it(kettle):
     policy = plan_automatically(kettle, preset(8.0), seed=0).policy
     played = evaluate(make_environment(kettle), policy, 4, 0)
     assert np.all(played.returns > 0.0)
+
+
+def test_another_error_is_left_to_whoever_plays(kettle, monkeypatch):
+    def step(env, action):
+        raise ZeroDivisionError("a fault of its own")
+
+    monkeypatch.setattr("pyRDDLGym.core.env.RDDLEnv.step", step)
+    assert watched(kettle, always) is kettle

@@ -15,7 +15,7 @@ from mdpo_rddl.auto.draws import Draws
 from mdpo_rddl.auto.state import count_of
 from mdpo_rddl.planner.plans.feedback import Params, with_raw_scale
 from mdpo_rddl.planner.policy_gradient.ppo import Learner, Pace, PolicyGradient, Shown
-from mdpo_rddl.planner.programs.quick import jit_for
+from mdpo_rddl.planner.programs.quick import is_short, quick_jit
 
 PPO = "ppo"
 # of the first phase: Adam's step size, and the worth of a nat in units of the advantage
@@ -67,7 +67,8 @@ class PolicyGradientArm(LearningArm[Learner]):
     def _build(self) -> Learner:
         """Makes the law too."""
         arena = self._arena
-        self._gradient = PolicyGradient(arena.planner, jit=jit_for(arena.seconds))
+        jit = quick_jit if is_short(arena.seconds) else None
+        self._gradient = PolicyGradient(arena.planner, jit=jit)
         begun = self._gradient.begin(arena.noop, self._learner_key)
         jax.block_until_ready(self._iterated(begun, self._trial_key, _STILL))
         return begun

@@ -32,6 +32,8 @@ from mdpo_rddl.planner.programs.quick import Jit
 # to step and of their size
 _NEWS, _LEAST_SPREAD, _LEAST_SIZE = 0.1, 1e-2, 1e-3
 _TINY = 1e-6
+# up to a third less to compile, and as fast: the loops are few and large
+_COMPILER_OPTIONS = {"xla_backend_optimization_level": 1}
 # log of a ratio of probabilities: beyond that its exponential, or a gradient of it, is no number
 _LARGEST_LOG_RATIO = 20.0
 
@@ -122,14 +124,14 @@ class PolicyGradient:
     """
 
     def __init__(
-        self, planner: MDPOPlanner, learning: Learning | None = None, jit: Jit = jax.jit
+        self, planner: MDPOPlanner, learning: Learning | None = None, jit: Jit | None = None
     ) -> None:
         """Compiles nothing yet.
 
         Args:
           planner: compiled, with a `FeedbackPlan`, of a model that `can_be_drawn`.
           learning: how it is learnt.
-          jit: compiles `iterate`.
+          jit: compiles `iterate`; if None, with little optimisation by XLA's backend.
         """
         self._learning = learning = learning or Learning()
         self._actor, self._critic = Actor(planner), Critic(planner.feedback_plan.feedback)
@@ -142,7 +144,9 @@ class PolicyGradient:
             optax.chain(clipped, optax.scale_by_adam(eps=_TINY)),
             optax.adam(learning.critic_step),
         )
-        self.iterate: Callable[[Learner, Array, Pace], tuple[Learner, Shown]] = jit(self._iterate)
+        self.iterate: Callable[[Learner, Array, Pace], tuple[Learner, Shown]] = (jit or _jit)(
+            self._iterate
+        )
 
     def begin(self, params: Params, key: Array) -> Learner:
         """A learner that knows nothing of the returns.
@@ -249,6 +253,10 @@ class PolicyGradient:
     def _values(self, critic: Any, inputs: Array) -> Array:
         one = functools.partial(self._critic.value, critic)
         return jax.vmap(jax.vmap(one), in_axes=(0, None))(inputs, self._steps)
+
+
+def _jit(function: Callable[..., Any]) -> Callable[..., Any]:
+    return jax.jit(function, compiler_options=_COMPILER_OPTIONS)
 
 
 def _learnt(params: Params) -> Params:

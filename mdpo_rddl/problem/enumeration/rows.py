@@ -32,6 +32,10 @@ NO_ROWS = Rows(np.zeros(0, int), np.zeros(0, np.int32), np.zeros(0), np.zeros((0
 """Of no states."""
 
 
+_Flip = tuple[int, np.ndarray]
+"""A word of afterstates, and the bits in it [N] that differ from another's."""
+
+
 class _Batch:
     """Values of the nodes in N states."""
 
@@ -86,24 +90,31 @@ class RowMaker:
           NotEnumerableError: if a state has no legal action, or a reward is not finite.
         """
         batch = _Batch(self._program.run(self._columns(states)), len(states))
-        actions = self._model.actions
+        actions, default = self._model.actions, self._default(batch)
         is_default_legal = batch.of(actions[0].legal).astype(bool)
-        unchanged = self._default(batch)
-        flips: dict[Any, np.ndarray] = {}
+        default_reward = batch.of(actions[0].reward)
+        flips: dict[Any, _Flip | None] = {}
         allowed, found = np.zeros(len(states), bool), []
         for number, action in enumerate(actions):
             legal = batch.of(action.legal).astype(bool)
             allowed |= legal
-            packed = self._changed(number, unchanged, batch, flips)
+            changes = self._changes(number, default, batch, flips)
             reward = batch.of(action.reward) * 1.0
             if number:
-                is_same = np.all(packed == unchanged, axis=1)
-                is_same &= reward <= batch.of(actions[0].reward)
-                legal = legal & ~(is_same & is_default_legal)
+                # what is no number is told below
+                is_worth_it = ~(reward <= default_reward) | ~is_default_legal
+                for _, flip in changes:
+                    is_worth_it |= flip != 0
+                legal = legal & is_worth_it
             chosen = np.flatnonzero(legal)
+            if not len(chosen):
+                continue
             if not np.isfinite(reward[chosen]).all():
                 raise NotEnumerableError("a reward that is not finite")
-            found.append((chosen, np.full(len(chosen), number), reward[chosen], packed[chosen]))
+            packed = default[chosen]
+            for word, flip in changes:
+                packed[:, word] ^= flip[chosen]
+            found.append((chosen, np.full(len(chosen), number), reward[chosen], packed))
         if not allowed.all():
             raise NotEnumerableError("a reachable state without a legal action")
         state, played, reward, packed = map(np.concatenate, zip(*found, strict=True))
@@ -149,24 +160,32 @@ class RowMaker:
             packed[:, word] |= self._afterstates.encode_group(joint, batch.of, group)
         return packed
 
-    def _changed(
-        self, action: int, unchanged: np.ndarray, batch: _Batch, flips: dict[Any, np.ndarray]
-    ) -> np.ndarray:
-        """Afterstates [N, words] of another action; `flips` keeps what several share."""
-        packed, rules = unchanged.copy(), self._model.actions[action]
+    def _changes(
+        self, action: int, default: np.ndarray, batch: _Batch, flips: dict[Any, _Flip | None]
+    ) -> list[_Flip]:
+        """How an action's afterstates differ from the default action's [N, words].
 
-        def put(number: int, key: Any, encode: Callable[[], np.ndarray]) -> None:
-            place = self._afterstates.packing.places[number]
-            if key not in flips:
-                flips[key] = (unchanged[:, place.word] & place.mask) ^ encode()
-            packed[:, place.word] ^= flips[key]
+        Args:
+          action: its number.
+          default: afterstates of the default action.
+          batch: the values of all nodes.
+          flips: of what several actions share, None for what differs nowhere; extended.
+        """
+        rules, afterstates = self._model.actions[action], self._afterstates
+        found = []
+
+        def compare(number: int, law: Any, encode: Callable[[], np.ndarray]) -> None:
+            if (number, law) not in flips:
+                place = afterstates.packing.places[number]
+                flip = (default[:, place.word] & place.mask) ^ encode()
+                flips[number, law] = (place.word, flip) if flip.any() else None
+            if (change := flips[number, law]) is not None:
+                found.append(change)
 
         for number in self._differs[action]:
             law = rules.laws[number]
-            encode = partial(self._afterstates.encode, number, law, batch.of)
-            put(number, (number, law), encode)
+            compare(number, law, partial(afterstates.encode, number, law, batch.of))
         for group in self._differing_groups[action]:
             joint, first = rules.joint[group], self._model.groups[group][0]
-            together = partial(self._afterstates.encode_group, joint, batch.of, group)
-            put(first, (first, joint), together)
-        return packed
+            compare(first, joint, partial(afterstates.encode_group, joint, batch.of, group))
+        return found

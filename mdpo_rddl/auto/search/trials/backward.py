@@ -80,15 +80,16 @@ def swept(
     counts = explored.row_count.values[decided]
     reward, afterstate = explored.reward.values, explored.afterstate.values
     explored.shorten_depths()
-    everything, owners = np.arange(len(reward)), explored.owners()
+    everything = np.arange(len(reward))
     unseen = np.flatnonzero(~explored.was_drawn()[afterstate])
+    their_states = explored.owners()[unseen]
     timed_steps = 1 + _ROWS_UNTIMED // len(reward)
     for step in reversed(range(horizon)):
         if (horizon - step) % timed_steps == 0:
             check_time()
         q = reward + discount * future.values(values, horizon - 1 - step)[afterstate]
         if untried is not None:
-            q[unseen] = untried(step)[owners[unseen]]
+            q[unseen] = untried(step)[their_states]
         best = np.maximum.reduceat(q, starts)
         # rounding shall not choose
         enough = np.repeat(best - _TIE * (1 + np.abs(best)), counts)

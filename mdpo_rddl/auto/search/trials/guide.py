@@ -20,8 +20,9 @@ from mdpo_rddl.auto.search.trials.explored import Explored
 
 # of the values that are fitted, and of those that are followed
 _FITTED_HOPE, _HOPE = 0.8, 0.3
-# states that are fitted to, and the ridge as a share of their number
-_MOST_FITTED, _RIDGE = 10_000, 1e-4
+# states that are fitted to, their variables' values, and the ridge as a share of the states
+_MOST_FITTED, _MOST_VALUES, _RIDGE = 10_000, 5_000_000, 1e-4
+
 Guess = Callable[[int], np.ndarray]
 """Of a step, what each state [S] is worth there."""
 
@@ -58,7 +59,8 @@ def _fitted(explored: Explored, states: np.ndarray, at_depth: np.ndarray) -> Gue
       states: numbers of those to fit it to.
       at_depth: of each state the value at the step at which it is first reached [S].
     """
-    states = states[:: 1 + len(states) // _MOST_FITTED]
+    most = max(1, min(_MOST_FITTED, _MOST_VALUES // (1 + len(explored.model.variables))))
+    states = states[:: 1 + len(states) // most]
     horizon, own = explored.model.horizon, explored.index.states
     known, steps = at_depth[states], explored.depth.values[states] / explored.model.horizon
     inputs = [*_variables(explored, own[states]), steps]
