@@ -57,8 +57,8 @@ _GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85,
 _AFTER_PPO_SHARE = _GREEDY_SHARE * (1.0 - _LAW_LEADS_BY)
 _GREEDY_AT_LEAST = 0.4  # in any case, for its first iterations tell little
 _LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"  # parts
-# of the time left, at most, for an arm that needs no compilation, before the others
-_EARLY_SHARE, _LESS = 0.3, 0.5
+# of the time left, at most, for an arm without compilation, by whether a constant finds a reward
+_EARLY_SHARES, _LESS = {True: 0.3, False: 0.5}, 0.5
 
 
 class Schedule(Slices):
@@ -104,7 +104,7 @@ class Schedule(Slices):
         for candidate in self._initial:
             judge.record(candidate)
         if self.early is not None:
-            self._try_early(self.early, self._end("early", _EARLY_SHARE))
+            self._try_early(self.early, self._end("early", _EARLY_SHARES[self._finds_reward()]))
         if not self._affording.population():
             logger.warning("there is too little time to search: compilation takes so long")
             if self.early is not None:
