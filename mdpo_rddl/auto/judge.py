@@ -66,7 +66,7 @@ def difference_error(one: Candidate, other: Candidate) -> float:
     Rollouts that one of them has lost are left out: how many these are decides by itself.
     """
     if one.returns is not None and other.returns is not None:
-        are_whole = np.minimum(one.returns, other.returns) > LOST
+        are_whole = (one.returns != LOST) & (other.returns != LOST)
         if np.any(~are_whole) and np.count_nonzero(are_whole) < 2:
             return 0.0
         differences = (one.returns - other.returns)[are_whole]

@@ -32,7 +32,8 @@ def compile_exact_returns(
     These are the exact environment's rules: no reward counts after a termination condition or a
     broken invariant has ended the episode, whatever the planner's own switch says, and an action
     that breaks a rule is replaced as in play (`mdpo_rddl.planner.plans.legal`). Where the planner
-    has `lose_on_error`, a rollout in which the environment would raise an error returns `LOST`.
+    has `lose_on_error`, a rollout in which a parameter of a distribution leaves its domain returns
+    `LOST`, be it in a branch that is not taken, in which the environment may not look at it.
 
     Args:
       planner: the compiled planner.

@@ -8,7 +8,7 @@ import logging
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ import numpy as np
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import MeanReturn
-from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
@@ -50,12 +49,14 @@ class ChildRequest:
       seed: of training.
       seconds: that the race has.
       folder: where the policies go.
+      raises: whether the environment was seen to raise an error in play.
     """
 
     problem: dict[str, Any]
     seed: int
     seconds: float
     folder: str
+    raises: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ class Alternatives:
             return
         self._child = Child(serve, on_cpu=True)
         source = asdict(ProblemSource.of(problem))
-        request = ChildRequest(source, seed, seconds, str(self._child.folder))
+        folder = str(self._child.folder)
+        request = ChildRequest(source, seed, seconds, folder, problem.raises)
         try:
             self._child.ask(asdict(request))
         except ChildEndedError as error:
@@ -183,9 +185,8 @@ class JaxPlanArm(Arm):
 def serve(messages: Messages) -> None:
     """The second process: is told what is wanted, trains, and answers for each method."""
     request = ChildRequest(**messages.receive())
-    by = time.monotonic() + RAISING_SHARE * request.seconds
     problem = ProblemSource(**request.problem).load(kept_tables())
-    problem = watched(problem, lambda: time.monotonic() < by)
+    problem = replace(problem, raises=request.raises)
     for method in METHODS:
         try:
             answer = _train(problem, request, method)

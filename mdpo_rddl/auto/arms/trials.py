@@ -45,7 +45,7 @@ _LOST, _FEW = 0.9, 32
 _NEVER_AGAIN = "most states are never seen again"
 # slices without a better table, after which the arm is given up; of the error of its return, by
 # which what is known must rise otherwise
-_PATIENCE, _NOTICED = 3, 0.1
+_PATIENCE, _NOTICED, _ROUNDING = 3, 0.1, 1e-9
 
 
 class TrialsArm(Arm):
@@ -78,13 +78,13 @@ class TrialsArm(Arm):
         self._resumed: State | None = None
         self._steps: Iterator[None] = iter(())
         self._best, self._closing, self._episodes = -np.inf, 0.0, _EPISODES
-        # what the best policy on what was seen returns, by what is known of it
+        # see `progress`; it rises by what is more than rounding
         self._known = -np.inf
         self._without_gain = self._skipped = 0
 
     @property
     def progress(self) -> float:
-        """What the best policy returns by what was seen, and at least elsewhere."""
+        """Value of the best policy on what was seen, where the rest is worth the no-op."""
         return self._known
 
     def state(self) -> State | None:
@@ -92,6 +92,8 @@ class TrialsArm(Arm):
         if self.is_over or self._search is None or self._resumed is not None:
             return self._resumed
         own = {"closing": self._closing, "without_gain": self._without_gain}
+        if math.isfinite(self._known):
+            own["known"] = self._known
         return joined(State({}, own), self._search.state().within("search"))
 
     def restore(self, state: State) -> None:
@@ -101,6 +103,7 @@ class TrialsArm(Arm):
         if not (math.isfinite(closing) and closing >= 0.0):
             raise ValueError(f"its closing takes {closing} s")
         self._without_gain = count_of(state.values["without_gain"])
+        self._known = float(state.values.get("known", -np.inf))
         self._closing, self._resumed = closing, state
         # better ones were not judged, and are found again
         self._best = -np.inf if self._log.best_return is None else self._log.best_return
@@ -175,12 +178,12 @@ class TrialsArm(Arm):
           OutOfTimeError: if it is not over then.
         """
         started, explored = self._clock(), search.explored
-        before = self._best, self._known
+        before = self._best
         result = self._found(search, self._limits(until).check_time)
         if result is None:
             self._give_up(_NEVER_AGAIN)
             return
-        best, played, missed = result
+        best, played, missed, known = result
         self._closing = self._clock() - started
         mean, error = mean_and_error(played.returns)
         if mean > self._best:
@@ -189,8 +192,9 @@ class TrialsArm(Arm):
             self._offer_table(explored, best, estimate)
         self._log.iterations = search.batches
         self._log.details = {"states": explored.size, "missed": round(missed, 4)}
-        least = _NOTICED * error if np.isfinite(error) else 0.0
-        if self._best > before[0] or self._known > before[1] + least:
+        if is_known_better := known > self._known + self._noticed(error):
+            self._known = known
+        if self._best > before or is_known_better:
             self._without_gain = 0
         else:
             self._note_no_gain("it gains nothing more")
@@ -198,6 +202,13 @@ class TrialsArm(Arm):
             self._give_up("no room for more states")
         elif missed > _MOST_MISSED:
             self._give_up(_NEVER_AGAIN)
+
+    def _noticed(self, error: float) -> float:
+        """What the known value must rise by, given the error of the return."""
+        if not math.isfinite(self._known):
+            return 0.0
+        rounding = _ROUNDING * (1.0 + abs(self._known))
+        return max(rounding, _NOTICED * error if math.isfinite(error) else 0.0)
 
     def _is_lost(self, search: TrialSearch, greedy: Greedy, check_time: Callable[[], None]) -> bool:
         """Whether a few episodes show that hardly a state is ever seen again.
@@ -212,18 +223,18 @@ class TrialsArm(Arm):
 
     def _found(
         self, search: TrialSearch, check_time: Callable[[], None]
-    ) -> tuple[Greedy, Play, float] | None:
-        """The best policy, fresh episodes of it, and the share of unknown states in trying it.
+    ) -> tuple[Greedy, Play, float, float] | None:
+        """The best policy, fresh episodes, the share of unknown states in them, and what is known.
 
         None if hardly a state is ever seen again.
         """
         found: list[tuple[float, Greedy]] = []
         episodes = self._episodes
-        missed = 1.0
+        missed, known = 1.0, -np.inf
         for trust in _TRUSTS:
             greedy = search.found(trust, check_time)
             if trust == 0.0:
-                self._known = max(self._known, greedy.value)
+                known = greedy.value
             if not found and self._is_lost(search, greedy, check_time):
                 return None
             played = play(search.explored, greedy, episodes, self._seed, False, check_time)
@@ -232,7 +243,7 @@ class TrialsArm(Arm):
         _, best = max(found, key=lambda pair: pair[0])
         # the episodes it was chosen by were kind to it
         fresh = play(search.explored, best, episodes, self._seed, True, check_time)
-        return best, fresh, missed
+        return best, fresh, missed, known
 
     def _offer_table(self, explored: Explored, greedy: Greedy, estimate: Estimate) -> None:
         states, changes = explored.index.states, runs(explored, greedy)

@@ -55,7 +55,7 @@ def swept(
     explored: Explored,
     future: "Future",
     check_time: Callable[[], None] = lambda: None,
-    untried: Callable[[int], np.ndarray] | None = None,
+    guess: Callable[[int], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Goes through all steps, the last one first.
 
@@ -63,12 +63,12 @@ def swept(
       explored: with S states.
       future: says what is to be expected after an action.
       check_time: as of `induct`.
-      untried: what each state [S] is worth at a step where an action of which nothing was seen
-        is played; what `future` says of these if None.
+      guess: of a step, what an action of which nothing was seen is worth in each state [S]; what
+        `future` says of these if None. It is not asked at the last step, where all is known.
 
     Returns:
       What to play in each state at each step [H, S], as `Greedy` has it, and what each state is
-      worth at the step at which it was first reached [S].
+      worth at the least step at which it is reached [S].
     """
     horizon, discount = explored.model.horizon, explored.model.discount
     decided = np.flatnonzero(explored.row_count.values)
@@ -79,7 +79,7 @@ def swept(
     starts = explored.first_row.values[decided]
     counts = explored.row_count.values[decided]
     reward, afterstate = explored.reward.values, explored.afterstate.values
-    explored.shorten_depths()
+    explored.shorten_depths(check_time)
     everything = np.arange(len(reward))
     unseen = np.flatnonzero(~explored.was_drawn()[afterstate])
     their_states = explored.owners()[unseen]
@@ -88,8 +88,8 @@ def swept(
         if (horizon - step) % timed_steps == 0:
             check_time()
         q = reward + discount * future.values(values, horizon - 1 - step)[afterstate]
-        if untried is not None:
-            q[unseen] = untried(step)[their_states]
+        if guess is not None and step < horizon - 1:
+            q[unseen] = guess(step)[their_states]
         best = np.maximum.reduceat(q, starts)
         # rounding shall not choose
         enough = np.repeat(best - _TIE * (1 + np.abs(best)), counts)

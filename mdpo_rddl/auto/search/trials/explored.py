@@ -1,6 +1,6 @@
 """What trials have seen of a ground model: states, what may be done there, and what followed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -87,10 +87,13 @@ class Explored:
         """Whether a next state of each afterstate [E] is known."""
         return np.bincount(self.origin.values, minlength=self.after_index.count) > 0
 
-    def shorten_depths(self) -> None:
+    def shorten_depths(self, check_time: Callable[[], None] = lambda: None) -> None:
         """Makes depths the least by all that was seen.
 
         What follows a state was drawn when it was first reached, perhaps by a detour.
+
+        Args:
+          check_time: called between two passes; what it raises leaves depths as they were.
         """
         owners, afterstate = self.owners(), self.afterstate.values
         origin, following = self.origin.values, self.next.values
@@ -103,6 +106,7 @@ class Explored:
             if np.array_equal(shorter, depth):
                 break
             depth = shorter
+            check_time()
         self.depth.values[:] = depth
 
     def add(self, states: np.ndarray, depth: np.ndarray) -> np.ndarray:

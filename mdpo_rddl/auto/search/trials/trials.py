@@ -37,11 +37,10 @@ _STATES_OF_ONE = 8
 _DEVIATIONS = (0.0, 0.0, 0.0, 0.05, 0.2)
 _ANY_ACTION = (0.05, 0.2, 0.5, 1.0)
 # from one backward induction to the next; without one it is a guide that is followed
-_TRUSTS = (1.0, None, 0.5, None, 1.0, None, 0.9, None)
+_TRUSTS = (0.5, None, 1.0, None, 0.9, None, 1.0, None)
 _GROWTH, _INDUCTION_SHARE = 1.25, 0.25
 # of an induction, for each row and step, as long as none was timed
 _ROW_SECONDS = 2e-8
-_REMEMBERED = 0.8
 # of a trial that begins anywhere
 _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
@@ -85,7 +84,7 @@ class TrialSearch:
         self._rarity = np.ones(1)
         self._inductions = 0
         self._searching = self._inducting = 0.0
-        # of the latest induction
+        # of the latest induction without a guide
         self._row_seconds = _ROW_SECONDS * model.horizon
 
     def work(
@@ -186,7 +185,7 @@ class TrialSearch:
         ):
             return
         started = self._clock()
-        trust = _TRUSTS[(self._inductions + 1) % len(_TRUSTS)]
+        trust = _TRUSTS[self._inductions % len(_TRUSTS)]
         limits = EnumerationLimits(until - started, clock=self._clock)
         with contextlib.suppress(OutOfTimeError):  # the policy before is followed on
             self._greedy = (
@@ -196,9 +195,9 @@ class TrialSearch:
             )
             self._rarity = _rarity(self.explored, self.explored.size)
             self._inductions += 1
-            # a guide takes twice as long as others
-            seconds = (self._clock() - started) / max(1, self.explored.reward.count)
-            self._row_seconds = max(seconds, _REMEMBERED * self._row_seconds)
+            if trust is not None:  # time is left for such ones
+                seconds = self._clock() - started
+                self._row_seconds = seconds / max(1, self.explored.reward.count)
         self._inducting += self._clock() - started
 
     @property

@@ -29,8 +29,8 @@ def explored(draws: int = 60) -> Explored:
     return found
 
 
-def untried(seen: Explored) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows were not tried [R], and which states have such rows [S]."""
+def unknown(seen: Explored) -> tuple[np.ndarray, np.ndarray]:
+    """Of which rows nothing is known [R], and which states have such rows [S]."""
     rows, states = ~seen.was_drawn()[seen.afterstate.values], np.zeros(seen.size, bool)
     states[seen.owners()[rows]] = True
     return rows, states
@@ -57,11 +57,11 @@ def test_hope_mixes_the_best_that_has_followed_with_the_mean():
 
 def test_an_action_that_was_not_tried_is_worth_the_guess():
     seen = explored()
-    unseen, has_unseen = untried(seen)
+    unseen, has_unseen = unknown(seen)
     assert 0 < np.count_nonzero(has_unseen) < seen.size
-    rows, worth = swept(seen, Future(seen, 1.0), untried=partial(sooner_is_better, seen))
+    rows, worth = swept(seen, Future(seen, 1.0), guess=partial(sooner_is_better, seen))
     assert np.array_equal(unseen[rows[0]], has_unseen)
-    reached = has_unseen & (seen.depth.values < MODEL.horizon)
+    reached = has_unseen & (seen.depth.values < MODEL.horizon - 1)
     assert np.array_equal(worth[reached], 1000.0 - 10.0 * seen.depth.values[reached])
 
 
@@ -80,7 +80,7 @@ def test_the_guess_is_a_linear_function_of_variables_and_steps_between_its_bound
 
 def test_the_guide_follows_the_guess(monkeypatch):
     seen = explored()
-    unseen, has_unseen = untried(seen)
+    unseen, has_unseen = unknown(seen)
     monkeypatch.setattr(guides, "_fitted", lambda *given: partial(sooner_is_better, seen))
     assert np.array_equal(unseen[guide(seen).rows[0]], has_unseen)
 
