@@ -36,6 +36,7 @@ _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
 _BEYOND = 0.1
 OPTIMAL = "the optimum is proven"
+RAISES = "the environment raises an error in play"
 LARGE = "rollouts take too much memory"
 # of one rollout's fluents, of which a call holds those of a hundred or more several times
 _MOST_FLUENT_BYTES = 4 * 10**6
@@ -218,6 +219,8 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
     """Why rollouts from the state at hand cannot be made, or are of no use; empty if they can."""
     if isinstance(policy, Tabled):
         return OPTIMAL if isinstance(policy.claim, Optimum) else ""
+    if policy.planner.lose_on_error:
+        return RAISES  # scenarios do not know where it does
     if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:

@@ -212,3 +212,10 @@ def test_where_a_call_would_take_too_much_memory_the_policy_plays_alone(slow, mo
     monkeypatch.setattr(choosing, "_MOST_FLUENT_BYTES", 1)
     choice = choose(lever_policy(NONE), SECONDS, 60.0, clock)
     assert (choice.policy, choice.note) == (None, choosing.LARGE)
+
+
+def test_where_the_environment_raises_an_error_the_policy_plays_alone(slow, monkeypatch):
+    policy = lever_policy(NONE)
+    monkeypatch.setattr(policy.planner, "lose_on_error", True)
+    choice = choose(policy, SECONDS, 60.0, slow(0.01))
+    assert (choice.policy, choice.note) == (None, choosing.RAISES)
