@@ -103,7 +103,10 @@ class TrialsArm(Arm):
         if not (math.isfinite(closing) and closing >= 0.0):
             raise ValueError(f"its closing takes {closing} s")
         self._without_gain = count_of(state.values["without_gain"])
-        self._known = float(state.values.get("known", -np.inf))
+        known = float(state.values.get("known", -np.inf))
+        if math.isnan(known) or known == np.inf:
+            raise ValueError(f"a value of {known} is known")
+        self._known = known
         self._closing, self._resumed = closing, state
         # better ones were not judged, and are found again
         self._best = -np.inf if self._log.best_return is None else self._log.best_return

@@ -305,3 +305,13 @@ def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, m
     assert fresh[1] is chosen[1]
     assert candidate.mean == fresh[2].returns.mean() == candidate.table[1].value
     assert not np.array_equal(fresh[2].returns, chosen[2].returns)
+
+
+def test_a_known_value_that_is_no_number_is_refused(arm, problem, model):
+    arm.work(200.0)
+    state = arm.state()
+    other = made(problem, model)
+    with pytest.raises(ValueError, match="is known"):
+        other.restore(replace(state, values={**state.values, "known": float("nan")}))
+    other.restore(state)
+    assert other.progress == arm.progress > 0.0

@@ -16,6 +16,9 @@ import numpy as np
 
 from mdpo_rddl.auto.search.trials.explored import Explored
 
+Guess = Callable[[int], np.ndarray]
+"""Of a step, what an action of which nothing was seen is worth there in each state [S]."""
+
 _TIE = 1e-9
 # rows that are gone through from one look at the clock to the next: some hundredths of a second
 _ROWS_UNTIMED = 1_000_000
@@ -55,7 +58,7 @@ def swept(
     explored: Explored,
     future: "Future",
     check_time: Callable[[], None] = lambda: None,
-    guess: Callable[[int], np.ndarray] | None = None,
+    guess: Guess | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Goes through all steps, the last one first.
 
@@ -63,8 +66,7 @@ def swept(
       explored: with S states.
       future: says what is to be expected after an action.
       check_time: as of `induct`.
-      guess: of a step, what an action of which nothing was seen is worth in each state [S]; what
-        `future` says of these if None. It is not asked at the last step, where all is known.
+      guess: what `future` says if None. It is not asked at the last step, where all is known.
 
     Returns:
       What to play in each state at each step [H, S], as `Greedy` has it, and what each state is

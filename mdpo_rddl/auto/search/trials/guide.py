@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mdpo_rddl.auto.search.trials.backward import Future, Greedy, greedy_of, swept
+from mdpo_rddl.auto.search.trials.backward import Future, Greedy, Guess, greedy_of, induct, swept
 from mdpo_rddl.auto.search.trials.explored import Explored
 
 # of the values that are fitted, and of those that are followed
@@ -24,9 +24,6 @@ _FITTED_HOPE, _HOPE = 0.8, 0.3
 _MOST_FITTED, _MOST_VALUES, _RIDGE = 10_000, 5_000_000, 1e-4
 # from one look at the clock to the next
 _VARIABLES_UNTIMED = 64
-
-Guess = Callable[[int], np.ndarray]
-"""Of a step, what each state [S] is worth there."""
 
 
 def guide(explored: Explored, check_time: Callable[[], None] = lambda: None) -> Greedy:
@@ -38,7 +35,7 @@ def guide(explored: Explored, check_time: Callable[[], None] = lambda: None) -> 
     """
     seen = _seen(explored)
     if not seen.any():
-        return greedy_of(explored, *swept(explored, Future(explored, 1.0), check_time))
+        return induct(explored, 1.0, check_time)
     hopeful = Future(explored, 1.0, _FITTED_HOPE)
     at_depth = swept(explored, hopeful, check_time)[1]
     guess = _fitted(explored, np.flatnonzero(seen), at_depth, check_time)
