@@ -137,7 +137,7 @@ class Continuations:
             one, many = self._roots(key, state, shape)
             if is_rounded:
                 many = self._rounded(random.fold_in(key, size.scenarios + 1), many), many[1]
-            shared = (params, hyperparams, self._nonfluents, model)
+            shared = (params, hyperparams, model)
             keys = random.split(key, size.scenarios)
             row = candidates[0, 0]
             stages = Stages(step, shared, (keys[0], start), (one, row, start))
@@ -173,13 +173,13 @@ class Continuations:
         policy, update = self._policy, self._planner.memory.update
 
         def step(shared, early, late):
-            params, hyperparams, nonfluents, model = shared
+            params, hyperparams, model = shared
             key, number = early
             (fluents, memory), row, start = late
             key, model_key = random.split(key)
             actions = policy(key, params, hyperparams, number, fluents, memory)
             actions = self._overridden(actions, row, number == start, fluents)
-            after, log, _ = transition(model_key, actions, fluents, nonfluents, model)
+            after, log, _ = transition(model_key, actions, fluents, self._nonfluents, model)
             after = {name: jnp.asarray(after[name], fluents[name].dtype) for name in fluents}
             memory = update(memory, number, fluents, actions)
             return (after, memory), log["reward"], log["termination"] | ~log["invariant"]

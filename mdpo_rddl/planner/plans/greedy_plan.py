@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Any
 
 import jax
@@ -9,18 +10,22 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
+from mdpo_rddl.planner.plans.effects import Effects
 from mdpo_rddl.planner.plans.expectation import Expectation
 from mdpo_rddl.planner.plans.feedback_plan import concurrency_limits, in_order
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.plans.limited_bools import Shift
 from mdpo_rddl.planner.plans.limits import choose_within_limits
 from mdpo_rddl.planner.plans.state_values import StateValues, ValueShape, Weights
+from mdpo_rddl.planner.programs.dependence import dependence
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory
 from mdpo_rddl.planner.upstream import JaxPlan
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 
 Actions = dict[str, Array]
 _TINY = 1e-30
+# of what v reads, that one change affects: then it is worth while to compute the others once
+_FEW_AFFECTED = 4
 
 
 class GreedyPlan(JaxPlan):
@@ -132,22 +137,53 @@ class GreedyPlan(JaxPlan):
           step: of the rollout, from 0.
         """
         fluents, keys = self._complete(state), random.split(key, self._samples)
-
-        def sample(leaving: Array, key: Array) -> Array:
-            found, reward, ended = self._after(key, self._left(leaving), fluents)
-            following = {name: found[name] for name in self._states}
-            before = {name: fluents[name] for name in self._states}
-            following |= self._expectation({**found, **before})
-            inputs = self.values.inputs(following)
-            worth = self.values.value(params, inputs, step + 1)
-            return reward + self._discount * jnp.where(ended, 0.0, worth)
-
-        def total(leaving: Array) -> Array:
-            return jnp.mean(jax.vmap(sample, (None, 0))(leaving, keys))
-
         # the no-op, then a change each
-        totals = jax.vmap(total)(jnp.eye(1 + self.size, self.size, -1, dtype=bool))
+        alone = jnp.eye(1 + self.size, self.size, -1, dtype=bool)
+
+        def sample(key: Array) -> Array:
+            after = jax.vmap(lambda leaving: self._step(key, leaving, fluents))
+            _, rewards, ended = after(alone)
+            effects = self._effects
+            if effects is None:
+                value = partial(self.values.value, params, step=step + 1)
+                worth = jax.vmap(value)(after(alone)[0])
+            else:
+                none = np.zeros((1, self.size), bool)
+                inputs = after(jnp.asarray(np.concatenate([none, effects.together])))[0]
+                there = inputs[1 + effects.of_change[:, np.newaxis], effects.places]
+                changes = jnp.where(effects.counts, there - inputs[0][effects.places], 0.0)
+                given = params, inputs[0], effects.places, changes, step + 1
+                noop = self.values.value(params, inputs[0], step + 1)
+                worth = jnp.append(noop, self.values.changed(*given))
+            return rewards + self._discount * jnp.where(ended, 0.0, worth)
+
+        totals = jnp.mean(jax.vmap(sample)(keys), axis=0)
         return totals[1:] - totals[0]
+
+    def _step(
+        self, key: Array, leaving: Array, fluents: Mapping[str, Array]
+    ) -> tuple[Array, Array, Array]:
+        """What v reads after a step, the reward, and whether the episode is over."""
+        found, reward, ended = self._after(key, self._left(leaving), fluents)
+        following = {name: found[name] for name in self._states}
+        before = {name: fluents[name] for name in self._states}
+        following |= self._expectation({**found, **before})
+        return self.values.inputs(following), reward, ended
+
+    @cached_property
+    def _effects(self) -> Effects | None:
+        """What each change affects of what v reads; None if that is too much to tell apart."""
+        fluents = self._complete(self.exact.init_values)
+        given = random.PRNGKey(0), jnp.zeros(self.size, bool), fluents
+        # traced in the midst of another program
+        with jax.ensure_compile_time_eval():
+            program = jax.make_jaxpr(self._step)(*given)
+        own = np.eye(self.size, dtype=bool)
+        starts = [None, own, *[None] * (len(program.jaxpr.invars) - 2)]
+        effects = Effects.of(dependence(program, starts, self.size)[0])
+        is_shorter = len(effects.together) < self.size
+        is_sparse = _FEW_AFFECTED * effects.places.shape[1] <= self.values.size
+        return effects if is_shorter or is_sparse else None
 
     def choose(self, gains: Array, state: Mapping[str, Array]) -> Actions:
         """A legal action of the changes that gain.

@@ -120,6 +120,26 @@ class StateValues:
         value = value + jax.nn.relu(hidden) @ (weights["output"] + left * weights["output_left"])
         return jnp.where(left > 0.0, value, 0.0)
 
+    def changed(
+        self, weights: Weights, inputs: Array, places: Any, changes: Array, step: Any
+    ) -> Array:
+        """The values [D] of inputs of which few are changed, as `value` gives them.
+
+        Args:
+          weights: of the net.
+          inputs: what the net reads, unchanged [size].
+          places: of those that are changed, D times K of them [D, K].
+          changes: by how much; those of the same place add up [D, K].
+          step: from which on the return is expected.
+        """
+        left = jnp.maximum(0.0, 1.0 - jnp.asarray(step, self._dtype) / self.horizon)
+        direct = weights["direct"] + left * weights["direct_left"]
+        hidden = inputs @ weights["hidden"] + weights["bias"] + left * weights["bias_left"]
+        value = inputs @ direct + jnp.sum(changes * direct[places], axis=1)
+        hidden = hidden + jnp.einsum("dk,dku->du", changes, weights["hidden"][places])
+        value = value + jax.nn.relu(hidden) @ (weights["output"] + left * weights["output_left"])
+        return jnp.where(left > 0.0, value, 0.0)
+
     def _scaled(self, name: str, value: Any) -> Array:
         # the environment gives a fluent without parameters as an array of one
         number = jnp.reshape(jnp.asarray(value, self._dtype), self._shapes[name])

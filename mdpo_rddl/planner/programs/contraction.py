@@ -17,54 +17,8 @@ import numpy as np
 from jax import Array, lax
 from jax.extend.core import ClosedJaxpr
 
-from mdpo_rddl.planner.programs.traced import CALLS, bind, called, replay
+from mdpo_rddl.planner.programs.traced import CALLS, ELEMENTWISE, bind, called, replay
 
-_ELEMENTWISE = frozenset(
-    [
-        "abs",
-        "add",
-        "and",
-        "ceil",
-        "clamp",
-        "convert_element_type",
-        "copy",
-        "cos",
-        "div",
-        "eq",
-        "exp",
-        "expm1",
-        "floor",
-        "ge",
-        "gt",
-        "integer_pow",
-        "is_finite",
-        "le",
-        "log",
-        "log1p",
-        "logistic",
-        "lt",
-        "max",
-        "min",
-        "mul",
-        "ne",
-        "neg",
-        "not",
-        "or",
-        "pow",
-        "rem",
-        "round",
-        "select_n",
-        "sign",
-        "sin",
-        "sqrt",
-        "square",
-        "stop_gradient",
-        "sub",
-        "tan",
-        "tanh",
-        "xor",
-    ]
-)
 # smaller arrays are computed as they are written
 _WORTH_ELEMENTS = 4096
 # of truth values
@@ -169,7 +123,7 @@ def _apply(equation: Any, operands: list[Any]) -> list[Any]:
         return [_sum(operands[0], params["axes"], shape, result.dtype)]
     if name in ("reduce_or", "reduce_and") and _is_truth(result):
         return [_quantified(name, operands[0], params["axes"], shape)]
-    if name in _ELEMENTWISE:
+    if name in ELEMENTWISE:
         return [_elementwise(equation, operands, shape, lambda: plain()[0])]
     return plain()
 

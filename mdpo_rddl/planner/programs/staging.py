@@ -12,6 +12,7 @@ from jax import Array
 from jax.extend.core import Literal
 
 from mdpo_rddl.planner.programs.contraction import contract
+from mdpo_rddl.planner.programs.relations import among_related
 from mdpo_rddl.planner.programs.threefry import bind_written_out, can_be_written_out
 from mdpo_rddl.planner.programs.traced import CALLS, bind, called
 
@@ -55,7 +56,7 @@ class Stages:
           *arguments: one tree for each stage, of arrays or of `jax.ShapeDtypeStruct`.
         """
         closed, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
-        closed = contract(closed)
+        closed = contract(among_related(closed))
         self._result_tree = jax.tree.structure(shapes)
         self._operations: list[_Operation] = []
         self._stage_of: list[int] = []

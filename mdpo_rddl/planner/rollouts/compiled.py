@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax, random
+from jax import Array, core, lax, random
 
 from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
@@ -91,8 +91,9 @@ def compile_rollouts(
         check_constraints=options.check_constraints, cache_path_info=options.cache_path_info
     )
 
-    def step(shared, early, late):
+    def step(shared, early, late, known):
         hyperparams, nonfluents, model = shared
+        nonfluents = {**nonfluents, **known}
         key, number, extra = early
         params, (fluents, memory), history = late
         key, model_key = random.split(key)
@@ -111,10 +112,13 @@ def compile_rollouts(
         history = _empty_history(fluents, horizon) if options.history_dependent else {}
         memory = initial_memories(options.memory, size)
 
-        shared = (hyperparams, nonfluents, model)
+        # what relations there are is read off constants
+        known = {n: v for n, v in nonfluents.items() if not isinstance(v, core.Tracer)}
+        others = {name: v for name, v in nonfluents.items() if name not in known}
+        shared = (hyperparams, others, model)
         early = (_step_keys(key, horizon, size), jnp.arange(horizon), extra)
         stages = Stages(
-            step,
+            partial(step, known=known),
             shared,
             (early[0][0, 0], early[1][0], jax.tree.map(lambda e: e[0, 0], extra)),
             (params, _one((fluents, memory), axis=0), _one(history, axis=1)),

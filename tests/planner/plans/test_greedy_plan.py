@@ -116,3 +116,30 @@ def test_it_needs_actions_that_are_bools():
 def test_there_must_be_a_sample(samples):
     with pytest.raises(ValueError, match="samples: must be a whole number"):
         GreedyPlan(samples=samples)
+
+
+@pytest.mark.parametrize(
+    ("name", "instance", "sets"),
+    [("SysAdmin_MDP_ippc2011", "3", 1), ("Tamarisk_MDP_ippc2014", "2", 2)],
+)
+def test_changes_without_a_common_effect_are_tried_together(name, instance, sets):
+    """With the gains of each change alone."""
+    planner = build_planner(load_problem(name, instance), CONFIG).planner
+    plan = planner.plan
+    shapes = plan.initializer(KEY, {}, None)
+    weights = {
+        name: jax.random.normal(jax.random.fold_in(KEY, number), leaf.shape)
+        for number, (name, leaf) in enumerate(shapes.items())
+    }
+    known = planner.test_compiled.init_values
+    state = {
+        name: jax.random.bernoulli(KEY, 0.5, np.shape(known[name]))
+        for name in planner.rddl.state_fluents
+    }
+    effects = plan._effects
+    assert len(effects.together) == sets
+    together = plan.gains(weights, KEY, state, 3)
+    plan.__dict__["_effects"] = None
+    alone = plan.gains(weights, KEY, state, 3)
+    assert np.ptp(alone) > 1.0
+    np.testing.assert_allclose(together, alone, rtol=1e-4, atol=1e-3)

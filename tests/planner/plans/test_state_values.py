@@ -103,3 +103,19 @@ def test_at_first_every_value_is_zero():
 def test_units_must_be_a_number_of_them(units):
     with pytest.raises(ValueError, match="units: must be a whole number from 1"):
         ValueShape(units=units)
+
+
+def test_few_changes_have_the_value_of_all_that_is_read():
+    values = values_of("at", "wall")
+    weights = {
+        name: jax.random.normal(jax.random.PRNGKey(number), leaf.shape)
+        for number, (name, leaf) in enumerate(values.initial(jax.random.PRNGKey(0)).items())
+    }
+    inputs = values.inputs(STATE)
+    places = np.array([[1, 4], [0, 0], [7, 0]])
+    changes = jnp.array([[-1.0, 0.5], [1.0, 2.0], [0.25, 0.0]])
+    for step in (1, 4):
+        found = values.changed(weights, inputs, places, changes, step)
+        for one, place, change in zip(found, places, changes, strict=True):
+            other = values.value(weights, inputs.at[place].add(change), step)
+            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
