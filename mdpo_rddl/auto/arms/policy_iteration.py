@@ -15,13 +15,14 @@ from mdpo_rddl.auto.draws import Draws
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Shown
 
 GREEDY = "greedy"
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
 _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
-# of an iteration; fewer where each decision tries more than so many changes
-_ROLLOUTS, _FEW_ROLLOUTS, _MANY_CHANGES = 256, 64, 64
+# of an iteration; fewer where each decision tries more than so many actions
+_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
 # of a policy that is handed in, at least
@@ -54,16 +55,13 @@ class PolicyIterationArm(LearningArm[Learner]):
         """Makes the planner too."""
         arena = self._arena
         self._planner = build_planner(arena.problem, greedy(arena.config)).planner
-        changes = sum(np.size(arena.planner.test_compiled.init_values[n]) for n in self._actions)
-        rollouts = _ROLLOUTS if changes <= _MANY_CHANGES else _FEW_ROLLOUTS
+        plan = self._planner.plan
+        assert isinstance(plan, GreedyPlan)
+        rollouts = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
         self._iteration = PolicyIteration(self._planner, arena.plan, Learning(rollouts=rollouts))
         begun = self._iteration.begin(self._learner_key)
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
         return begun
-
-    @property
-    def _actions(self) -> list[str]:
-        return list(self._arena.planner.rddl.action_fluents)
 
     def _values(self) -> dict[str, Any]:
         return {"parents": list(self._parents)}

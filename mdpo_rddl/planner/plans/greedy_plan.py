@@ -160,6 +160,11 @@ class GreedyPlan(JaxPlan):
         totals = jnp.mean(jax.vmap(sample)(keys), axis=0)
         return totals[1:] - totals[0]
 
+    @property
+    def tried(self) -> int:
+        """How many actions a decision tries for what they lead to."""
+        return self.size if self._effects is None else len(self._effects.together)
+
     def _step(
         self, key: Array, leaving: Array, fluents: Mapping[str, Array]
     ) -> tuple[Array, Array, Array]:
