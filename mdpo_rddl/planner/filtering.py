@@ -10,6 +10,7 @@ from jax import Array, random
 
 from mdpo_rddl.planner.likelihood import LEAST, ROUNDING, Likelihood
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.start import initial_values
 
 Particles = dict[str, Array]
@@ -90,7 +91,7 @@ class ParticleFilter:
             draw_key, resample_key = random.split(key)
             seen = {name: jnp.asarray(seen[name]) for name in self._rddl.observ_fluents}
             keys = random.split(draw_key, count)
-            each = jax.vmap(propagate, (0, 0, None, None))
+            each = jax.vmap(with_fast_random_numbers(propagate), (0, 0, None, None))
             states, (known, distances) = each(keys, particles, self._cast(actions), seen)
             parts = [known, *(kernel(distances[name]) for name in kernels)]
             logs = jnp.concatenate(parts, axis=1)

@@ -27,6 +27,7 @@ TABLES = {
     "anytime": lambda folder: anytime_table(read_anytime(folder)),
     "everywhere": lambda folder: everywhere_table(rows(folder)),
     "published": lambda folder: published_table(read_published(folder / "rows.csv")),
+    "published_hundred": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_thinking": lambda folder: published_table(read_published(folder / "rows.csv")),
     "sharing": lambda folder: sharing_table(read_sharing(folder)),
     "thinking_hidden": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),

@@ -10,6 +10,8 @@ from jax.extend.core import ClosedJaxpr, Literal
 from mdpo_rddl.planner.programs.known import REDUCED, Known, known_reduction, known_result, moved
 from mdpo_rddl.planner.programs.traced import CALLS, ELEMENTWISE, called
 
+# of which entries depend on all that they are made of; of some nothing is known
+_REDUCTIONS = (*REDUCED, "reduce_max", "reduce_min", "argmax", "argmin")
 # of one array, over all switches
 _MOST_ENTRIES = 4 * 10**6
 
@@ -83,9 +85,10 @@ def _applied(equation: Any, operands: Sequence[_Value], switches: int) -> _Value
     if not isinstance(result.dtype, np.dtype):
         return _mixed(equation, operands, switches)[0]
     known = [value.known for value in operands]
-    if name in REDUCED:
-        axes = tuple(equation.params["axes"])
-        found = known_reduction(name, _full(known[0], shapes[0]), axes)
+    if name in _REDUCTIONS:
+        axes, found = tuple(equation.params["axes"]), Known.nothing(result.dtype)
+        if name in REDUCED:
+            found = known_reduction(name, _full(known[0], shapes[0]), axes)
         on = operands[0].on
         on = None if on is None else np.any(on, axis=tuple(1 + axis for axis in axes))
         return _Value(found, _unsettled(on, found))

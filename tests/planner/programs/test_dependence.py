@@ -22,6 +22,7 @@ CASES = {
     "turned": (lambda on, s: jnp.transpose(jnp.broadcast_to(on, (2, S)))[:, 0], OWN),
     "chosen": (lambda on, s: jnp.where(np.arange(S) < 2, on, s), OWN & (np.arange(S) < 2)),
     "asked": (lambda on, s: jnp.where(on, s, ~s), OWN),
+    "the largest": (lambda on, s: jnp.max(NEXT * on.astype(jnp.int32), axis=1), NEXT.T),
     "neither": (lambda on, s: s, NONE),
     "settled": (lambda on, s: on & np.zeros(S, bool), NONE),
     "not looked into": (lambda on, s: jnp.cumsum(on), ALL),
