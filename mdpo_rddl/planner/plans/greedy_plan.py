@@ -112,6 +112,7 @@ class GreedyPlan(JaxPlan):
             return found, log["reward"], log["termination"] | ~log["invariant"]
 
         self._after = after
+        self.__dict__.pop("_effects", None)  # of what was compiled before
         self._expectation = Expectation(exact)
 
         def policy(key, params, hyperparams, step, state, history):
@@ -142,12 +143,13 @@ class GreedyPlan(JaxPlan):
 
         def sample(key: Array) -> Array:
             after = jax.vmap(lambda leaving: self._step(key, leaving, fluents))
-            _, rewards, ended = after(alone)
+            inputs, rewards, ended = after(alone)
             effects = self._effects
             if effects is None:
                 value = partial(self.values.value, params, step=step + 1)
-                worth = jax.vmap(value)(after(alone)[0])
+                worth = jax.vmap(value)(inputs)
             else:
+                # of the steps that are made alone nothing but the rewards is computed then
                 none = np.zeros((1, self.size), bool)
                 inputs = after(jnp.asarray(np.concatenate([none, effects.together])))[0]
                 there = inputs[1 + effects.of_change[:, np.newaxis], effects.places]

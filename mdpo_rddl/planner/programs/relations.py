@@ -98,11 +98,10 @@ def _is_large(value: Any) -> bool:
 
 def _constant(operand: Any) -> np.ndarray | None:
     """The values of an operand that depends on nothing; None for another."""
-    if isinstance(operand, core.Tracer):
-        return None
-    if not isinstance(operand, _Wide):
-        return np.asarray(operand)
-    return operand.known.values if operand.known.is_constant else None
+    if isinstance(operand, _Wide):
+        return operand.known.values if operand.known.is_constant else None
+    is_key = isinstance(operand, Array) and not isinstance(operand.dtype, np.dtype)
+    return None if is_key or isinstance(operand, core.Tracer) else np.asarray(operand)
 
 
 def _known(operand: Any) -> Known:
