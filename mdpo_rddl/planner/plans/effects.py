@@ -16,13 +16,13 @@ class Effects(NamedTuple):
       together: C sets of changes [C, D].
       of_change: in which set each change is [D].
       places: the numbers that each change affects [D, K]; 0 beyond them.
-      counts: which of `places` those are [D, K].
+      mask: which of `places` those are [D, K].
     """
 
     together: np.ndarray
     of_change: np.ndarray
     places: np.ndarray
-    counts: np.ndarray
+    mask: np.ndarray
 
     @classmethod
     def of(cls, affects: np.ndarray) -> "Effects":
@@ -43,5 +43,5 @@ class Effects(NamedTuple):
         together = np.arange(len(taken))[:, np.newaxis] == of_change
         most = int(affects.sum(axis=1).max(initial=0))
         places = np.argsort(~affects, axis=1, kind="stable")[:, :most]
-        counts = np.take_along_axis(affects, places, axis=1)
-        return cls(together, of_change, np.where(counts, places, 0), counts)
+        mask = np.take_along_axis(affects, places, axis=1)
+        return cls(together, of_change, np.where(mask, places, 0), mask)

@@ -153,7 +153,7 @@ class GreedyPlan(JaxPlan):
                 none = np.zeros((1, self.size), bool)
                 inputs = after(jnp.asarray(np.concatenate([none, effects.together])))[0]
                 there = inputs[1 + effects.of_change[:, np.newaxis], effects.places]
-                changes = jnp.where(effects.counts, there - inputs[0][effects.places], 0.0)
+                changes = jnp.where(effects.mask, there - inputs[0][effects.places], 0.0)
                 given = params, inputs[0], effects.places, changes, step + 1
                 noop = self.values.value(params, inputs[0], step + 1)
                 worth = jnp.append(noop, self.values.changed(*given))

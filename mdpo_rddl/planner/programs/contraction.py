@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.extend.core import ClosedJaxpr
 
-from mdpo_rddl.planner.programs.traced import CALLS, ELEMENTWISE, bind, called, replay
+from mdpo_rddl.planner.programs.traced import ELEMENTWISE, bind, has_equation, rewritten
 
 # smaller arrays are computed as they are written
 _WORTH_ELEMENTS = 4096
@@ -85,24 +84,16 @@ def contract(closed: ClosedJaxpr) -> ClosedJaxpr:
     Results agree up to the order of floating-point operations. A program without large
     broadcasts is returned as it is.
     """
-    if not _has_large_broadcasts(closed.jaxpr):
+    if not has_equation(closed.jaxpr, _is_large_broadcast):
         return closed
-    inputs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in closed.jaxpr.invars]
-    return jax.make_jaxpr(lambda *values: [_whole(v) for v in replay(closed, values, _apply)])(
-        *inputs
-    )
+    return rewritten(closed, _apply, _whole)
 
 
-def _has_large_broadcasts(jaxpr: Any) -> bool:
-    for equation in jaxpr.eqns:
-        if equation.primitive.name in CALLS:
-            if _has_large_broadcasts(called(equation).jaxpr):
-                return True
-        elif equation.primitive.name == "broadcast_in_dim":
-            (operand, *_), (result,) = equation.invars, equation.outvars
-            if operand.aval.size not in (1, result.aval.size) and _is_large(result.aval):
-                return True
-    return False
+def _is_large_broadcast(equation: Any) -> bool:
+    if equation.primitive.name != "broadcast_in_dim":
+        return False
+    (operand, *_), (result,) = equation.invars, equation.outvars
+    return operand.aval.size not in (1, result.aval.size) and _is_large(result.aval)
 
 
 def _apply(equation: Any, operands: list[Any]) -> list[Any]:

@@ -7,7 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal
 
-from mdpo_rddl.planner.programs.known import REDUCED, Known, known_reduction, known_result, moved
+from mdpo_rddl.planner.programs.known import (
+    REDUCED,
+    Known,
+    known_move,
+    known_reduction,
+    known_result,
+    moved,
+)
 from mdpo_rddl.planner.programs.traced import CALLS, ELEMENTWISE, called
 
 # of which entries depend on all that they are made of; of some nothing is known
@@ -88,24 +95,21 @@ def _applied(equation: Any, operands: Sequence[_Value], switches: int) -> _Value
     if name in _REDUCTIONS:
         axes, found = tuple(equation.params["axes"]), Known.nothing(result.dtype)
         if name in REDUCED:
-            found = known_reduction(name, _full(known[0], shapes[0]), axes)
+            found = known_reduction(name, known[0].over(shapes[0]), axes)
         on = operands[0].on
         on = None if on is None else np.any(on, axis=tuple(1 + axis for axis in axes))
-        return _Value(found, _unsettled(on, found))
+        return _Value(found, _where_unknown(on, found))
     if name in ELEMENTWISE:
-        settled = known_result(equation, known) or Known.nothing(result.dtype)
+        found = known_result(equation, known) or Known.nothing(result.dtype)
         parts = [_aligned(value.on, result.ndim) for value in operands if value.on is not None]
         on = reduce(np.logical_or, parts) if parts else None
         if name == "select_n" and known[0].where.any():
             on = _of_choice(equation, operands, switches)
         on = None if on is None else np.broadcast_to(on, (switches, *result.shape))
-        return _Value(settled, _unsettled(on, settled))
-    full = [_full(each, shape) for each, shape in zip(known, shapes, strict=True)]
-    values = moved(equation, [each.values for each in full])
-    if values is None:
+        return _Value(found, _where_unknown(on, found))
+    there = known_move(equation, known)
+    if there is None:
         return _mixed(equation, operands, switches)[0]
-    where = moved(equation, [each.where for each in full]) if full else np.array(True)
-    assert where is not None
     on = None
     if any(value.on is not None for value in operands):
         ons = [
@@ -113,7 +117,7 @@ def _applied(equation: Any, operands: Sequence[_Value], switches: int) -> _Value
             for value, shape in zip(operands, shapes, strict=True)
         ]
         on = moved(equation, ons, lead=1)
-    return _Value(Known(values, where, all(each.is_finite for each in known)), on)
+    return _Value(there, on)
 
 
 def _of_choice(equation: Any, operands: Sequence[_Value], switches: int) -> np.ndarray:
@@ -150,18 +154,13 @@ def _mixed(equation: Any, operands: Sequence[_Value], switches: int) -> list[_Va
     return results
 
 
-def _full(known: Known, shape: Sequence[int]) -> Known:
-    values, where = (np.broadcast_to(part, shape) for part in (known.values, known.where))
-    return Known(values, where, known.is_finite)
-
-
 def _aligned(on: np.ndarray, count: int) -> np.ndarray:
     """With so many axes after the first: a number is given to all entries."""
     return on.reshape(on.shape[0], *[1] * (count + 1 - on.ndim), *on.shape[1:])
 
 
-def _unsettled(on: np.ndarray | None, known: Known) -> np.ndarray | None:
-    """Without what is known whatever the state."""
+def _where_unknown(on: np.ndarray | None, known: Known) -> np.ndarray | None:
+    """On which switches entries depend: none where the entry is known."""
     if on is None or not known.where.any():
         return on
     return on & ~np.broadcast_to(known.where, on.shape[1:])

@@ -70,6 +70,11 @@ class Known:
         """Whether all of it is known."""
         return bool(np.all(self.where))
 
+    def over(self, shape: Sequence[int]) -> "Known":
+        """With parts of the array's shape."""
+        values, where = (np.broadcast_to(part, shape) for part in (self.values, self.where))
+        return Known(values, where, self.is_finite)
+
 
 def known_result(equation: Any, given: Sequence[Known]) -> Known | None:
     """What is known of an elementwise operation's result; None if it is none that is looked at."""
@@ -82,12 +87,12 @@ def known_result(equation: Any, given: Sequence[Known]) -> Known | None:
         all_known = all_known & each.where
     finite = all(each.is_finite for each in given)
     if name in ("and", "or") and is_truth:
-        settles = name == "or"
-        # what is not known changes nothing where the other settles it
-        parts = [np.where(each.where, each.values, not settles) for each in given]
-        settled = [each.where & (each.values == settles) for each in given]
-        values = parts[0] | parts[1] if settles else parts[0] & parts[1]
-        return Known(values, all_known | settled[0] | settled[1], is_finite=True)
+        absorbing = name == "or"
+        # what is not known changes nothing where the other is the absorbing element
+        parts = [np.where(each.where, each.values, not absorbing) for each in given]
+        absorbed = [each.where & (each.values == absorbing) for each in given]
+        values = parts[0] | parts[1] if absorbing else parts[0] & parts[1]
+        return Known(values, all_known | absorbed[0] | absorbed[1], is_finite=True)
     if name == "not" and is_truth:
         return Known(~given[0].values, given[0].where, is_finite=True)
     if name == "convert_element_type":
@@ -107,6 +112,7 @@ def known_result(equation: Any, given: Sequence[Known]) -> Known | None:
     if name in _COMPUTED:
         with np.errstate(all="ignore"):
             values = _COMPUTED[name](*(each.values for each in given))
+        finite = finite or not jnp.issubdtype(result.dtype, jnp.inexact)
         return Known(values.astype(result.dtype), all_known, finite)
     return None
 
@@ -122,10 +128,21 @@ def known_reduction(name: str, given: Known, axes: tuple[int, ...]) -> Known:
     where = np.all(given.where, axis=axes)
     values = REDUCED[name](given.values, axis=axes)
     if name in ("reduce_or", "reduce_and"):
-        settles = name == "reduce_or"
-        settled = np.any(given.where & (given.values == settles), axis=axes)
-        return Known(np.where(settled, settles, values), where | settled, is_finite=True)
+        absorbing = name == "reduce_or"
+        absorbed = np.any(given.where & (given.values == absorbing), axis=axes)
+        return Known(np.where(absorbed, absorbing, values), where | absorbed, is_finite=True)
     return Known(values, where, given.is_finite and name == "reduce_sum")
+
+
+def known_move(equation: Any, given: Sequence[Known]) -> Known | None:
+    """What is known of the result of an operation that only moves entries; None of another."""
+    full = [each.over(v.aval.shape) for each, v in zip(given, equation.invars, strict=True)]
+    values = moved(equation, [each.values for each in full])
+    # of what has no operand all is known
+    where = moved(equation, [each.where for each in full]) if full else np.array(True)
+    if values is None or where is None:
+        return None
+    return Known(values, where, all(each.is_finite for each in given))
 
 
 def moved(equation: Any, parts: Sequence[np.ndarray], lead: int = 0) -> np.ndarray | None:

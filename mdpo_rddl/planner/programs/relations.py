@@ -6,17 +6,26 @@ state: here these are left out, and the others are gathered.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, core
 from jax.extend.core import ClosedJaxpr
 
 from mdpo_rddl.planner.programs.gathering import Entries, gathered, shrunk
-from mdpo_rddl.planner.programs.known import NEUTRAL, REDUCED, Known, known_result, moved
-from mdpo_rddl.planner.programs.traced import CALLS, bind, called, replay
+from mdpo_rddl.planner.programs.known import (
+    NEUTRAL,
+    REDUCED,
+    Known,
+    known_move,
+    known_reduction,
+    known_result,
+    moved,
+)
+from mdpo_rddl.planner.programs.traced import bind, has_equation, rewritten
 
 # smaller arrays are computed as they are written; larger ones are not looked at
 _WORTH_ENTRIES, _MOST_ENTRIES = 200, 2 * 10**6
@@ -24,47 +33,34 @@ _WORTH_ENTRIES, _MOST_ENTRIES = 200, 2 * 10**6
 _GATHERING = 8
 
 
+@dataclass(frozen=True, eq=False)
 class _Wide:
     """A large array that is written out only if it must be.
 
     Attributes:
-      known: what is known of it.
       shape: of the whole.
+      known: what is known of it.
+      recipe: how the program computes the whole.
+      some: computes entries of it, of a shape that is broadcast to theirs; what has been computed
+        of other arrays at the same entries is kept. None if all of it is known.
     """
 
-    def __init__(
-        self,
-        shape: tuple[int, ...],
-        known: Known,
-        whole: Callable[[], Array],
-        some: Callable[[Entries, dict[int, Any]], Any] | None = None,
-    ) -> None:
-        """Computes nothing yet.
+    shape: tuple[int, ...]
+    known: Known
+    recipe: Callable[[], Array]
+    some: Callable[[Entries, dict[int, Any]], Any] | None = None
 
-        Args:
-          shape: of the whole.
-          known: what is known of it.
-          whole: how the program computes it.
-          some: computes entries of it, of a shape that is broadcast to theirs; what has been
-            computed of other arrays at the same entries is kept. None if all of it is known.
-        """
-        self.shape, self.known = shape, known
-        self._write, self._some = whole, some
-        self._whole: Any = None
-
-    @property
-    def whole(self) -> Any:
-        """All of it."""
-        if self._whole is None:
-            self._whole = self._write()
-        return self._whole
+    @cached_property
+    def whole(self) -> Array:
+        """The array, written out."""
+        return self.recipe()
 
     def at(self, entries: Entries, seen: dict[int, Any]) -> Any:
         """Some entries of it."""
-        if self._some is None:
+        if self.some is None:
             return self.known.values[entries.axes]
         if id(self) not in seen:
-            seen[id(self)] = self._some(entries, seen)
+            seen[id(self)] = self.some(entries, seen)
         return seen[id(self)]
 
 
@@ -74,22 +70,13 @@ def among_related(closed: ClosedJaxpr) -> ClosedJaxpr:
     Results agree up to the order of floating-point operations. What is known are the program's
     constants. A program without large reductions is returned as it is.
     """
-    if not _has_large_reductions(closed.jaxpr):
+    if not has_equation(closed.jaxpr, _is_large_reduction):
         return closed
-    inputs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in closed.jaxpr.invars]
-    return jax.make_jaxpr(lambda *values: [_whole(v) for v in replay(closed, values, _apply)])(
-        *inputs
-    )
+    return rewritten(closed, _apply, _whole)
 
 
-def _has_large_reductions(jaxpr: Any) -> bool:
-    for equation in jaxpr.eqns:
-        if equation.primitive.name in CALLS:
-            if _has_large_reductions(called(equation).jaxpr):
-                return True
-        elif equation.primitive.name in NEUTRAL and _is_large(equation.invars[0].aval):
-            return True
-    return False
+def _is_large_reduction(equation: Any) -> bool:
+    return equation.primitive.name in NEUTRAL and _is_large(equation.invars[0].aval)
 
 
 def _is_large(value: Any) -> bool:
@@ -113,7 +100,7 @@ def _known(operand: Any) -> Known:
     return Known.all_of(operand)
 
 
-def _settled(values: np.ndarray, whole: Callable[[], Array]) -> Any:
+def _constant_array(values: np.ndarray, whole: Callable[[], Array]) -> Any:
     """An array of which all is known; where it is needed whole the program computes it."""
     return _Wide(values.shape, Known.all_of(values), whole) if values.ndim else values
 
@@ -142,7 +129,7 @@ def _apply(equation: Any, operands: list[Any]) -> list[Any]:
     values = _computed(equation, operands)
     if values is not None:
         # what is written out for a reduction is larger
-        return [values if name in NEUTRAL else _settled(values, lambda: plain()[0])]
+        return [values if name in NEUTRAL else _constant_array(values, lambda: plain()[0])]
     wide = _wide(equation, operands, lambda: plain()[0]) if _is_large(result) else None
     return plain() if wide is None else [wide]
 
@@ -165,56 +152,39 @@ def _computed(equation: Any, operands: Sequence[Any]) -> np.ndarray | None:
 
 def _wide(equation: Any, operands: Sequence[Any], whole: Callable[[], Array]) -> Any:
     """A large array, written out only if it must be; None if that is not looked at."""
-    name, params = equation.primitive.name, equation.params
+    name = equation.primitive.name
     if name == "broadcast_in_dim":
-        return _broadcast(operands[0], params, whole)
+        return _moved(equation, operands[0], equation.params["broadcast_dimensions"], whole)
     if name == "transpose" and isinstance(operands[0], _Wide):
-        return _transposed(operands[0], params["permutation"], whole)
+        back = np.argsort(equation.params["permutation"]).tolist()
+        return _moved(equation, operands[0], back, whole)
     known = known_result(equation, [_known(operand) for operand in operands])
     if known is None:
         return None
     if known.is_constant:
         shape = equation.outvars[0].aval.shape
-        return _settled(np.broadcast_to(known.values, shape), whole)
+        return _constant_array(np.broadcast_to(known.values, shape), whole)
     return _elementwise(equation, operands, known, whole)
 
 
-def _broadcast(operand: Any, params: dict[str, Any], whole: Callable[[], Array]) -> Any:
-    shape, places = tuple(params["shape"]), tuple(params["broadcast_dimensions"])
+def _moved(equation: Any, operand: Any, places: Sequence[int], whole: Callable[[], Array]) -> _Wide:
+    """An array of an operand's entries.
 
-    def spread(values: Any) -> Any:
-        sizes = [1] * len(shape)
-        for axis, place in enumerate(places):
-            sizes[place] = np.shape(values)[axis]
-        return np.broadcast_to(np.reshape(values, sizes), shape)
-
-    known, sizes = _known(operand), operand.shape
-    if isinstance(operand, _Wide):
-        parts = [np.broadcast_to(part, sizes) for part in (known.values, known.where)]
-        known = Known(spread(parts[0]), spread(parts[1]), known.is_finite)
+    Args:
+      equation: of the operation.
+      operand: of which it is made.
+      places: where each axis of the operand is among those of the result.
+      whole: how the program computes it.
+    """
+    known = known_move(equation, [_known(operand)])
+    assert known is not None  # it is an operation that moves
 
     def some(entries: Entries, seen: dict[int, Any]) -> Any:
         axes = tuple(entries.axes[place] for place in places)
         moves = tuple(entries.moves[place] for place in places)
-        return _some(operand, Entries(axes, moves, entries.shape).within(sizes))
+        return _some(operand, Entries(axes, moves, entries.shape).within(operand.shape))
 
-    return _Wide(shape, known, whole, some)
-
-
-def _transposed(operand: _Wide, permutation: Sequence[int], whole: Callable[[], Array]) -> _Wide:
-    wide = [
-        np.transpose(np.broadcast_to(part, operand.shape), permutation)
-        for part in (operand.known.values, operand.known.where)
-    ]
-    shape = tuple(operand.shape[axis] for axis in permutation)
-
-    def some(entries: Entries, seen: dict[int, Any]) -> Any:
-        back = np.argsort(permutation).tolist()
-        axes = tuple(entries.axes[place] for place in back)
-        moves = tuple(entries.moves[place] for place in back)
-        return _some(operand, Entries(axes, moves, entries.shape))
-
-    return _Wide(shape, Known(wide[0], wide[1], operand.known.is_finite), whole, some)
+    return _Wide(tuple(equation.outvars[0].aval.shape), known, whole, some)
 
 
 def _elementwise(
@@ -247,31 +217,29 @@ def _reduced(equation: Any, operand: _Wide) -> Any:
     """A reduction of what is not neutral; None if that is too much."""
     name, result = equation.primitive.name, equation.outvars[0].aval
     axes, neutral = tuple(equation.params["axes"]), NEUTRAL[name]
-    known = operand.known
     shape, count = operand.shape, len(operand.shape)
+    known = operand.known.over(shape)
+    reduced = known_reduction(name, known, axes)
+    if reduced.is_constant:
+        return reduced.values.astype(result.dtype)
     kept = [axis for axis in range(count) if axis not in axes]
     sizes = [shape[axis] for axis in kept]
-
-    def ordered(each: np.ndarray) -> np.ndarray:
-        rows = np.transpose(np.broadcast_to(each, shape), [*kept, *axes])
-        return rows.reshape(*sizes, -1)
-
-    where, values = ordered(known.where), ordered(known.values)
-    counts = ~(where & (values == neutral))
+    where, values = (
+        np.transpose(part, [*kept, *axes]).reshape(*sizes, -1)
+        for part in (known.where, known.values)
+    )
+    needed = ~(where & (values == neutral))
     if name in ("reduce_or", "reduce_and"):
-        # one that settles it is enough
-        settles = where & (values != neutral)
-        is_settled = settles.any(axis=-1)
-        counts[is_settled] = False
-        counts[is_settled, settles.argmax(axis=-1)[is_settled]] = True
-    most = int(counts.sum(axis=-1).max(initial=0))
-    if not np.any(counts & ~where):
-        found = np.where(counts, values, neutral)
-        return REDUCED[name](found, axis=-1).astype(result.dtype)
-    if most * _GATHERING > counts.shape[-1]:
+        # one absorbing element is enough
+        absorbing = where & (values != neutral)
+        is_absorbed = absorbing.any(axis=-1)
+        needed[is_absorbed] = False
+        needed[is_absorbed, absorbing.argmax(axis=-1)[is_absorbed]] = True
+    most = int(needed.sum(axis=-1).max(initial=0))
+    if most * _GATHERING > needed.shape[-1]:
         return None
-    places = np.argsort(~counts, axis=-1, kind="stable")[..., :most]
-    is_meant = np.take_along_axis(counts, places, axis=-1)
+    places = np.argsort(~needed, axis=-1, kind="stable")[..., :most]
+    is_meant = np.take_along_axis(needed, places, axis=-1)
     taken: list[np.ndarray] = [np.zeros(0, int)] * count
     for number, axis in enumerate(kept):
         own = [1] * (len(kept) + 1)

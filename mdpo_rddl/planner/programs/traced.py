@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 from jax.extend.core import ClosedJaxpr, Literal
 
 CALLS = ("jit", "pjit", "closed_call", "core_call")
@@ -68,6 +69,34 @@ def bind(primitive: Any, params: dict[str, Any], operands: Sequence[Any]) -> lis
         operands = [*functions, *operands]
     results = primitive.bind(*operands, **bound)
     return list(results) if primitive.multiple_results else [results]
+
+
+def has_equation(jaxpr: Any, is_meant: Callable[[Any], bool]) -> bool:
+    """Whether a program has such an operation, in its calls or outside of them."""
+    return any(
+        has_equation(called(equation).jaxpr, is_meant)
+        if equation.primitive.name in CALLS
+        else is_meant(equation)
+        for equation in jaxpr.eqns
+    )
+
+
+def rewritten(
+    closed: ClosedJaxpr,
+    apply: Callable[[Any, list[Any]], list[Any]],
+    whole: Callable[[Any], Any],
+) -> ClosedJaxpr:
+    """A program, each operation as `apply` does it, as one without calls.
+
+    Args:
+      closed: the program.
+      apply: as of `replay`.
+      whole: makes an array of a result of `apply`.
+    """
+    inputs = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in closed.jaxpr.invars]
+    return jax.make_jaxpr(lambda *values: [whole(v) for v in replay(closed, values, apply)])(
+        *inputs
+    )
 
 
 def replay(

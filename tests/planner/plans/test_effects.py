@@ -27,7 +27,7 @@ def test_no_number_is_affected_by_two_changes_of_a_set():
 def test_the_places_are_those_that_are_affected():
     effects = Effects.of(AFFECTS)
     for change, own in enumerate(AFFECTS):
-        places = effects.places[change][effects.counts[change]]
+        places = effects.places[change][effects.mask[change]]
         np.testing.assert_array_equal(np.sort(places), np.flatnonzero(own))
 
 

@@ -24,12 +24,12 @@ CASES = {
     "asked": (lambda on, s: jnp.where(on, s, ~s), OWN),
     "the largest": (lambda on, s: jnp.max(NEXT * on.astype(jnp.int32), axis=1), NEXT.T),
     "neither": (lambda on, s: s, NONE),
-    "settled": (lambda on, s: on & np.zeros(S, bool), NONE),
+    "constant": (lambda on, s: on & np.zeros(S, bool), NONE),
     "not looked into": (lambda on, s: jnp.cumsum(on), ALL),
     "called": (lambda on, s: jax.jit(lambda x: x ^ s)(on), OWN),
     "drawn": (lambda on, s: jax.random.uniform(jax.random.PRNGKey(0), (S,)) < on, OWN),
     "one number": (lambda on, s: s & on[0], np.arange(S)[:, np.newaxis] == np.zeros(S, int)),
-    "for all settled": (lambda on, s: jnp.all(NEXT & on, axis=1), NONE),
+    "absorbed": (lambda on, s: jnp.all(NEXT & on, axis=1), NONE),
 }
 
 

@@ -34,13 +34,14 @@ PROGRAMS = {
     "over the other axis": lambda: jnp.any(RELATED & pairs(OFF, 0) & pairs(ON, 1), axis=0),
     "for all": lambda: jnp.all(~RELATED | pairs(ON, 1), axis=1),
     "no pair": lambda: jnp.all(~(RELATED & pairs(ON, 1)), axis=1),
-    "settled": lambda: jnp.all(RELATED & pairs(ON, 1), axis=1),
-    "settled for some": lambda: jnp.any(RELATED & (FIRST | pairs(ON, 1)), axis=1),
+    "absorbed": lambda: jnp.all(RELATED & pairs(ON, 1), axis=1),
+    "absorbed for some": lambda: jnp.any(RELATED & (FIRST | pairs(ON, 1)), axis=1),
     "counted": lambda: jnp.sum(RELATED & pairs(ON, 1), axis=1),
     "summed": lambda: jnp.sum(jnp.where(RELATED, pairs(NUMBERS, 1), 0.0), axis=1),
     "multiplied": lambda: jnp.prod(
         jnp.where(RELATED & pairs(ON, 1), 0.5, 1.0) * jnp.where(RELATED, 1.0, 1.0), axis=1
     ),
+    "of what is compared": lambda: jnp.sum(RELATED * 1.0 * (pairs(NUMBERS, 1) > 0.5), axis=1),
     "transposed": lambda: jnp.any(jnp.transpose(RELATED & pairs(ON, 1)), axis=0),
     "of none": lambda: jnp.sum(jnp.where(RELATED & ~RELATED, pairs(NUMBERS, 1), 0.0), axis=1),
     "of constants": lambda: jnp.any(RELATED & FIRST, axis=1) & OFF,
