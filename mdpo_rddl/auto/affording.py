@@ -16,21 +16,14 @@ _COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0, SHOOTING: 2.0}
 _EVALUATIONS, _SHOOTING_EVALUATIONS = 100.0, 20.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
-# and what learns from exact rollouts compiles these and gradients of the policy and the critic: 5.1
-# to 5.7 on four problems of 2011 and 2014
-_LEARNING_PROGRAMS = 5.5
-# no such program took less; the judge's may come from the cache
-_LEAST_LEARNING_SECONDS = 8.0
-# of what learns a value: its program beside the judge's; an iteration takes about so many times as
-# long as the judge's rollouts of a candidate, and so many seconds; the fewest that find anything
-_VALUE_PROGRAMS, _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 1.5, 4.0, 0.03, 30
-MANY_VALUE_ITERATIONS = 120
-"""With fewer of them a value is behind what learns without a model's steps."""
-LEARNING_FIRST, LEARNING_LATER = 0.85, 0.4
-"""Shares of the time left that the compilation of what learns a law may take: before the other
-arms, and after some of them."""
+# of what learns a value: its program beside the judge's, which may come from the cache; an
+# iteration takes about so many times as long as the judge's rollouts of a candidate, and so many
+# seconds; the fewest that find anything
+_VALUE_PROGRAMS, _LEAST_VALUE_SECONDS = 1.5, 8.0
+_VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 4.0, 0.03, 30
 EXPLORING_FIRST, LATER = 0.4, 0.25
-"""The same of what explores a net's parameters."""
+"""Shares of the time left that the compilation of what explores a net's parameters may take: before
+the other arms, and after some of them."""
 # of the time left: what an arm that must compile may need
 _AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25, SHOOTING: 0.5}
 # the same of one that nothing else is likely to come near, if so many seconds are left
@@ -54,28 +47,16 @@ class Affording:
         """Whether there is time for what plays many policies at once."""
         return self._is_ready_in_time(_POPULATION_PROGRAMS)
 
-    def learning(self, share: float) -> bool:
-        """Whether there is time for what learns from exact rollouts.
-
-        Args:
-          share: of the time left, that its compilation may take.
-        """
-        left = self._arena.deadline - self._arena.clock()
-        is_enough = share * left > _LEAST_LEARNING_SECONDS
-        ready = self._is_ready_in_time(_LEARNING_PROGRAMS / share)
-        return not self._is_large and is_enough and ready
-
-    def value(self, share: float, iterations: int = _VALUE_ITERATIONS) -> bool:
+    def value(self, share: float) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.
 
         Args:
-          share: of the time left, that its compilation and so many iterations may take.
-          iterations: at least those that find anything.
+          share: of the time left, that its compilation and its first iterations may take.
         """
         judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
-        compilation = max(_LEAST_LEARNING_SECONDS, _VALUE_PROGRAMS * judge.usual_seconds)
+        compilation = max(_LEAST_VALUE_SECONDS, _VALUE_PROGRAMS * judge.usual_seconds)
         iteration = _VALUE_EVALUATIONS * judge.rollout_seconds + _FITTING_SECONDS
-        needed = compilation + iterations * iteration
+        needed = compilation + _VALUE_ITERATIONS * iteration
         return not self._is_large and needed <= share * left
 
     def exploration(self, share: float) -> bool:

@@ -15,7 +15,6 @@ class Draws(IntEnum):
     PGPE = 6
     POPULATION = 7
     GRADIENT = 8
-    PPO = 9
     GREEDY = 10
 
 

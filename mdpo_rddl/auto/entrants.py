@@ -5,19 +5,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.affording import EXPLORING_FIRST, MANY_VALUE_ITERATIONS, Affording
+from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
-from mdpo_rddl.auto.arms.policy_gradient import PPO, PolicyGradientArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING, ShootingArm
 from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.plain import STRAIGHT_LINE
-from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
+from mdpo_rddl.planner.plans.greedy_plan import can_be_greedy
 
 logger = logging.getLogger(__name__)
 
@@ -40,49 +39,23 @@ class Entrants:
         """
         self._arena, self._affording, self._without = arena, affording, without
 
-    def learner(self, until: float, share: float) -> CompilingArm | None:
-        """The one that learns from exact rollouts, where actions can be drawn from a law.
-
-        Args:
-          until: how long its first phase is to last, by the clock.
-          share: of the time left, that its compilation may take.
-        """
-        arena = self._arena
-        if PPO in self._without or not can_be_drawn(arena.planner.rddl):
-            return None
-        if arena.plan.memory.initial:
-            return None  # rollouts of the law carry none
-        return PolicyGradientArm(arena, until) if self._affording.learning(share) else None
-
     def greedy(self, until: float, share: float) -> CompilingArm | None:
-        """The one that learns a value, where it `learns`.
+        """The one that learns a value from exact rollouts.
 
         Args:
           until: how long its first part is to last, by the clock.
           share: of the time left, that its compilation and its first iterations may take.
         """
-        if not self.learns(share):
+        if not (self._tries_changes and self._affording.value(share)):
             return None
         return PolicyIterationArm(self._arena, until)
-
-    def learns(self, share: float, fast: bool = False) -> bool:
-        """Whether `greedy` takes part, and such a share of the time left is enough for it.
-
-        Args:
-          share: of the time left.
-          fast: whether it must be enough for many iterations.
-        """
-        has_time = self._affording.value
-        if not self._tries_changes:
-            return False
-        return has_time(share, MANY_VALUE_ITERATIONS) if fast else has_time(share)
 
     @property
     def _tries_changes(self) -> bool:
         """Whether each bool's change alone can be tried at a decision, and the states be kept."""
         planner = self._arena.planner
         rddl, known = planner.rddl, planner.test_compiled.init_values
-        if GREEDY in self._without or not can_be_drawn(rddl):
+        if GREEDY in self._without or not can_be_greedy(rddl):
             return False
         changes = sum(np.size(known[name]) for name in rddl.action_fluents)
         state = sum(np.asarray(known[name]).nbytes for name in rddl.state_fluents)

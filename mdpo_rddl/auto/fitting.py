@@ -4,13 +4,10 @@ import numpy as np
 
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.policy_gradient.actor import can_be_drawn
 from mdpo_rddl.problem.load import Problem
 
 MEMORY = {"observations": [4.0], "actions": [1.0]}
 """What is remembered where the state is not observed, as a `MemoryShape` takes it."""
-LIFTED_UNITS = 16
-"""Of the hidden layer on each object's features, where it can be learnt from exact rollouts."""
 
 
 def without_scales(config: PlannerConfig) -> PlannerConfig:
@@ -54,17 +51,6 @@ def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:
     if not problem.model.observ_fluents or "memory" in config.policy_arguments:
         return config
     return config.with_policy_arguments(memory=dict(MEMORY))
-
-
-def with_lifted_layer(config: PlannerConfig, problem: Problem, probe: Probe) -> PlannerConfig:
-    """The configuration with a hidden layer on each object's features, where ppo comes first.
-
-    It slows down the rollouts of all other arms, which do not learn it.
-    """
-    is_learnt = can_be_drawn(problem.model) and probe.start_beats_noop
-    if not is_learnt or "lifted" in config.policy_arguments:
-        return config
-    return config.with_policy_arguments(lifted=LIFTED_UNITS)
 
 
 def greedy(config: PlannerConfig) -> PlannerConfig:

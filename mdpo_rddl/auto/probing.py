@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdpo_rddl.auto.constants import Constants
-from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large
 from mdpo_rddl.auto.state import State
@@ -63,11 +62,6 @@ class Probe:
     certain: bool
     policy_seconds: float | None
     start_error: float = 0.0
-
-    @property
-    def start_beats_noop(self) -> bool:
-        """Whether that constant returns more than the no-op, and not by chance."""
-        return self.start_return > return_to_beat(self.noop_return, self.start_error)
 
     def state(self) -> State:
         """All of it, for another process."""

@@ -6,7 +6,6 @@ from dataclasses import replace
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
-from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
@@ -16,7 +15,6 @@ from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
     scaled,
     simplified,
-    with_lifted_layer,
     with_memory,
     with_single_rollouts,
     without_plan,
@@ -292,8 +290,6 @@ def _arena(
     if resumption is not None:
         resumption.probe = seen
     config = with_memory(scaled(config, seen), problem)
-    if PPO not in shares.without:
-        config = with_lifted_layer(config, problem, seen)
     large = seen.policy_seconds is not None
     if large:
         config = simplified(config)

@@ -4,9 +4,9 @@ Where all states can be enumerated, the optimum is known before any of this begi
 can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
-2. The arms begin in the order of what they cost: `greedy`, then `ppo`, where all actions are
-   bools; `pgpe`; `shooting` where chance plays no part; the weights that all objects share; an
-   open-loop plan, or each object's own weights; and those that need the model's gradient.
+2. The arms begin in the order of what they cost: `greedy`, where all actions are bools; `pgpe`;
+   `shooting` where chance plays no part; the weights that all objects share; an open-loop plan, or
+   each object's own weights; and those that need the model's gradient.
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
@@ -18,7 +18,7 @@ the no-op, or one of many only without chance. JaxPlan's planners are trained in
 import logging
 from collections.abc import Callable, Iterator, Sequence
 
-from mdpo_rddl.auto.affording import LATER, LEARNING_FIRST, LEARNING_LATER, PATIENCE, Affording
+from mdpo_rddl.auto.affording import LATER, PATIENCE, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -26,7 +26,6 @@ from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
-from mdpo_rddl.auto.arms.policy_gradient import PPO
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
@@ -46,17 +45,13 @@ logger = logging.getLogger(__name__)
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for ppo, while slices gain; of it, till it must have reached what else is known, if greedy can
-# follow; for a straight-line plan, while slices gain so much of the first's
+# for a straight-line plan, while slices gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_LEARNING_SHARE, _LAW_LEADS_BY = 0.85, 0.5
 _PLAN_SHARE, _LEAST_GAIN = 0.6, 0.005
-# of the time left, for greedy, while slices gain: with none after it, with ppo after it, where no
-# reward was found yet, and after others; what is left of the first once ppo has given way
-_GREEDY_SHARE, _BEFORE_PPO_SHARE, _RARE_GREEDY_SHARE, _LATE_GREEDY_SHARE = 0.85, 0.6, 0.6, 0.6
-_AFTER_PPO_SHARE = _GREEDY_SHARE * (1.0 - _LAW_LEADS_BY)
-_GREEDY_AT_LEAST = 0.4  # in any case, for its first iterations tell little
-_LEARNING, _GREEDY_LEARNING, _PLAN_FIRST = "learning", "greedy first", "plan first"  # parts
+# of the time left, for greedy, while slices gain; where no reward was found yet, or after others;
+# and in any case, for its first iterations tell little
+_GREEDY_SHARE, _LESS_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.6, 0.4
+_GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 # of the time left, at most, for an arm without compilation, by whether a constant finds a reward
 _EARLY_SHARES, _LESS = {True: 0.3, False: 0.5}, 0.5
 
@@ -119,7 +114,7 @@ class Schedule(Slices):
         # before the population, whose program takes longer
         until = self._end("all", self._shares.rounds_until)
         # where it leads already, the exploration begins with what comes last
-        leads = self._marks.decided("learner leads", lambda: self._best.arm in (GREEDY, PPO))
+        leads = self._marks.decided("greedy leads", lambda: self._best.arm == GREEDY)
         exploration = self._opened(None if leads else self._entrants.exploration(), until)
         self._on_stage("searching")
         for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
@@ -243,29 +238,9 @@ class Schedule(Slices):
     def _learn_first(self) -> None:
         """Slices for what learns from exact rollouts, before all others."""
         if not self._marks.decided("learns first", self._finds_reward):
-            # a law that explores finds no rare reward either, and learns to do nothing
-            self._learn_value(_RARE_GREEDY_SHARE, is_rare=True)
-            return
-        leaves_time = self._affording.learning(LEARNING_LATER * (1.0 - _BEFORE_PPO_SHARE))
-        share = _BEFORE_PPO_SHARE if leaves_time else _GREEDY_SHARE
-        if self._marks.decided("value before law", lambda: self._entrants.learns(share, True)):
-            self._learn_value(share)
-            self._learn_law(LEARNING_LATER)
+            self._learn_value(_LESS_GREEDY_SHARE, is_rare=True)
         else:
-            learns = self._entrants.learns
-            follows = self._marks.decided("value after law", lambda: learns(_AFTER_PPO_SHARE))
-            self._learn_law(LEARNING_FIRST, _LAW_LEADS_BY if follows else None)
             self._learn_value(_GREEDY_SHARE)
-
-    def _learn_law(self, compiling: float, leads_by: float | None = None) -> None:
-        """Slices for what learns a law of actions.
-
-        Args:
-          compiling: share of the time left that its compilation may take.
-          leads_by: as in `Terms`.
-        """
-        arm = self._entrants.learner(self._end(_LEARNING, _LEARNING_SHARE), compiling)
-        self._begin_with(_LEARNING, arm, Terms(_LEARNING_SHARE, leads_by=leads_by))
 
     def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.
@@ -274,10 +249,10 @@ class Schedule(Slices):
           share: of the time left, for all of them.
           is_rare: whether no reward was found yet; its policies must soon find some then.
         """
-        arm = self._entrants.greedy(self._end(_GREEDY_LEARNING, share), share)
+        arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
         least = 0.0 if is_rare else _GREEDY_AT_LEAST
         terms = Terms(share, at_least=least, by_policies=is_rare)
-        self._begin_with(_GREEDY_LEARNING, arm, terms)
+        self._begin_with(_GREEDY_FIRST, arm, terms)
 
     def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
         return None if arm is None else self._open(arm, until, self._affording.patience(until))
@@ -288,11 +263,9 @@ class Schedule(Slices):
             return  # there are no slices for them
         patience = self._affording.patience(until)
         taken = {arm.name for arm in self.arms}
-        if PPO not in taken:
-            self._opened(self._entrants.learner(until, LEARNING_LATER), until)
         is_guided = self._best.planner is self._arena.planner and self._arena.beats_noop(self._best)
         if GREEDY not in taken and is_guided:
-            self._learn_value(_LATE_GREEDY_SHARE)
+            self._learn_value(_LESS_GREEDY_SHARE)
         if PGPE not in taken:
             self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):

@@ -33,15 +33,12 @@ class Terms:
       share: of the time left, for all of them.
       least_gain: of what the first slice has gained, that each must gain.
       at_least: of the time left, for a slice that it has whatever the first one gains.
-      leads_by: of the time left, in which it must be on its way to reach the incumbent of another
-        arm; `share` if None.
       by_policies: whether the best policy must return more each time; else the arm's progress.
     """
 
     share: float
     least_gain: float = 0.0
     at_least: float = 0.0
-    leads_by: float | None = None
     by_policies: bool = False
 
 
@@ -227,9 +224,6 @@ class Slices:
         if arm is None:
             return
         arena, until = self._arena, self._end(part, terms.share)
-        leads_until = until
-        if terms.leads_by is not None:
-            leads_until = min(until, self._end(f"{part} leads", terms.leads_by))
         patience = arena.until(_FIRST_PATIENCE)
         contender = self._open(arm, until, arena.clock())
         if arm.is_pending or not contender.slices:
@@ -239,7 +233,7 @@ class Slices:
         gain = finite_gain(contender.level, arena.probe.noop_return)
 
         def least() -> float:
-            return max(terms.least_gain * gain, self._to_catch_up(arm, leads_until))
+            return max(terms.least_gain * gain, self._to_catch_up(arm, until))
 
         for _ in self._marks.once(part, arena, until):
             if terms.at_least and not arm.is_exhausted:

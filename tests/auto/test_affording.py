@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mdpo_rddl.auto.affording import EXPLORING_FIRST, LEARNING_FIRST, Affording
+from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 
 
 def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None):
@@ -33,22 +33,6 @@ def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, la
 )
 def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expected):
     assert affording(**case).value(0.4) == expected
-
-
-@pytest.mark.parametrize(
-    ("case", "expected"),
-    [
-        # its program takes 5.5 times as long as the judge's
-        ({"usual": 3.0, "left": 20.0}, True),
-        ({"usual": 3.0, "left": 19.0}, False),
-        # which may have come from the cache: no such program took less than 8 s
-        ({"usual": 0.1, "left": 9.5}, True),
-        ({"usual": 0.1, "left": 9.3}, False),
-        ({"usual": 3.0, "left": 60.0, "large": 1.0}, False),
-    ],
-)
-def test_a_law_is_learnt_where_there_is_time_for_its_program(case, expected):
-    assert affording(0.01, **case).learning(LEARNING_FIRST) == expected
 
 
 @pytest.mark.parametrize(("left", "expected"), [(20.5, True), (19.5, False)])

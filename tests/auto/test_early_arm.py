@@ -6,7 +6,6 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.lakes import preset
 
-from mdpo_rddl.auto.affording import LEARNING_FIRST, LEARNING_LATER
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
@@ -141,11 +140,11 @@ def test_one_that_finds_no_reward_is_left_though_its_rollouts_return_more(
     assert arm.log.slices == slices
 
 
-@pytest.mark.parametrize(("leads_by", "slices"), [(None, 11), (0.3, 2)])
-def test_one_that_is_behind_must_catch_up_in_time(leads_by, slices, monkeypatch):
-    progress = property(lambda self: -60.0 + 6.0 * self.log.slices)
+@pytest.mark.parametrize(("pace", "slices"), [(6.0, 11), (1.0, 2)])
+def test_one_that_is_behind_must_catch_up_in_time(pace, slices, monkeypatch):
+    progress = property(lambda self: -60.0 + pace * self.log.slices)
     monkeypatch.setattr(Planned, "progress", progress)
-    arm, _, _ = first([-40.0] * 99, leads_by=leads_by)
+    arm, _, _ = first([-40.0] * 99)
     assert arm.log.slices == slices
 
 
@@ -172,47 +171,24 @@ def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
 
-@pytest.mark.parametrize(
-    ("tells", "expected"),
-    [
-        (set(), (["greedy", "ppo"], [0.85], [LEARNING_LATER])),
-        # where its program is compiled soon, the law has its part
-        ({"learning"}, (["greedy", "ppo"], [0.6], [LEARNING_LATER])),
-        ({"slow"}, (["ppo", "greedy"], [0.85], [LEARNING_FIRST])),
-        ({"without"}, (["ppo"], [0.85], [LEARNING_FIRST])),
-        # a law would learn to do nothing
-        ({"rare"}, (["greedy"], [0.6], [])),
-    ],
-)
-def test_a_value_that_is_learnt_fast_comes_before_a_law(tells, expected):
+@pytest.mark.parametrize(("tells", "share"), [(set(), 0.85), ({"rare"}, 0.6)])
+def test_a_value_that_finds_no_reward_has_less_time(tells, share):
     clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     arena = raced_arena(judge, clock)
     arena.has_plan, arena.incumbent = True, None
     arena.beats_noop = lambda candidate: "rare" not in tells
     schedule = Schedule(arena, Search(), lambda name: None)
-    values, laws = [], []
+    asked = []
 
-    class Entering:
-        """Has both, or the second alone."""
+    def greedy(until, share):
+        asked.append((until, share))
+        return named("greedy", Planned(clock, [1.0]))
 
-        def learns(self, share, fast=False):
-            return not tells & ({"slow", "without"} if fast else {"without"})
-
-        def greedy(self, until, share):
-            values.append(share)
-            return None if "without" in tells else named("greedy", Planned(clock, [1.0]))
-
-        def learner(self, until, share):
-            laws.append(share)
-            return named("ppo", Planned(clock, [2.0]))
-
-    schedule._entrants = Entering()
-    schedule._affording = SimpleNamespace(learning=lambda share: "learning" in tells)
+    schedule._entrants = SimpleNamespace(greedy=greedy)
     schedule._learn_first()
-    assert ([arm.name for arm in schedule.arms], values, laws) == expected
-    # a program that comes second may take less of the time
-    assert LEARNING_LATER < LEARNING_FIRST
+    assert [arm.name for arm in schedule.arms] == ["greedy"]
+    assert asked == [(160.0 * share, share)]
 
 
 def named(name, arm):

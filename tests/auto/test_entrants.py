@@ -16,11 +16,8 @@ class Generous:
         """Refuses these."""
         self.refused = refused
 
-    def learning(self, share: float) -> bool:
-        return "ppo" not in self.refused
-
-    def value(self, share: float, iterations: int = 1) -> bool:
-        return ("many" if iterations > 1 else "greedy") not in self.refused
+    def value(self, share: float) -> bool:
+        return "greedy" not in self.refused
 
     def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
@@ -109,23 +106,6 @@ def test_an_arm_that_trains_is_found_by_its_name():
 
 
 @pytest.mark.parametrize(
-    ("refused", "case", "comes"),
-    [
-        ((), {"kind": "bool"}, True),
-        ((), {"kind": "int"}, False),
-        ((), {"kind": "bool", "seen": ["noise"]}, False),
-        ((), {"kind": "bool", "without": ["ppo"]}, False),
-        ((), {"kind": "bool", "memory": ["mean of noise"]}, False),
-        (("ppo",), {"kind": "bool"}, False),
-    ],
-)
-def test_bools_are_learnt_where_the_state_is_seen(refused, case, comes):
-    arm = entrants(*refused, **case).learner(60.0, 0.5)
-    assert (arm is not None) == comes
-    assert arm is None or arm.name == "ppo"
-
-
-@pytest.mark.parametrize(
     ("case", "comes"),
     [
         ({"kind": "bool"}, True),
@@ -146,16 +126,3 @@ def test_few_bools_are_changed_one_by_one_where_the_state_is_seen(case, comes):
 
 def test_what_has_no_time_to_be_compiled_does_not_learn():
     assert entrants("greedy", kind="bool").greedy(60.0, 0.5) is None
-
-
-@pytest.mark.parametrize(
-    ("refused", "case", "expected"),
-    [
-        ((), {"kind": "bool"}, True),
-        (("many",), {"kind": "bool"}, False),
-        ((), {"kind": "bool", "without": ["greedy"]}, False),
-        ((), {"kind": "real"}, False),
-    ],
-)
-def test_a_value_is_learnt_fast_with_time_for_many_iterations(refused, case, expected):
-    assert entrants(*refused, **case).learns(0.5, fast=True) is expected

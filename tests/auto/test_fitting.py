@@ -1,6 +1,4 @@
-"""How the preset is fitted to a problem: a memory, and a layer that ppo can learn."""
-
-from types import SimpleNamespace
+"""How the preset is fitted to a problem: a memory."""
 
 import pytest
 from helpers.clocks import Ticking
@@ -8,7 +6,7 @@ from helpers.lakes import PLAIN, preset, write_lake
 from helpers.toys import toy
 
 from mdpo_rddl.auto import RaceOptions, plan_automatically
-from mdpo_rddl.auto.fitting import LIFTED_UNITS, MEMORY, with_lifted_layer, with_memory
+from mdpo_rddl.auto.fitting import MEMORY, with_memory
 
 
 def test_a_policy_remembers_where_the_state_is_not_observed():
@@ -26,21 +24,6 @@ def test_a_memory_that_is_given_stays():
 def test_there_is_no_memory_where_the_state_is_observed(tmp_path):
     config = preset(1.0)
     assert with_memory(config, write_lake(tmp_path)) is config
-
-
-def test_bools_have_a_hidden_layer_on_each_objects_features(tmp_path):
-    config = preset(1.0)
-    rules = {"RULES": "forall_{?a : arm} [pull(?a) => true];", "TERMINATION": "false"}
-    lever = toy("lever", LIKELIHOOD="1.0", DISCOUNT="1.0", MOST="1", **rules)
-    seen = SimpleNamespace(start_beats_noop=True)
-    fitted = with_lifted_layer(config, lever, seen)
-    assert fitted.policy_arguments["lifted"] == LIFTED_UNITS
-    given = config.with_policy_arguments(lifted=0)
-    assert with_lifted_layer(given, lever, seen) is given
-    for other in (write_lake(tmp_path), toy("signal")):  # real actions; a state that is not seen
-        assert with_lifted_layer(config, other, seen) is config
-    rare = SimpleNamespace(start_beats_noop=False)  # ppo does not come first
-    assert with_lifted_layer(config, lever, rare) is config
 
 
 @pytest.mark.slow

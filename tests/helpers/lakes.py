@@ -5,7 +5,7 @@ from pathlib import Path
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.problem.load import Problem, load_problem
 
-PLAIN = ["ppo", "greedy", "pgpe", "slp", "drp"]
+PLAIN = ["greedy", "pgpe", "slp", "drp"]
 LAKE_DOMAIN = """
 domain lake {
     pvariables {

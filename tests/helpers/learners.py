@@ -1,4 +1,4 @@
-"""Arms that learn from exact rollouts, on one toy problem, whose programs are compiled once."""
+"""The arm that learns a value, on one toy problem, whose programs are compiled once."""
 
 import functools
 import time
@@ -12,8 +12,6 @@ from helpers.toys import toy
 from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import Arm
-from mdpo_rddl.auto.arms.learning import LearningArm
-from mdpo_rddl.auto.arms.policy_gradient import PolicyGradientArm
 from mdpo_rddl.auto.arms.policy_iteration import PolicyIterationArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
@@ -22,11 +20,7 @@ SECONDS = 300.0
 # 3 for the best of three arms, of which one may be pulled, at each of 4 steps
 BEST = 3.0 * 0.75 * 4
 # what `_build` makes
-_PROGRAMS = {
-    PolicyGradientArm: ("_gradient",),
-    PolicyIterationArm: ("_planner", "_iteration"),
-}
-KINDS = list(_PROGRAMS)
+_PROGRAMS = ("_planner", "_iteration")
 
 
 def ticking_arena() -> Arena:
@@ -39,10 +33,10 @@ def ticking_arena() -> Arena:
     return arena
 
 
-def compiled_arm(kind: type[LearningArm], arena: Arena, until: float = 120.0) -> LearningArm:
+def compiled_arm(arena: Arena, until: float = 120.0) -> PolicyIterationArm:
     """An arm whose programs are compiled already, so that its thread is not waited for."""
-    arm, (built, begun) = kind(arena, until), _built(kind)
-    for name in _PROGRAMS[kind]:
+    arm, (built, begun) = PolicyIterationArm(arena, until), _built()
+    for name in _PROGRAMS:
         setattr(arm, name, getattr(built, name))
     arm._build = lambda: begun
     arm._is_compiled = lambda until: True
@@ -76,7 +70,7 @@ def _compiled_arena() -> Arena:
 
 
 @functools.cache
-def _built(kind: type[LearningArm]) -> tuple[LearningArm, object]:
+def _built() -> tuple[PolicyIterationArm, object]:
     """An arm that has compiled what learns, and a learner that has begun."""
-    arm = kind(_compiled_arena(), 0.0)
+    arm = PolicyIterationArm(_compiled_arena(), 0.0)
     return arm, arm._build()

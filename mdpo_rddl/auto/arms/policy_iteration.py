@@ -2,23 +2,28 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.learning import LearningArm, Span
+from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.draws import Draws
+from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.judge import mean_and_error
+from mdpo_rddl.auto.state import State
+from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Shown
 
 GREEDY = "greedy"
+# what another process needs of the learner: all but the rollouts
+_LEARNER, _KEPT = "learner", ("weights", "moments", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
 _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
 # of an iteration; fewer where each decision tries more than so many actions
@@ -27,14 +32,35 @@ _ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
 _LONGEST_SHARE = 0.02
 # of a policy that is handed in, at least
 _JUDGED_ROLLOUTS = 128
+# of the time left, the least for the first part
+_LEAST_SHARE = 0.25
+# iterations in a row from which nothing finite is learnt, after which it is given up
+_MOST_LOST = 10
 
 
-class PolicyIterationArm(LearningArm[Learner]):
+class Span(NamedTuple):
+    """A part of the race, in which the step size falls.
+
+    Attributes:
+      began, ends: by the clock.
+    """
+
+    began: float
+    ends: float
+
+    def share(self, now: float) -> float:
+        """How much of it is over, at most 1."""
+        return min(1.0, (now - self.began) / max(self.ends - self.began, 1e-9))
+
+
+class PolicyIterationArm(CompilingArm):
     """Fits a value to its greedy policy's rollouts, and offers that policy.
 
     In the first iteration half of the rollouts are those of the best policy so far of the arena's
     planner, so that the value begins with what that one finds. Adam's step size falls to the end of
-    the first part, and again, from a smaller one, to the end of the race.
+    the first part, and again, from a smaller one, to the end of the race. A slice goes on learning
+    and hands in what was learnt, also if it is interrupted. An iteration whose returns are not
+    finite, or what is learnt from them, counts as lost.
     """
 
     def __init__(self, arena: Arena, until: float) -> None:
@@ -44,15 +70,54 @@ class PolicyIterationArm(LearningArm[Learner]):
           arena: what all arms have in common; all actions are bools, the state is observed.
           until: when the first part ends, by the clock.
         """
-        super().__init__(GREEDY, Draws.GREEDY, arena, until)
+        super().__init__(GREEDY, arena)
+        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 3)
+        self._learner_key, self._iteration_key, self._trial_key = keys
         self._judged_key = jax.random.fold_in(self._trial_key, 1)
+        self._first_until, self._span = until, Span(0.0, 0.0)
+        self._learner: Learner | None = None
+        # of the slice's iterations
+        self._means: list[float] = []
+        self._lost, self._iteration_seconds = 0, 0.0
+        # what another process has left, until it is known to fit
+        self._resumed: State | None = None
         # arms that the first iteration's guide goes back to
         self._parents: tuple[str, ...] = ()
         # the policy of the slice whose rollouts returned most: weights, and their scale
         self._best: tuple[float, Any, Any] = (-math.inf, None, None)
 
+    @property
+    def progress(self) -> float:
+        """The mean return of what was played in the latest slice's iterations.
+
+        What explores may return less than what is known for a while, and yet learn.
+        """
+        return float(np.mean(self._means)) if self._means else -math.inf
+
+    def state(self) -> State | None:
+        """The value, without the rollouts that it was fitted to, and the part's seconds."""
+        if self._learner is None:
+            return self._resumed
+        leaves = enumerate(jax.tree.leaves(_kept(self._learner)))
+        tensors = {f"{_LEARNER}/{number}": np.asarray(leaf) for number, leaf in leaves}
+        began, ends = (each - self._arena.began for each in self._span)
+        return State(tensors, {"began": began, "ends": ends, "parents": list(self._parents)})
+
+    def restore(self, state: State) -> None:
+        """Keeps it until the program is compiled."""
+        self._span_of(state.values)  # raises if there is none
+        self._resumed = state
+
+    def _begin(self) -> None:
+        self._start(self._compile)
+
+    def _compile(self) -> None:
+        begun = self._build()
+        if self._resumed is not None:
+            self._try(lambda state: self._go_on(begun, state), self._resumed)
+
     def _build(self) -> Learner:
-        """Makes the planner too."""
+        """Compiles what learns: a learner that has learnt nothing, not from the first rollouts."""
         arena = self._arena
         self._planner = build_planner(arena.problem, greedy(arena.config)).planner
         plan = self._planner.plan
@@ -63,36 +128,100 @@ class PolicyIterationArm(LearningArm[Learner]):
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
         return begun
 
-    def _values(self) -> dict[str, Any]:
-        return {"parents": list(self._parents)}
+    def _go_on(self, begun: Learner, state: State) -> None:
+        """Restores the value, its part and the parents."""
+        leaves, tree = jax.tree.flatten(_kept(begun))
+        found = [
+            jnp.asarray(state.array(f"{_LEARNER}/{number}", np.shape(leaf)), leaf.dtype)
+            for number, leaf in enumerate(leaves)
+        ]
+        span, parents = self._span_of(state.values), tuple(map(str, state.values["parents"]))
+        self._span, self._parents = span, parents
+        self._learner = begun._replace(
+            **dict(zip(_KEPT, jax.tree.unflatten(tree, found), strict=True))
+        )
 
-    def _take(self, values: Mapping[str, Any]) -> None:
-        self._parents = tuple(map(str, values["parents"]))
+    def _span_of(self, values: Mapping[str, Any]) -> Span:
+        race, seconds = self._arena.began, self._arena.deadline - self._arena.began
+        began, ends = float(values["began"]), float(values["ends"])
+        # the clocks of two processes round differently
+        if not 0.0 <= began <= ends <= seconds + 1.0:
+            raise ValueError(f"it learns from {began} to {ends} s of {seconds}")
+        return Span(race + began, race + ends)
 
-    def _kept(self, learner: Learner) -> tuple[Any, ...]:
-        """The value, without the rollouts that it was fitted to."""
-        return learner.weights, learner.moments, learner.times, learner.scale
+    def _work(self, until: float) -> None:
+        """Goes on learning.
 
-    def _with_kept(self, begun: Learner, kept: tuple[Any, ...]) -> Learner:
-        weights, moments, times, scale = kept
-        return begun._replace(weights=weights, moments=moments, times=times, scale=scale)
-
-    def _enter(self, until: float) -> None:
+        Raises:
+          Cancelled: if interrupted; what was learnt till then is offered.
+        """
+        if not self._is_compiled(until):
+            return
         if self._learner is None:
             self._begin_part()
         self._best = (-math.inf, None, None)
+        try:
+            self._learn(until)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            self._offer_learnt()
+            raise
+        self._offer_learnt()
 
     def _begin_part(self) -> None:
         """The first iteration, from the best policy so far."""
         now, guide = self._clock(), self._arena.incumbent
         self._parents = (*guide.parents, guide.arm) if guide.arm else ()
-        self._span = Span(now, self._first_ends())
+        # its program may have taken longer than the first part was to last
+        self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))
         begun = self._iteration.begin(self._learner_key)
         # the next iteration is timed
         self._learner, _ = jax.block_until_ready(
             self._iterated(begun, self._trial_key, _STEP, is_first=True)
         )
         self._log.iterations += 1
+
+    def _learn(self, until: float) -> None:
+        self._means = []
+        while True:
+            self._learn_once()
+            if self.is_exhausted or self._clock() + self._iteration_seconds > until:
+                break
+
+    def _learn_once(self) -> None:
+        """One iteration, after which the arm may be exhausted."""
+        self._arena.pulse()
+        started, played = self._clock(), self._learner
+        assert played is not None
+        key = jax.random.fold_in(self._iteration_key, self._log.iterations)
+        self._learner, shown = self._iterated(played, key, self._pace(started))
+        self._log.iterations += 1
+        mean = float(shown.mean_return)
+        is_lost = not (bool(shown.is_finite) and math.isfinite(mean))
+        self._iteration_seconds = self._clock() - started
+        self._count(is_lost)
+        if not is_lost and not self.is_exhausted:
+            self._means.append(mean)
+            if mean > self._best[0]:
+                self._best = mean, played.weights, played.scale
+
+    def _count(self, is_lost: bool) -> None:
+        """Counts lost iterations, and gives the arm up if there is a cause."""
+        self._lost = self._lost + 1 if is_lost else 0
+        if is_lost:
+            count = self._log.details.get("not_finite", 0) + 1
+            self._log.details = {**self._log.details, "not_finite": count}
+        if cause := self._cause_to_end():
+            self._log.details = {**self._log.details, "cause": cause}
+            self.is_exhausted = True
+
+    def _cause_to_end(self) -> str:
+        """Why the latest iteration is the last of all; empty if it is not."""
+        if self._iteration_seconds > _LONGEST_SHARE * (self._arena.deadline - self._arena.began):
+            return f"an iteration takes {self._iteration_seconds:.1f} s"
+        if self._lost < _MOST_LOST:
+            return ""
+        return "returns of its rollouts, or what is learnt from them, are not finite"
 
     def _pace(self, now: float) -> float:
         """Adam's step size now."""
@@ -107,17 +236,6 @@ class PolicyIterationArm(LearningArm[Learner]):
         guiding = self._arena.incumbent.params if is_first else self._arena.noop
         given = guiding, np.float32(pace), np.array(is_first)
         return self._iteration.iterate(learner, key, *given)
-
-    def _note(self, played: Learner, shown: Shown) -> None:
-        mean = self._means[-1]
-        if mean > self._best[0]:
-            self._best = mean, played.weights, played.scale
-
-    def _cause_to_end(self) -> str:
-        """As for all, or that iterations take too long."""
-        if self._iteration_seconds > _LONGEST_SHARE * (self._arena.deadline - self._arena.began):
-            return f"an iteration takes {self._iteration_seconds:.1f} s"
-        return super()._cause_to_end()
 
     def _offer_learnt(self) -> None:
         """Hands in the latest policy, and the one whose rollouts in the slice returned most.
@@ -152,3 +270,7 @@ class PolicyIterationArm(LearningArm[Learner]):
         keys = jax.random.split(self._judged_key, count)
         shown = [self._iterated(learner, key, 0.0)[1].returns for key in keys]
         return mean_and_error(np.concatenate(shown))
+
+
+def _kept(learner: Learner) -> tuple[Any, ...]:
+    return tuple(getattr(learner, name) for name in _KEPT)

@@ -8,7 +8,6 @@ VARIANT_NAMES = (
     "auto-without-dynamic-programming",
     "auto-without-trials",
     "auto-without-greedy",
-    "auto-without-ppo",
     "auto-without-pgpe",
     "auto-without-exploration",
     "auto-without-shared-weights",

@@ -104,7 +104,7 @@ def _race(
     config = auto_preset(problem.domain_name).with_values("Optimize", train_seconds=seconds)
     config = config.with_values("Search", alternatives=False, optimum_until=0.0)
     if is_lifted:
-        config = config.with_values("Search", without=["ppo", "greedy", "pgpe", "slp", "drp"])
+        config = config.with_values("Search", without=["greedy", "pgpe", "slp", "drp"])
     options = RaceOptions(initial=functools.partial(start_candidates, policy=start))
     return plan_automatically(problem, config, seed, options)
 

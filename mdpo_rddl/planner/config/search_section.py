@@ -10,7 +10,6 @@ OPTIONAL_ARMS = (
     "dynamic programming",
     "trials",
     "greedy",
-    "ppo",
     "pgpe",
     "exploration",
     "shared weights",

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax, random
@@ -307,22 +306,6 @@ class Feedback:
             layer = net[f"hidden_{number}"]
             hidden = jnp.tanh(hidden @ layer["kernel"] + layer["bias"])
         return hidden
-
-
-def with_raw_scale(params: Params, factor: float) -> Params:
-    """Parameters whose raw actions are so many times as large."""
-    net = params.get("net", {})
-    parts = {name: params[name] for name in ("shared", "own", "plan") if name in params}
-    scaled = jax.tree.map(lambda leaf: factor * leaf, parts)
-    if net:
-        last = {n: factor * w if n.startswith(_OUTPUT) else w for n, w in net.items()}
-        scaled["net"] = last
-    if "lifted" in params:
-        scaled["lifted"] = {
-            action: {**layer, "output": factor * layer["output"]}
-            for action, layer in params["lifted"].items()
-        }
-    return {**params, **scaled}
 
 
 def _normals(

@@ -28,6 +28,16 @@ _TINY = 1e-30
 _FEW_AFFECTED = 4
 
 
+def can_be_greedy(rddl: Any) -> bool:
+    """Whether there is such a policy: all actions are bools, and the state is observed.
+
+    Args:
+      rddl: pyRDDLGym's lifted model.
+    """
+    kinds = {rddl.variable_ranges[name] for name in rddl.action_fluents}
+    return kinds == {"bool"} and not rddl.observ_fluents
+
+
 class GreedyPlan(JaxPlan):
     """Leaves the no-op with each bool whose change alone gains, the best ones within the limits.
 
@@ -85,8 +95,7 @@ class GreedyPlan(JaxPlan):
             observed.
         """
         rddl, exact = compiled.rddl, self.exact
-        kinds = {rddl.variable_ranges[name] for name in rddl.action_fluents}
-        if preprocessor is not None or kinds != {"bool"} or rddl.observ_fluents:
+        if preprocessor is not None or not can_be_greedy(rddl):
             raise ValueError(
                 "GreedyPlan needs actions that are bools and an observed state, "
                 "and scales it itself: preprocessor must be None"

@@ -120,14 +120,6 @@ class LegalActions:
         few = few <= self._compiled.rddl.max_allowed_actions
         return few & self._is_legal(dict(actions), state, self._allowed(state))
 
-    def allowed(self, state: Any) -> Actions:
-        """Per bool fluent with implications, which components may be true [*shape].
-
-        Args:
-          state: as of a call.
-        """
-        return self._allowed(self._complete(state))
-
     def _complete(self, state: Any) -> Any:
         """The fluents that are known, each of its shape, and the initial values of others."""
         shapes = {name: np.shape(value) for name, value in self._fluents.items()}

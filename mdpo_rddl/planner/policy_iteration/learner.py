@@ -19,15 +19,14 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.state_values import Weights
-from mdpo_rddl.planner.policy_gradient.advantages import Decay
 from mdpo_rddl.planner.policy_iteration.exploring import Explored, Trying, compile_exploring
-from mdpo_rddl.planner.policy_iteration.targets import lambda_returns
+from mdpo_rddl.planner.policy_iteration.targets import Decay, lambda_returns
 from mdpo_rddl.planner.start import initial_values
 
 # of the scale of the targets: what an iteration changes
 _NEWS = 0.2
 _TINY = 1e-6
-# as for the policy gradient: the loops are few and large
+# the loops are few and large
 _COMPILER_OPTIONS = {"xla_backend_optimization_level": 1}
 
 

@@ -1,9 +1,21 @@
 """What the value of each state on the way is to be."""
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array, lax
 
-from mdpo_rddl.planner.policy_gradient.advantages import Decay
+
+class Decay(NamedTuple):
+    """How rewards and values count that come later.
+
+    Attributes:
+      discount: of rewards, for each step.
+      trace: lambda, of the rollout beside the value: 0 trusts the value, 1 the rollout.
+    """
+
+    discount: float
+    trace: float
 
 
 def lambda_returns(

@@ -3,8 +3,8 @@
 On a CPU, XLA's newer code for fused loops takes longer to compile than it saves there: on HVAC 4 of
 IPC 2023 the calls of JaxPlan's deep reactive policy are compiled in half the time without it, and
 make two thirds of the iterations a second; on HVAC 2, in a minute, the gradient of the feedback
-policy came too late with it. An iteration of ppo is compiled faster too and hardly slower; one of
-greedy would run half as long again. Other devices have no such options.
+policy came too late with it. An iteration of greedy would run half as long again. Other devices
+have no such options.
 """
 
 from collections.abc import Callable

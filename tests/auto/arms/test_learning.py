@@ -1,20 +1,17 @@
-"""What holds for each arm that learns from exact rollouts, by a clock that does not wait."""
+"""How the arm that learns a value goes on, and what it gives up, by a clock that does not wait."""
 
 import json
 import math
 
 import numpy as np
 import pytest
-from helpers.learners import KINDS, compiled_arm, taken, ticking_arena
+from helpers.learners import compiled_arm, taken, ticking_arena
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto.arms.learning import Span
-from mdpo_rddl.auto.arms.policy_gradient import PolicyGradientArm
-from mdpo_rddl.auto.arms.policy_iteration import PolicyIterationArm
+from mdpo_rddl.auto.arms.policy_iteration import Span
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled
-from mdpo_rddl.planner.policy_gradient.ppo import Shown as ShownByLaw
-from mdpo_rddl.planner.policy_iteration.learner import Shown as ShownByValue
+from mdpo_rddl.planner.policy_iteration.learner import Shown
 
 # programs of their own are compiled
 pytestmark = pytest.mark.long
@@ -25,16 +22,14 @@ def arena():
     return ticking_arena()
 
 
-@pytest.fixture(params=KINDS)
-def make(request, arena):
-    return lambda until=120.0: compiled_arm(request.param, arena, until)
+@pytest.fixture
+def make(arena):
+    return lambda until=120.0: compiled_arm(arena, until)
 
 
-def shown(arm, mean: float, is_finite: bool = True):
-    """What an iteration of an arm may have shown."""
-    if isinstance(arm, PolicyGradientArm):
-        return ShownByLaw(np.float32(mean), np.float32(1.0), np.array(is_finite))
-    return ShownByValue(np.full(2, mean, np.float32), np.array(is_finite))
+def shown(mean: float, is_finite: bool = True) -> Shown:
+    """What an iteration may have shown."""
+    return Shown(np.full(2, mean, np.float32), np.array(is_finite))
 
 
 def showing(monkeypatch, arm, *each) -> None:
@@ -103,19 +98,13 @@ def test_an_iteration_that_would_end_late_is_not_begun(arena, make, monkeypatch)
     assert until - 7.0 < arena.clock.now <= until + 1.0
 
 
-# what is beside the learner in the checkpoints that races have left
-VALUES = {
-    PolicyGradientArm: {"phases", "began", "ends", "factor"},
-    PolicyIterationArm: {"began", "ends", "parents"},
-}
-
-
 def test_another_process_goes_on_with_the_learner_and_its_span(arena, make):
     arm = make()
     assert arm.state() is None
     arm.work(arena.clock.now + 5.0)
     left = through_json(arm.state())
-    assert set(left.values) == VALUES[type(arm)]
+    # as in the checkpoints that races have left
+    assert set(left.values) == {"began", "ends", "parents"}
     assert set(left.tensors) == {f"learner/{number}" for number in range(len(left.tensors))}
     later = make()
     later.restore(left)
@@ -132,7 +121,7 @@ def test_another_process_goes_on_with_the_learner_and_its_span(arena, make):
     assert later.state().values == left.values
 
 
-OF_EACH = [
+MISFITS = [
     lambda tensors, values: tensors.update({"learner/0": np.zeros(99)}),
     lambda tensors, values: tensors.update(
         {"learner/0": np.full_like(tensors["learner/0"], np.nan)}
@@ -140,25 +129,19 @@ OF_EACH = [
     lambda tensors, values: tensors.pop("learner/3"),
     lambda tensors, values: values.update(ends=math.inf),
     lambda tensors, values: values.pop("began"),
-]
-OF_ONE = [
-    (PolicyGradientArm, lambda tensors, values: values.update(phases=0)),
-    (PolicyGradientArm, lambda tensors, values: values.update(factor=-1.0)),
-    (PolicyIterationArm, lambda tensors, values: values.update(parents=None)),
+    lambda tensors, values: values.update(parents=None),
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "change"), [*((kind, change) for kind in KINDS for change in OF_EACH), *OF_ONE]
-)
-def test_a_state_that_does_not_fit_is_left_out(arena, kind, change, caplog):
+@pytest.mark.parametrize("change", MISFITS)
+def test_a_state_that_does_not_fit_is_left_out(arena, make, change, caplog):
     caplog.set_level("INFO")
-    arm = compiled_arm(kind, arena)
+    arm = make()
     arm.work(arena.clock.now + 1.0)
     left = arm.state()
     tensors, values = dict(left.tensors), dict(left.values)
     change(tensors, values)
-    later = compiled_arm(kind, arena)
+    later = make()
     later._try(later.restore, State(tensors, values))
     later._compile()
     assert f"{later.name}: its state is left out: " in caplog.text
@@ -172,7 +155,7 @@ def test_returns_that_are_not_finite_are_counted_and_end_it(
     arena, make, monkeypatch, mean, is_finite
 ):
     arm = make()
-    showing(monkeypatch, arm, shown(arm, mean, is_finite))
+    showing(monkeypatch, arm, shown(mean, is_finite))
     arm.work(arena.clock.now + 100.0)
     assert arm.is_exhausted
     assert arm.log.details["not_finite"] == 10
@@ -182,7 +165,7 @@ def test_returns_that_are_not_finite_are_counted_and_end_it(
 
 def test_only_iterations_in_a_row_end_it(arena, make, monkeypatch):
     arm = begun(make(), arena)
-    lost, found = shown(arm, np.nan), shown(arm, 2.0)
+    lost, found = shown(np.nan), shown(2.0)
     showing(monkeypatch, arm, *[lost] * 9, found, *[lost] * 9, found)
     arm.work(arena.clock.now + 100.0)
     assert not arm.is_exhausted

@@ -8,8 +8,7 @@ import pytest
 from helpers.learners import BEST, SECONDS, compiled_arm, known, taken, ticking_arena
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto.arms.learning import Span
-from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY, Span
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -26,7 +25,7 @@ def arena():
 
 @pytest.fixture
 def make(arena):
-    return lambda until=120.0: compiled_arm(PolicyIterationArm, arena, until)
+    return lambda until=120.0: compiled_arm(arena, until)
 
 
 def noting(arm):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.problems import shipped
 
-from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape, with_raw_scale
+from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape
 
 KEY = jax.random.PRNGKey(0)
 HORIZON = 40
@@ -114,18 +114,6 @@ def test_the_hidden_layer_on_each_objects_features_is_shared():
     z = (levels - 100.0) / 50.0
     raw = deep.raw({**params, "lifted": {"release": layer}}, {"rlevel": levels}, 20)["release"]
     np.testing.assert_allclose(raw, np.tanh(1.0 + 2.0 * z) + 3.0 * np.tanh(-z), rtol=1e-5)
-
-
-def test_a_factor_scales_all_that_is_added_up():
-    everything = make(dataclasses.replace(SHAPE, lifted=2))
-    leaves, tree = jax.tree.flatten(everything.initial(KEY))
-    keys = jax.random.split(KEY, len(leaves))
-    drawn = [jax.random.normal(k, leaf.shape) for k, leaf in zip(keys, leaves, strict=True)]
-    params = jax.tree.unflatten(tree, drawn)
-    assert {"shared", "own", "net", "lifted", "plan"} == set(params)
-    raw = everything.raw(params, level(), 20)["release"]
-    scaled = everything.raw(with_raw_scale(params, 0.3), level(), 20)["release"]
-    np.testing.assert_allclose(scaled, 0.3 * raw, rtol=1e-4)
 
 
 def test_states_far_away_are_cut_off(feedback):

@@ -3,8 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.planner.policy_gradient.advantages import Decay
-from mdpo_rddl.planner.policy_iteration.targets import lambda_returns
+from mdpo_rddl.planner.policy_iteration.targets import Decay, lambda_returns
 
 REWARDS = jnp.array([[1.0, 2.0, 4.0]])
 VALUES = jnp.array([[3.0, 5.0, 8.0]])
