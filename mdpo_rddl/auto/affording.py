@@ -11,9 +11,9 @@ PATIENCE = 0.3
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
 # a gradient's program takes longer to compile than the population's, and an iteration longer
-# than the rollouts of one population, but for those of a few plans alone
-_COMPILATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0, SHOOTING: 2.0}
-_EVALUATIONS, _SHOOTING_EVALUATIONS = 100.0, 20.0
+# than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
+_COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}, 100.0
+_SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
 # of what learns a value: its program beside the judge's, which may come from the cache; an
@@ -43,9 +43,13 @@ class Affording:
         left = self._arena.deadline - self._arena.clock()
         return seconds is None or seconds * _FEWEST_POLICIES <= left
 
-    def population(self) -> bool:
-        """Whether there is time for what plays many policies at once."""
-        return self._is_ready_in_time(_POPULATION_PROGRAMS)
+    def population(self, share: float = 1.0) -> bool:
+        """Whether there is time for what plays many policies at once.
+
+        Args:
+          share: of the time left, that its compilation may take.
+        """
+        return self._is_ready_in_time(_POPULATION_PROGRAMS / share)
 
     def value(self, share: float) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.
@@ -70,6 +74,9 @@ class Affording:
     def usual_seconds(self, name: str) -> float:
         """How long the program of an arm with a gradient is likely to take to compile."""
         # those of slp and drp, which make thousands of iterations, are never of the quick kind
+        if name == SHOOTING:
+            # it comes before the population
+            return _SHOOTING_PROGRAMS * self._arena.judge.usual_seconds
         is_quick = name == GRADIENT and is_short(self._arena.seconds)
         kind = QUICK if is_quick else 1.0
         return kind * _COMPILATIONS[name] * self._arena.population.compile_seconds
@@ -82,8 +89,10 @@ class Affording:
           until: how long it may work, by the clock.
           comes_first: whether nothing else is likely to come near what it finds.
         """
-        evaluations = _SHOOTING_EVALUATIONS if name == SHOOTING else _EVALUATIONS
-        seconds = evaluations * self._arena.population.seconds
+        if name == SHOOTING:
+            seconds = _SHOOTING_EVALUATIONS * self._arena.judge.rollout_seconds
+        else:
+            seconds = _EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
         needed = self.usual_seconds(name) + seconds
         has_time = comes_first and left >= _FIRST_AT_LEAST

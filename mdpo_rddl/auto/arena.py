@@ -14,7 +14,7 @@ from mdpo_rddl.auto.judge import Judge, difference_error
 from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
-from mdpo_rddl.auto.search.population import PopulationReturns, compile_population
+from mdpo_rddl.auto.search.population import PopulationReturns, Wanted, compile_population
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -99,9 +99,9 @@ class Arena:
     @cached_property
     def population(self) -> PopulationReturns:
         """Feedback policies side by side on the exact model; compiled when first asked for."""
-        known = self.judge.one_rollout_seconds
-        share = self.search_share
-        return compile_population(self.planner, self.seed, share, self.clock, self.deadline, known)
+        known = self.judge.one_rollout_seconds, self.probe.deterministic
+        wanted = Wanted(self.search_share, *known)
+        return compile_population(self.planner, self.seed, wanted, self.clock, self.deadline)
 
     def compile_population(self) -> None:
         """Compiles `population`, for the arm that needs it first."""

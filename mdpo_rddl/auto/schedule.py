@@ -28,6 +28,7 @@ from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
+from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
@@ -47,7 +48,9 @@ _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing;
 # for a straight-line plan, while slices gain so much of the first's
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.005
+_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.0005
+# of the time left, that the population may take to compile where such a plan leads
+_OTHERS_PROGRAM_SHARE = 0.15
 # of the time left, for greedy, while slices gain; where no reward was found yet, or after others;
 # and in any case, for its first iterations tell little
 _GREEDY_SHARE, _LESS_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.6, 0.4
@@ -110,23 +113,24 @@ class Schedule(Slices):
     def _search(self, simple: SimpleArm) -> None:
         """Everything that needs a population of rollouts."""
         arena = self._arena
-        self._learn_first()
         # before the population, whose program takes longer
+        self._learn_first()
+        self._climb_first()
         until = self._end("all", self._shares.rounds_until)
         # where it leads already, the exploration begins with what comes last
         leads = self._marks.decided("greedy leads", lambda: self._best.arm == GREEDY)
         exploration = self._opened(None if leads else self._entrants.exploration(), until)
+        plan_leads = self._marks.decided("plan leads", lambda: self._best.arm == SHOOTING)
         self._on_stage("searching")
-        for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
-            simple.rules = Rules.FEW
-            self.give(simple, until)
-        if arena.has_plan and self._affording.population():
-            random = self._marks.decided(RANDOM, lambda: arena.plans.random_return(arena.noop))
-            self.random_return = float(random)
+        if not plan_leads:
+            self._play_rules(simple)
         if exploration is not None and not exploration.slices:
             # what it finds decides what comes first
             self._first_slice(exploration, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
+        if plan_leads:
+            self._improve(shared)
+            return
         is_rare = self._marks.decided("is rare", lambda: not self._finds_reward())
         if is_rare:
             for until in self._once("more rules", _MORE_RULES_SHARE):
@@ -136,6 +140,16 @@ class Schedule(Slices):
         explores = is_rare and arena.has_plan and arena.plans.deterministic
         improves = self._marks.decided("improves", lambda: not explores and self._finds_reward())
         (self._improve if improves else self._explore)(shared)
+
+    def _play_rules(self, simple: SimpleArm) -> None:
+        """A few random rules, and what random actions return."""
+        arena = self._arena
+        for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
+            simple.rules = Rules.FEW
+            self.give(simple, until)
+        if arena.has_plan and self._affording.population():
+            random = self._marks.decided(RANDOM, lambda: arena.plans.random_return(arena.noop))
+            self.random_return = float(random)
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
@@ -196,11 +210,14 @@ class Schedule(Slices):
 
     def _improve(self, shared: SharedWeightsArm) -> None:
         """Where a constant or a random rule beats the no-op, and no rare reward is looked for."""
-        share = self._shares.rounds_until
-        plan = self._entrants.straight_line(self._arena.until(share))
-        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
-        rounds_until = self._end("rounds", share)
-        if self._entrants.rivals(self._best):
+        if SHOOTING not in {arm.name for arm in self.arms}:
+            self._climb()
+        rivals = self._entrants.rivals(self._best)
+        if not rivals and not self._affording.population(_OTHERS_PROGRAM_SHARE):
+            self._finish()
+            return
+        rounds_until = self._end("rounds", self._shares.rounds_until)
+        if rivals:
             self._search_in_turn(shared)
         self._contend(shared, lambda: shared.reached)
         self._open_programs(rounds_until, self._entrants.rivals(self._best))
@@ -241,6 +258,15 @@ class Schedule(Slices):
             self._learn_value(_LESS_GREEDY_SHARE, is_rare=True)
         else:
             self._learn_value(_GREEDY_SHARE)
+
+    def _climb_first(self) -> None:
+        """Slices for straight-line plans, where a constant is better than the no-op."""
+        if self._marks.decided("climbs first", self._finds_reward):
+            self._climb()
+
+    def _climb(self) -> None:
+        plan = self._entrants.straight_line(self._arena.until(self._shares.rounds_until))
+        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
 
     def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.

@@ -58,11 +58,18 @@ def test_what_comes_first_may_need_most_of_the_time(left, expected):
     assert (asked.gradient("slp", until), asked.gradient("slp", until, True)) == expected
 
 
-def test_plans_side_by_side_need_less_time_than_a_training():
-    # 8 s for their program, and 0.4 s
-    asked = affording(0.01, 16.0)
-    asked._arena.population = SimpleNamespace(compile_seconds=4.0, seconds=0.02)
-    assert [asked.gradient(name, 36.0, True) for name in ("slp", "shooting")] == [False, True]
+@pytest.mark.parametrize(("left", "expected"), [(16.0, True), (10.0, False)])
+def test_plans_side_by_side_come_before_the_population(left, expected):
+    # twice what the judge's program took, and 0.4 s; there is no population yet
+    asked = affording(0.02, left, usual=4.0)
+    assert asked.usual_seconds("shooting") == 8.0
+    assert asked.gradient("shooting", 20.0 + left, comes_first=True) is expected
+
+
+@pytest.mark.parametrize(("share", "expected"), [(1.0, True), (0.1, True), (0.05, False)])
+def test_a_population_takes_a_share_of_the_time(share, expected):
+    # 3 s of 40
+    assert affording(0.01).population(share) is expected
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,11 @@ def refuse(*arguments):
 
 
 def arm(outcome, name: str) -> dict:
-    return outcome.diagnostics()["arms"][name]
+    return arms_of(outcome)[name]
+
+
+def arms_of(outcome) -> dict[str, dict]:
+    return outcome.diagnostics()["arms"]
 
 
 def phases_of(outcome) -> list[dict]:
@@ -173,10 +177,21 @@ def test_where_plans_lead_the_searches_begin_in_the_rounds(takes_part):
     # what follows the same gradient is not compiled, and what else finds plans is not needed
     assert {"plan", "gradient"}.isdisjoint(arms) is takes_part
     assert "shared weights" in arms
+    assert ("random rule" in means(outcome)) is not takes_part
     if takes_part:
         assert arms.index("shooting") < arms.index("shared weights")
         assert outcome.chosen.arm == "shooting"
         assert outcome.chosen.mean == pytest.approx(-2.75, abs=0.01)
+
+
+@pytest.mark.long
+def test_where_plans_lead_and_others_take_long_to_compile_they_have_all_the_time(monkeypatch):
+    asked = affording.Affording
+    monkeypatch.setattr(asked, "population", lambda self, share=1.0: share == 1.0)
+    monkeypatch.setattr(asked, "exploration", lambda self, share=1.0: False)
+    outcome = raced(toy("boats", TERMINATION="false"), 900.0, RaceOptions(clock=CLOCK))
+    searched = {"constants and rules", "shooting"}
+    assert {name for name, log in arms_of(outcome).items() if log["seconds"]} == searched
 
 
 def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_arena, monkeypatch):

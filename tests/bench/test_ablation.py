@@ -76,6 +76,7 @@ def test_the_table_worked_by_hand(tmp_path):
     add(records, TOY, "auto-without-pgpe", [0.0, 20.0])
     add(records, TOY, "auto-without-greedy", [9.0, 11.0])
     add(records, TOY, "auto-without-noise")
+    add(records, TOY, "auto-without-luck", [5.0, 7.0])  # no arm any more
     hvac = Task("hvac10")
     add(records, hvac, "auto", [1.0, 1.0])
     add(records, hvac, "auto-without-plan", [1.0, 1.0])
@@ -84,7 +85,8 @@ def test_the_table_worked_by_hand(tmp_path):
     assert "| plan | 2 | 1 | 1 | 0 |" in table
     assert "| greedy | 1 | 0 | 0 | 1 |" in table
     assert "| pgpe | 1 | 0 | 1 | 0 |" in table
-    assert "| ppo | 0 | 0 | 0 | 0 |" in table
+    assert "| drp | 0 | 0 | 0 | 0 |" in table
+    assert "| luck | 1 | 0 | 1 | 0 |" in table
     assert "| adaptive noise | 1 | 1 | 0 | 0 |" in table
     assert "| Toy | 1 | plan | 6 | 3 | 3 [3, 3] | worse |" in table
     assert "| Toy | 1 | adaptive noise | 6 | failed |  | worse |" in table

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -22,6 +23,21 @@ _FINAL_BATCHES = 8
 # the judge's rollouts take longer than those of a population do
 _TOO_SLOW_BY = 2.0
 _SLOW_SECONDS = 0.5
+
+
+class Wanted(NamedTuple):
+    """What a population is compiled for.
+
+    Attributes:
+      share: of the time left after compilation, that the first search has.
+      rollout_seconds: of one rollout, as far as is known; no program is compiled for so many
+        rollouts that by this it would be too slow.
+      deterministic: whether chance plays no part in the return, so that one rollout is enough.
+    """
+
+    share: float
+    rollout_seconds: float = 0.0
+    deterministic: bool = False
 
 
 class PopulationReturns:
@@ -79,21 +95,18 @@ class PopulationReturns:
 def compile_population(
     planner: MDPOPlanner,
     seed: int,
-    share: float,
+    wanted: Wanted,
     clock: Clock,
     deadline: float = math.inf,
-    rollout_seconds: float = 0.0,
 ) -> PopulationReturns:
     """Compiles with so few rollouts that a search has enough iterations.
 
     Args:
       planner: with a `FeedbackPlan`.
       seed: of the model.
-      share: of the time left after compilation, that the first search has.
+      wanted: what for.
       clock: what times the rollouts.
       deadline: until when compilation is waited for, by the clock.
-      rollout_seconds: of one rollout, as far as is known; no program is compiled for so many
-        rollouts that by this it would be too slow.
 
     Raises:
       TooLateError: if the deadline comes before.
@@ -101,17 +114,18 @@ def compile_population(
     size = fitting_size(planner)
     shared = weights_of(planner.feedback_plan.noop(seed), ["shared"])
     zeros = np.zeros((size.population, shared.start.size))
-    for rollouts in sorted({size.rollouts, 1}, reverse=True):
+    rollouts_tried = {1} if wanted.deterministic else {size.rollouts, 1}
+    for rollouts in sorted(rollouts_tried, reverse=True):
         fewer = size._replace(rollouts=rollouts)
-        least = _FEWEST_ITERATIONS * size.population * rollouts * rollout_seconds
-        if rollouts > 1 and least > _TOO_SLOW_BY * share * (deadline - clock()):
+        least = _FEWEST_ITERATIONS * size.population * rollouts * wanted.rollout_seconds
+        if rollouts > 1 and least > _TOO_SLOW_BY * wanted.share * (deadline - clock()):
             continue
         population = PopulationReturns(planner, fewer, seed, clock, deadline)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled
         logger.info("%d rollouts of %d take %.3g s", rollouts, size.population, population.seconds)
-        search_seconds = share * (deadline - clock())
+        search_seconds = wanted.share * (deadline - clock())
         # another program takes as long to compile: less of it than of the search it is for
         is_too_late = population.compile_seconds > search_seconds
         if population.seconds * _FEWEST_ITERATIONS < search_seconds or is_too_late:

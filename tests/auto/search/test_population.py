@@ -8,7 +8,7 @@ from helpers.lakes import preset, write_lake
 
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.search import population
-from mdpo_rddl.auto.search.population import compile_population
+from mdpo_rddl.auto.search.population import Wanted, compile_population
 from mdpo_rddl.planner.build import build_planner
 
 
@@ -51,7 +51,7 @@ def test_no_program_is_compiled_that_is_too_slow(
     monkeypatch.setattr(population, "PopulationReturns", Timed)
     Timed.compiled.clear()
     clock = Stopped()
-    found = compile_population(planner, 0, 0.5, clock, deadline, rollout_seconds)
+    found = compile_population(planner, 0, Wanted(0.5, rollout_seconds), clock, deadline)
     assert Timed.compiled == expected
     assert found.seconds == 0.001 * expected[-1]
 
@@ -64,5 +64,12 @@ def test_one_rollout_has_to_do_where_four_take_too_long(planner, monkeypatch):
 
     monkeypatch.setattr(population, "PopulationReturns", Slow)
     Timed.compiled.clear()
-    compile_population(planner, 0, 0.5, Stopped(), 100.0)
+    compile_population(planner, 0, Wanted(0.5), Stopped(), 100.0)
     assert Timed.compiled == [4, 1]
+
+
+def test_where_chance_plays_no_part_one_rollout_is_enough(planner, monkeypatch):
+    monkeypatch.setattr(population, "PopulationReturns", Timed)
+    Timed.compiled.clear()
+    compile_population(planner, 0, Wanted(0.5, deterministic=True), Stopped(), 100.0)
+    assert Timed.compiled == [1]
