@@ -4,7 +4,8 @@ import pytest
 from helpers.problems import TINY_DOMAIN, TINY_INSTANCE
 from helpers.toys import problem_from
 
-from mdpo_rddl.problem.chance import has_draws
+from mdpo_rddl.problem import chance
+from mdpo_rddl.problem.chance import has_draws, rewards_are_certain
 
 CERTAIN = "SPREAD * Normal(0.0, 1.0)"
 
@@ -28,3 +29,23 @@ def test_a_draw_in_the_reward_counts():
     instance = TINY_INSTANCE.replace("_HORIZON", "4").replace("_SPREAD", "0.0")
     domain = TINY_DOMAIN.replace(CERTAIN, "SPREAD").replace("GOAL, 2]]", "GOAL, 2]] + Normal(0, 1)")
     assert has_draws(problem_from(domain + instance).model)
+
+
+@pytest.mark.parametrize(
+    ("spread", "seconds", "expected"),
+    [("0.0", 60.0, True), ("0.5", 60.0, False), ("0.0", 0.0, False)],
+)
+def test_what_is_drawn_may_change_no_reward(spread, seconds, expected):
+    instance = TINY_INSTANCE.replace("_HORIZON", "4").replace("_SPREAD", spread)
+    problem = problem_from(TINY_DOMAIN + instance)
+    assert has_draws(problem.model)
+    assert rewards_are_certain(problem, seconds) is expected
+
+
+def test_nothing_is_certain_of_what_cannot_be_played(monkeypatch):
+    def refuse(problem):
+        raise ValueError("no environment")
+
+    monkeypatch.setattr(chance, "make_environment", refuse)
+    instance = TINY_INSTANCE.replace("_HORIZON", "4").replace("_SPREAD", "0.0")
+    assert not rewards_are_certain(problem_from(TINY_DOMAIN + instance), 60.0)

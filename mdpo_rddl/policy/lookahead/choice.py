@@ -1,5 +1,6 @@
 """Whether to think at all, and how: short paired trials while the policy is prepared."""
 
+import functools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trials,
 )
 from mdpo_rddl.policy.table import Optimum
+from mdpo_rddl.problem.chance import rewards_are_certain
 from mdpo_rddl.problem.load import Problem, make_environment
 
 _EPISODES = 4
@@ -43,8 +45,10 @@ _MOST_FLUENT_BYTES = 4 * 10**6
 # the programs and the trials of all methods take at most so many seconds and decisions
 _COMPILE_SECONDS, _DECISIONS = 20.0, 40
 # of the time for planning; where the state is observed in part there is a filter to compile too,
-# and episodes are played
-_SHARE, _HIDDEN_SHARE = 0.25, 0.4
+# and episodes are played; where chance plays no part few scenarios tell all
+_SHARE, _HIDDEN_SHARE, _CERTAIN_SHARE = 0.25, 0.4, 0.18
+# what it may take to see that chance plays no part
+_CERTAIN_SECONDS = 1.0
 # of the time for the choice, the episodes that give the states may take
 _VISITING_SHARE = 0.1
 # what goes on with a policy of the underlying MDP may take; the rest is for the others, if need be
@@ -80,9 +84,18 @@ class Choice:
         return self.reason or (NO_TIME if short else "no gain")
 
 
+@functools.lru_cache(maxsize=8)
 def choice_share(problem: Problem) -> float:
-    """Which share of the time for planning the choice has, as a rule."""
-    return _HIDDEN_SHARE if problem.model.observ_fluents else _SHARE
+    """Which share of the time for planning the choice has, as a rule.
+
+    Where all actions are real two episodes of random actions are played, once.
+    """
+    model = problem.model
+    if model.observ_fluents:
+        return _HIDDEN_SHARE
+    is_real = all(model.variable_ranges[name] == "real" for name in model.action_fluents)
+    is_certain = is_real and rewards_are_certain(problem, _CERTAIN_SECONDS)
+    return _CERTAIN_SHARE if is_certain else _SHARE
 
 
 def longest_choice(seconds: float) -> float:

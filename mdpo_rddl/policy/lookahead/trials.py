@@ -36,7 +36,8 @@ _CLEAR, _CLEARLY_BETTER, _CLEAR_STATES = 6.0, 3.0, 20
 class Trial:
     """What a method gained a decision, at states that the base policy visits or in episodes.
 
-    Of a candidate that changes later steps too, what it gains a step until its last change counts.
+    Of a candidate that changes later steps too, what it gains a step until its last change counts,
+    or all of it where nothing is random.
 
     Attributes:
       method: its name.
@@ -133,9 +134,12 @@ class Trials:
             fresh = np.concatenate(calls, axis=1)
             if gains.shape[1] == 1:
                 gains = np.zeros((len(chosen), fresh.shape[1]))
-            left = self.simulator.horizon - step
-            shares = [steps_to_last_change(chosen[p], base, left) for p in places]
-            gains[places] = fresh / np.array(shares)[:, np.newaxis]
+            gains[places] = fresh
+            # what is gained a step; without chance a plan is kept, and all its gain is had
+            if self.simulator.is_random:
+                left = self.simulator.horizon - step
+                steps = [steps_to_last_change(chosen[p], base, left) for p in places]
+                gains[places] /= np.array(steps)[:, np.newaxis]
         return gains
 
     def _is_clear(self) -> bool:
