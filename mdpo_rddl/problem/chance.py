@@ -37,7 +37,7 @@ def draws(expression: Any) -> bool:
 
 
 def rewards_are_certain(problem: Problem, seconds: float) -> bool:
-    """Whether the same random actions earn the same rewards in two episodes, drawn otherwise.
+    """Whether the same random actions have the same rewards in two episodes, drawn otherwise.
 
     Args:
       problem: the parsed problem; its state is observed.

@@ -81,6 +81,23 @@ def test_trials_end_where_the_best_method_is_clear():
     assert clock.now < 2 * MOST_STATES * 1.2 * SECONDS
 
 
+class Lasting(FirstActions):
+    """Pulls the second arm at the next step too, which changes nothing."""
+
+    def propose(self, gains, random):
+        first = super().propose(gains, random)
+        return np.concatenate([first, np.tile([0.0, 1.0, 0.0], (len(first), 1, 1))], axis=1)
+
+
+@pytest.mark.parametrize(("is_random", "expected"), [(True, (3 / 2 + 1) / 4), (False, 1.0)])
+def test_a_plan_counts_by_its_gain_a_step_but_where_it_is_kept(is_random, expected):
+    # at the last of four steps there is no next one
+    tried, _ = trials((Lasting,))
+    tried.simulator.is_random = is_random
+    (trial,) = tried.at(states(1)[:40], np.inf)
+    assert trial.mean == pytest.approx(expected, abs=0.1)
+
+
 def test_one_or_two_states_decide_nothing():
     for count, note in ((1, NO_TIME), (FEWEST_STATES - 1, NO_TIME), (FEWEST_STATES, "")):
         tried, _ = trials()
