@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdpo_rddl.auto.constants import Constants
-from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
@@ -50,7 +49,6 @@ class Probe:
         of several returns had the same in each rollout, and what they change is not random.
       certain: whether the states were the same in each rollout, too.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
-      start_error: standard error of the difference between the two returns.
     """
 
     units: dict[str, float]
@@ -61,7 +59,6 @@ class Probe:
     deterministic: bool
     certain: bool
     policy_seconds: float | None
-    start_error: float = 0.0
 
     def state(self) -> State:
         """All of it, for another process."""
@@ -89,7 +86,6 @@ class Probe:
             deterministic=bool(values["deterministic"]),
             certain=bool(values["certain"]),
             policy_seconds=None if seconds is None else float(seconds),
-            start_error=float(values["start_error"]),
         )
         sizes = [*found.units.values(), *(scale for _, scale in found.state_scales.values())]
         centers = [center for center, _ in found.state_scales.values()]
@@ -186,10 +182,8 @@ def _in_fresh_rollouts(probe: Probe, returns: np.ndarray) -> Probe:
     """The probe with what the no-op and the best constant return in other rollouts [2, R]."""
     if not np.isfinite(returns).all() or returns.shape[1] < 2:
         return probe
-    (noop, start), (_, error) = np.mean(returns, axis=1), mean_and_error(returns[1] - returns[0])
-    return dataclasses.replace(
-        probe, noop_return=float(noop), start_return=float(start), start_error=error
-    )
+    noop, start = np.mean(returns, axis=1)
+    return dataclasses.replace(probe, noop_return=float(noop), start_return=float(start))
 
 
 def _unit(

@@ -102,7 +102,6 @@ def test_the_best_of_many_constants_is_compared_in_other_rollouts(planner, monke
 
     Model(monkeypatch, lucky, lambda pump, chance: pump)
     found = [probing.probe(planner, seed) for seed in range(3)]
-    assert all(seen.start_error > 0.0 for seen in found)
     # the best of all in four rollouts is 14 above on average
     assert np.mean([seen.start_return for seen in found]) < -100.0 + 7.0
 
