@@ -171,12 +171,12 @@ def test_the_measurements_rooms_share_only_what_is_common():
 def test_arms_see_each_other_only_through_their_interface():
     folder = PACKAGE / "auto" / "arms"
     # what an arm is, each of them more than the one before
-    kinds = ["base", "compiling", "learning", "trained"]
+    kinds = ["base", "compiling", "trained"]
     arms = {path.stem for path in folder.glob("*.py")} - {"__init__", *kinds}
     assert {"gradient", "plan_search", "jaxplan"} <= arms
     assert {end for _, end in edges_inside(folder)} == set(kinds)
     among = {(start, end) for start, end in edges_inside(folder) if start in kinds}
-    assert among == {("compiling", "base"), ("learning", "compiling"), ("trained", "compiling")}
+    assert among == {("compiling", "base"), ("trained", "compiling")}
     # what several of them search with are no arms, and know none
     assert violations(room("auto.search"), "mdpo_rddl.auto.arms", "mdpo_rddl.auto.arena") == []
 
