@@ -16,10 +16,12 @@ _COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: a population's takes longer, and the exploration's comes beside it
 _POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
+# of the time left, that the program of plans may take beside feedback policies that work
+_PLANS_SHARE = 0.15
 # of what learns a value: its program beside the judge's, which may come from the cache; an
 # iteration takes about so many times as long as the judge's rollouts of a candidate, and so many
 # seconds; the fewest that find anything
-_VALUE_PROGRAMS, _LEAST_VALUE_SECONDS = 1.5, 8.0
+_VALUE_PROGRAMS, _LEAST_VALUE_SECONDS = 4.0, 8.0
 _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 4.0, 0.03, 30
 EXPLORING_FIRST, LATER = 0.4, 0.25
 """Shares of the time left that the compilation of what explores a net's parameters may take: before
@@ -50,6 +52,10 @@ class Affording:
           share: of the time left, that its compilation may take.
         """
         return self._is_ready_in_time(_POPULATION_PROGRAMS / share)
+
+    def plans(self) -> bool:
+        """Whether there is time for plans where feedback policies have found something."""
+        return self._arena.plans.is_compiled or self.population(_PLANS_SHARE)
 
     def value(self, share: float) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.

@@ -12,9 +12,10 @@ from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.gains import NoopReturn, return_to_beat
 from mdpo_rddl.auto.judge import Judge, difference_error
 from mdpo_rddl.auto.plain import PlainPlanners
-from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import PopulationReturns, Wanted, compile_population
+from mdpo_rddl.auto.search.random_play import random_return
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -139,6 +140,11 @@ class Arena:
         """Of the judge's rollouts and the plans' population, which no arm is charged for."""
         plans = self.plans.compile_seconds if self.has_plan else 0.0
         return self.judge.compile_seconds + plans
+
+    def random_return(self) -> float:
+        """Mean return of random actions; for a policy that has a plan."""
+        places = boxes(self.planner, self.probe.units)
+        return random_return(self.population, self.noop, places, self.seed)
 
     @property
     def incumbent(self) -> Candidate:

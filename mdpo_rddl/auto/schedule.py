@@ -148,7 +148,7 @@ class Schedule(Slices):
             simple.rules = Rules.FEW
             self.give(simple, until)
         if arena.has_plan and self._affording.population():
-            random = self._marks.decided(RANDOM, lambda: arena.plans.random_return(arena.noop))
+            random = self._marks.decided(RANDOM, arena.random_return)
             self.random_return = float(random)
 
     def _end_with_constant(self) -> None:
@@ -229,7 +229,7 @@ class Schedule(Slices):
         arena, own_until = self._arena, self._end("own weights", self._shares.own_until)
         for until in self._once("shared weights", self._shares.shared_until):
             self.give(shared, until)
-        if arena.has_plan:
+        if arena.has_plan and self._affording.plans():
             for until in self._marks.once("plan", arena, own_until):
                 self._search_plans(PlanArm("plan", arena, Evolving()), until)
         if not self._has_plan:

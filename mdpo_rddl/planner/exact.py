@@ -13,6 +13,7 @@ from jax import Array, dtypes, lax
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.opened import open_plan
+from mdpo_rddl.planner.programs.quick import light_jit
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
@@ -95,8 +96,10 @@ def visit_bytes(planner: MDPOPlanner) -> int:
 
 def _over_policies(play: Callable[..., Any], side_by_side: int | None) -> Callable[..., Any]:
     if side_by_side is None:
-        return jax.jit(jax.vmap(play, in_axes=(None, 0)))
-    return jax.jit(lambda key, params: lax.map(partial(play, key), params, batch_size=side_by_side))
+        return light_jit(jax.vmap(play, in_axes=(None, 0)))
+    return light_jit(
+        lambda key, params: lax.map(partial(play, key), params, batch_size=side_by_side)
+    )
 
 
 def _compile_play(

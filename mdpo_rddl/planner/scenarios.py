@@ -17,6 +17,7 @@ from jax import Array
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.plans.opened import open_plan
+from mdpo_rddl.planner.programs.quick import light_jit
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
@@ -83,7 +84,7 @@ class Scenarios:
             plans = {name: log["fluents"][name] for name in names}
             return Played(plans, self._total(log))
 
-        return jax.jit(play)
+        return light_jit(play)
 
     def compile_returns(self) -> Callable[[Array, Plans], Array]:
         """A function of the key and of plans [C, N, H, *shape] that gives their returns [C, N].
@@ -92,7 +93,7 @@ class Scenarios:
         """
         model = self._planner.test_compiled
         play = self._compile_plans(model, self._made_legal, differentiated=False)
-        return jax.jit(jax.vmap(play, (None, 0)))
+        return light_jit(jax.vmap(play, (None, 0)))
 
     def compile_gradient(self) -> Callable[[Array, Plans], Plans]:
         """A function of the key and of plans [C, N, H, *shape]: the gradient of their returns.

@@ -11,11 +11,11 @@ from helpers.lakes import preset
 from helpers.races import CLOCK, means, raced
 
 from mdpo_rddl.auto import RaceOptions, race, schedule
+from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms import dynamic_programming
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.slices import Slices
 from mdpo_rddl.errors import Cancelled, InputError
@@ -78,15 +78,15 @@ def test_where_every_arm_is_lost_the_best_so_far_is_kept(
 def test_a_failure_of_the_race_itself_keeps_the_best_so_far(
     lake, in_one_arena, monkeypatch, caplog
 ):
-    def broken(plans, params):
+    def broken(anything):
         raise MemoryError("out of memory")
 
-    monkeypatch.setattr(PlanPopulation, "random_return", broken)
+    monkeypatch.setattr(Arena, "random_return", broken)
     outcome = raced(lake, 300.0)
     assert "the best policy so far is kept: out of memory" in caplog.text
     assert outcome.chosen.mean == max(means(outcome).values())
     assert not outcome.interrupted
-    monkeypatch.setattr(schedule.Schedule, "run", lambda race: broken(race, None))
+    monkeypatch.setattr(schedule.Schedule, "run", broken)
     with pytest.raises(InputError, match="out of memory"):
         raced(lake, 300.0)
 

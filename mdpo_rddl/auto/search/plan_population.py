@@ -11,7 +11,7 @@ from jax import Array
 
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.gains import NoopReturn, return_to_beat_by_luck
-from mdpo_rddl.auto.probing import Probe, boxes
+from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.evolution import (
     MOST_ELITES,
@@ -91,17 +91,6 @@ class PlanPopulation:
         """An empty archive for plans; None without a state, or with too many to be looked at."""
         scales = self._probe.state_scales if self._has_states else {}
         return Archive(self._layout(params), scales, self._seed) if scales else None
-
-    def random_return(self, params: Params) -> float:
-        """Mean return of actions drawn uniformly from their boxes, at every step anew."""
-        horizon = self._planner.horizon
-        random = np.random.default_rng([self._seed, 3])
-        plan = {}
-        for name, (lower, upper) in boxes(self._planner, self._probe.units).items():
-            size = (self._population, horizon, *lower.shape)
-            plan[name] = random.uniform(lower, upper, size).astype(np.float32)
-        returns, _ = self._visits(self._key, {**self._repeated(params), "plan": plan})
-        return float(np.mean(np.asarray(returns, float)))
 
     def goal(
         self, until: float, noop: NoopReturn, incumbent_return: float, restarting: bool

@@ -14,6 +14,7 @@ from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback import Params
 
 logger = logging.getLogger(__name__)
 
@@ -81,6 +82,10 @@ class PopulationReturns:
         """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
         key = jax.random.fold_in(self._key, iteration)
         return np.mean(self._returns(key, weights.batch(vectors)), axis=1)
+
+    def returns(self, params: Params) -> np.ndarray:
+        """Returns [P, N] of policies whose parameters have a leading axis P."""
+        return self._returns(self._key, params)
 
     def best(self, weights: Weights, vectors: list[np.ndarray]) -> np.ndarray:
         """The vector [D] of the largest mean return in fresh rollouts."""

@@ -21,13 +21,12 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.state_values import Weights
 from mdpo_rddl.planner.policy_iteration.exploring import Explored, Trying, compile_exploring
 from mdpo_rddl.planner.policy_iteration.targets import Decay, lambda_returns
+from mdpo_rddl.planner.programs.quick import light_jit
 from mdpo_rddl.planner.start import initial_values
 
 # of the scale of the targets: what an iteration changes
 _NEWS = 0.2
 _TINY = 1e-6
-# the loops are few and large
-_COMPILER_OPTIONS = {"xla_backend_optimization_level": 1}
 
 
 @dataclass(frozen=True)
@@ -131,9 +130,7 @@ class PolicyIteration:
         self._play = compile_exploring(planner, guide, learning.rollouts)
         # the step size is given to each iteration
         self._optimizer = optax.scale_by_adam()
-        self.iterate: Callable[..., tuple[Learner, Shown]] = jax.jit(
-            self._iterate, compiler_options=_COMPILER_OPTIONS
-        )
+        self.iterate: Callable[..., tuple[Learner, Shown]] = light_jit(self._iterate)
 
     def begin(self, key: Array) -> Learner:
         """A learner that knows nothing.

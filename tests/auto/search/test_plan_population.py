@@ -80,15 +80,6 @@ def test_a_hidden_prize_is_found(corridor):
     assert clock.now < 700.0
 
 
-def test_random_actions_are_no_better_than_the_no_op_where_the_prize_is_hidden(corridor):
-    _, seen, planner, params = corridor
-    plans = PlanPopulation(planner, seen, 0, Ticking())
-    random_return = plans.random_return(params)
-    assert np.isfinite(random_return)
-    assert random_return != seen.noop_return
-    assert PlanPopulation(planner, seen, 0, Ticking()).random_return(params) == random_return
-
-
 def test_without_a_state_there_is_nothing_to_explore(tmp_path):
     domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
     domain.write_text(

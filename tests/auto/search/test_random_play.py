@@ -1,0 +1,52 @@
+"""What random actions return."""
+
+import time
+
+import pytest
+
+from mdpo_rddl.auto.fitting import scaled, without_scales
+from mdpo_rddl.auto.probing import boxes, probe
+from mdpo_rddl.auto.search.population import Wanted, compile_population
+from mdpo_rddl.auto.search.random_play import random_return
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.problem.load import load_problem
+
+DOMAIN = """
+domain pushed {
+  pvariables {
+    ground : { state-fluent, real, default = 0.0 };
+    push : { action-fluent, real, default = 0.0 };
+    pull : { action-fluent, bool, default = false };
+  };
+  cpfs { ground' = ground; };
+  reward = push + 10.0 * pull;
+  action-preconditions { push >= 0.0; push <= 3.0; };
+}
+"""
+INSTANCE = """
+non-fluents nf { domain = pushed; }
+instance i {
+  domain = pushed; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 40; discount = 1.0;
+}
+"""
+
+
+def test_each_action_is_drawn_from_its_box_at_every_step(tmp_path):
+    domain, instance = tmp_path / "d.rddl", tmp_path / "i.rddl"
+    domain.write_text(DOMAIN)
+    instance.write_text(INSTANCE)
+    problem = load_problem(str(domain), str(instance))
+    config = auto_preset("pushed").without_section("Search")
+    seen = probe(build_planner(problem, without_scales(config)).planner, seed=0)
+    planner = build_planner(problem, scaled(config, seen)).planner
+    population = compile_population(planner, 0, Wanted(0.5), time.monotonic)
+    noop, places = planner.feedback_plan.noop(0), boxes(planner, seen.units)
+    found = random_return(population, noop, places, 0)
+    # 1.5 of the real at each step, and 10 of a bool that is true at every other
+    assert found == pytest.approx(40 * (1.5 + 5.0), rel=0.05)
+    assert (
+        found
+        == random_return(population, noop, places, 0)
+        != random_return(population, noop, places, 1)
+    )
