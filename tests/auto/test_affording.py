@@ -25,14 +25,26 @@ def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, la
         ({"rollout_seconds": 0.05}, True),
         ({"rollout_seconds": 0.06}, False),
         ({"rollout_seconds": 0.06, "left": 60.0}, True),
-        # its program would not be compiled in four tenths of the time
-        ({"rollout_seconds": 0.001, "usual": 12.0}, False),
+        # 8.4 s for a program four times the judge's, and 7.5 s; 8.8 and 7.5 are too much
+        ({"rollout_seconds": 0.055, "usual": 2.1}, True),
+        ({"rollout_seconds": 0.055, "usual": 2.2}, False),
         ({"rollout_seconds": 0.001, "left": 19.0}, False),
         ({"rollout_seconds": 0.001, "large": 1.0}, False),
     ],
 )
 def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expected):
     assert affording(**case).value(0.4) == expected
+
+
+@pytest.mark.parametrize(
+    ("is_compiled", "left", "expected"),
+    [(False, 20.5, True), (False, 19.5, False), (True, 19.5, True)],
+)
+def test_plans_are_tried_where_their_program_takes_little_of_the_time(is_compiled, left, expected):
+    # 3 s for it
+    asked = affording(0.01, left)
+    asked._arena.plans = SimpleNamespace(is_compiled=is_compiled)
+    assert asked.plans() == expected
 
 
 @pytest.mark.parametrize(("left", "expected"), [(20.5, True), (19.5, False)])

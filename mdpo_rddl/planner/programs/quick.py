@@ -11,7 +11,8 @@ policy came too late with it. An iteration of greedy would run half as long agai
 have no such options.
 """
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -21,8 +22,8 @@ Jit = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 QUICK = 0.6
 """About what such a program takes to compile, in terms of others."""
-_LIGHT = {"xla_backend_optimization_level": 1}
-_QUICK = {**_LIGHT, "xla_cpu_use_fusion_emitters": False}
+LIGHT = {"xla_backend_optimization_level": 1}
+QUICK_OPTIONS = {**LIGHT, "xla_cpu_use_fusion_emitters": False}
 _LONGEST_SECONDS = 180.0
 
 
@@ -46,14 +47,17 @@ def jit_for(seconds: float) -> Jit:
 
 def quick_jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """`jax.jit`, on a CPU with less optimisation."""
-    return _on_cpu(function, _QUICK)
+    return _on_cpu(function, QUICK_OPTIONS)
 
 
 def light_jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """`jax.jit` for rollouts of the exact model, which run as fast."""
-    return _on_cpu(function, _LIGHT)
+    return _on_cpu(function, LIGHT)
 
 
-def _on_cpu(function: Callable[..., Any], options: dict[str, Any]) -> Callable[..., Any]:
+def _on_cpu(function: Callable[..., Any], options: Mapping[str, Any]) -> Callable[..., Any]:
+    """With these options on a CPU, but for those that `XLA_FLAGS` names."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    ours = {name: value for name, value in options.items() if name not in flags}
     is_cpu = jax.default_backend() == "cpu"
-    return jax.jit(function, compiler_options=options if is_cpu else None)
+    return jax.jit(function, compiler_options=ours if is_cpu else None)

@@ -8,16 +8,32 @@ from helpers.problems import tiny_files
 
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
-from mdpo_rddl.planner.programs.quick import is_short, jit_for, quick_jit
+from mdpo_rddl.planner.programs.quick import is_short, jit_for, light_jit, quick_jit
 from mdpo_rddl.problem.load import load_problem
 
 
-def test_a_quick_program_computes_the_same():
+@pytest.mark.parametrize("lighter_jit", [quick_jit, light_jit])
+def test_a_lighter_program_computes_the_same(monkeypatch, lighter_jit):
+    monkeypatch.delenv("XLA_FLAGS")
+
     def walk(start):
         return jax.lax.fori_loop(0, 50, lambda step, x: jnp.cos(x) + 0.1 * x, start)
 
     start = np.linspace(-3.0, 3.0, 40, dtype=np.float32)
-    np.testing.assert_allclose(quick_jit(walk)(start), jax.jit(walk)(start), rtol=1e-5)
+    np.testing.assert_allclose(lighter_jit(walk)(start), jax.jit(walk)(start), rtol=1e-5)
+
+
+def test_what_the_user_s_flags_say_stays(monkeypatch):
+    given = []
+    monkeypatch.setattr(
+        jax, "jit", lambda function, compiler_options: given.append(compiler_options)
+    )
+    for flags in ("", "--xla_backend_optimization_level=0"):
+        monkeypatch.setenv("XLA_FLAGS", flags)
+        light_jit(abs)
+        quick_jit(abs)
+    level, emitters = "xla_backend_optimization_level", "xla_cpu_use_fusion_emitters"
+    assert given == [{level: 1}, {level: 1, emitters: False}, {}, {emitters: False}]
 
 
 def test_short_searches_have_quick_programs():
