@@ -54,7 +54,8 @@ class Experiment:
     def learnt(self, seconds: float, seed: int) -> tuple[Learner, int]:
         """The learner after so many seconds, and its iterations."""
         key = jax.random.PRNGKey(seed)
-        learner, _ = self._iterated(self._iteration.begin(key), key, _STEP, is_first=True)
+        begun = self._iteration.begin(np.random.default_rng(seed))
+        learner, _ = self._iterated(begun, key, _STEP, is_first=True)
         jax.block_until_ready(learner)
         began, count = time.process_time(), 0
         while (share := (time.process_time() - began) / seconds) < 1.0:

@@ -71,8 +71,8 @@ class PolicyIterationArm(CompilingArm):
           until: when the first part ends, by the clock.
         """
         super().__init__(GREEDY, arena)
-        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed), 3)
-        self._learner_key, self._iteration_key, self._trial_key = keys
+        keys = jax.random.split(key_for(Draws.GREEDY, arena.seed))
+        self._iteration_key, self._trial_key = keys
         self._judged_key = jax.random.fold_in(self._trial_key, 1)
         self._first_until, self._span = until, Span(0.0, 0.0)
         self._learner: Learner | None = None
@@ -124,9 +124,13 @@ class PolicyIterationArm(CompilingArm):
         assert isinstance(plan, GreedyPlan)
         rollouts = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
         self._iteration = PolicyIteration(self._planner, arena.plan, Learning(rollouts=rollouts))
-        begun = self._iteration.begin(self._learner_key)
+        begun = self._begun()
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
         return begun
+
+    def _begun(self) -> Learner:
+        """The learner before the first iteration, the same each time."""
+        return self._iteration.begin(np.random.default_rng([self._arena.seed, Draws.GREEDY]))
 
     def _go_on(self, begun: Learner, state: State) -> None:
         """Restores the value, its part and the parents."""
@@ -174,7 +178,7 @@ class PolicyIterationArm(CompilingArm):
         self._parents = (*guide.parents, guide.arm) if guide.arm else ()
         # its program may have taken longer than the first part was to last
         self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))
-        begun = self._iteration.begin(self._learner_key)
+        begun = self._begun()
         # the next iteration is timed
         self._learner, _ = jax.block_until_ready(
             self._iterated(begun, self._trial_key, _STEP, is_first=True)

@@ -189,11 +189,10 @@ class GreedyPlan(JaxPlan):
     @cached_property
     def _effects(self) -> Effects | None:
         """What each change affects of what v reads; None if that is too much to tell apart."""
-        fluents = self._complete(self.exact.init_values)
-        given = random.PRNGKey(0), jnp.zeros(self.size, bool), fluents
-        # traced in the midst of another program
-        with jax.ensure_compile_time_eval():
-            program = jax.make_jaxpr(self._step)(*given)
+        # only their shapes count; no tracer of a program in the midst of which this is asked
+        fluents = jax.eval_shape(self._complete, self.exact.init_values)
+        key, leaving = jax.eval_shape(partial(random.PRNGKey, 0)), np.zeros(self.size, bool)
+        program = jax.make_jaxpr(self._step)(key, leaving, fluents)
         own = np.eye(self.size, dtype=bool)
         starts = [None, own, *[None] * (len(program.jaxpr.invars) - 2)]
         effects = Effects.of(dependence(program, starts, self.size)[0])

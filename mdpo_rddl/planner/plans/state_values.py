@@ -81,17 +81,27 @@ class StateValues:
             self._products, pairs = [], 0
         self.size = singles + pairs
 
-    def initial(self, key: Array) -> Weights:
-        """Weights with which every value is zero."""
-        inner, shift, late = random.split(key, 3)
+    def initial(self, key: Array | np.random.Generator) -> Weights:
+        """Weights with which every value is zero.
+
+        Args:
+          key: draws the hidden units; with a generator of numpy's nothing is compiled for that.
+        """
         scale = min(1.0, math.sqrt(_FEW / max(1, self.size)))
-        none, hidden = jnp.zeros(self.size, self._dtype), jnp.zeros(self._units, self._dtype)
+        shapes: list[tuple[int, ...]] = [(self.size, self._units), (self._units,), (self._units,)]
+        drawn: list[Any]
+        if isinstance(key, np.random.Generator):
+            drawn = [key.standard_normal(shape).astype(self._dtype) for shape in shapes]
+        else:
+            keys = zip(random.split(key, 3), shapes, strict=True)
+            drawn = [random.normal(own, shape, self._dtype) for own, shape in keys]
+        none, hidden = np.zeros(self.size, self._dtype), np.zeros(self._units, self._dtype)
         return {
             "direct": none,
             "direct_left": none,
-            "hidden": scale * random.normal(inner, (self.size, self._units), self._dtype),
-            "bias": random.normal(shift, (self._units,), self._dtype),
-            "bias_left": random.normal(late, (self._units,), self._dtype),
+            "hidden": scale * drawn[0],
+            "bias": drawn[1],
+            "bias_left": drawn[2],
             "output": hidden,
             "output_left": hidden,
         }

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax import Array, lax, random
 
@@ -132,20 +133,20 @@ class PolicyIteration:
         self._optimizer = optax.scale_by_adam()
         self.iterate: Callable[..., tuple[Learner, Shown]] = light_jit(self._iterate)
 
-    def begin(self, key: Array) -> Learner:
-        """A learner that knows nothing.
+    def begin(self, generator: np.random.Generator) -> Learner:
+        """A learner that knows nothing; nothing is compiled for it but the optimizer's zeros.
 
         Args:
-          key: of the value's weights.
+          generator: draws the value's weights.
         """
-        weights = self._values.initial(key)
+        weights = self._values.initial(generator)
         real = weights["bias"].dtype
         size = self._learning.kept, self._learning.rollouts, self._planner.horizon
         start, _ = initial_values(self._planner).test
         names = self._planner.rddl.state_fluents
-        states = {n: jnp.zeros((*size, *start[n].shape[1:]), start[n].dtype) for n in names}
-        kept = Kept(states, jnp.zeros(size, real), jnp.zeros(size, real))
-        times, scale = jnp.zeros(self._planner.horizon, real), jnp.zeros((), real)
+        states = {n: _zeros((*size, *start[n].shape[1:]), start[n].dtype) for n in names}
+        kept = Kept(states, _zeros(size, real), _zeros(size, real))
+        times, scale = _zeros((self._planner.horizon,), real), _zeros((), real)
         return Learner(weights, self._optimizer.init(weights), times, scale, kept)
 
     def policy(self, learner: Learner) -> Weights:
@@ -213,6 +214,11 @@ class PolicyIteration:
         inputs = jax.vmap(jax.vmap(self._values.inputs))(states)
         one = functools.partial(self._values.value, weights)
         return jax.vmap(jax.vmap(one), in_axes=(0, None))(inputs, self._steps)
+
+
+def _zeros(shape: tuple[int, ...], dtype: Any) -> Array:
+    """`jnp.zeros`, for which nothing is compiled."""
+    return jax.device_put(np.zeros(shape, dtype))
 
 
 def _pushed(is_first: Array, kept: Array, new: Array) -> Array:

@@ -39,7 +39,9 @@ def noop(quest):
 @pytest.fixture(scope="module")
 def begun(iteration, noop):
     """The learner after the first iteration, and what the guide has shown there."""
-    return iteration.iterate(iteration.begin(KEY), KEY, noop, np.float32(3e-3), np.array(True))
+    return iteration.iterate(
+        iteration.begin(np.random.default_rng(0)), KEY, noop, np.float32(3e-3), np.array(True)
+    )
 
 
 def iterated(iteration, learner, noop, step, number=1):
