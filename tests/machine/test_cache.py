@@ -23,7 +23,9 @@ def fill(folder: Path) -> None:
 
 
 def left(folder: Path) -> set[str]:
-    return set(contents(folder)) - {"traced", "thesis.tex", "traced/notes"}
+    # by their names: to read a file is to use it
+    names = {str(path.relative_to(folder)) for path in folder.rglob("*")}
+    return names - {"traced", "thesis.tex", "traced/notes"}
 
 
 def test_what_was_not_used_for_the_longest_time_goes_first(tmp_path: Path) -> None:
