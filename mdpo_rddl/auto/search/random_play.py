@@ -29,6 +29,5 @@ def random_return(
     for name, (lower, upper) in boxes.items():
         size = (count, *np.shape(noop["plan"][name]))
         plan[name] = random.uniform(lower, upper, size).astype(np.float32)
-    others = {name: part for name, part in noop.items() if name != "plan"}
-    each = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), others)
+    each = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), noop)
     return float(np.mean(population.returns({**each, "plan": plan})))

@@ -99,6 +99,16 @@ def test_nothing_is_expected_after_the_end(noop):
     np.testing.assert_allclose(gains, [1.0, -2.0, 3.0])
 
 
+def test_nothing_is_compiled_to_see_what_changes_affect(caplog):
+    plan = build_planner(load_problem("Tamarisk_MDP_ippc2014", "9"), CONFIG).planner.plan
+    jax.clear_caches()
+    with jax.log_compiles():
+        assert plan.tried
+        assert "XLA compilation" not in caplog.text
+        jax.jit(jnp.cos)(1.0)
+    assert "XLA compilation" in caplog.text  # it would have been seen
+
+
 def test_it_says_that_its_actions_are_legal(planner):
     plan = planner.plan
     assert open_plan(plan) is plan
