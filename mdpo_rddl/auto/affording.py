@@ -3,6 +3,8 @@
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.shooting import SHOOTING
+from mdpo_rddl.auto.search.one_by_one import POLICIES
+from mdpo_rddl.auto.search.population import PROGRAMS as POPULATION_PROGRAMS
 from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.planner.programs.quick import QUICK, is_short
 
@@ -14,8 +16,8 @@ _FEWEST_POLICIES = 60
 # than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
 _COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
-# programs like the judge's: a population's takes longer, and the exploration's comes beside it
-_POPULATION_PROGRAMS, _EXPLORATION_PROGRAMS = 1.5, 4.0
+# programs like the judge's: the exploration's comes beside a population's
+_EXPLORATION_PROGRAMS = 4.0
 # of the time left, that the program of plans may take beside feedback policies that work
 _PLANS_SHARE = 0.15
 # of what learns a value: its program beside the judge's, which may come from the cache; an
@@ -51,7 +53,12 @@ class Affording:
         Args:
           share: of the time left, that its compilation may take.
         """
-        return self._is_ready_in_time(_POPULATION_PROGRAMS / share)
+        return self._is_ready_in_time(POPULATION_PROGRAMS / share)
+
+    def policies(self) -> bool:
+        """Whether there is time for many policies, if need be one by one."""
+        judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
+        return self.population() or POLICIES * judge.rollout_seconds < left
 
     def plans(self) -> bool:
         """Whether there is time for plans where feedback policies have found something."""

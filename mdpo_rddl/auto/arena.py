@@ -14,7 +14,12 @@ from mdpo_rddl.auto.judge import Judge, difference_error
 from mdpo_rddl.auto.plain import PlainPlanners
 from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
-from mdpo_rddl.auto.search.population import PopulationReturns, Wanted, compile_population
+from mdpo_rddl.auto.search.population import (
+    PROGRAMS,
+    PopulationReturns,
+    Wanted,
+    compile_population,
+)
 from mdpo_rddl.auto.search.random_play import random_return
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -100,8 +105,10 @@ class Arena:
     @cached_property
     def population(self) -> PopulationReturns:
         """Feedback policies side by side on the exact model; compiled when first asked for."""
-        known = self.judge.one_rollout_seconds, self.probe.deterministic
-        wanted = Wanted(self.search_share, *known)
+        judge = self.judge
+        known = judge.one_rollout_seconds, self.probe.deterministic
+        compiled = PROGRAMS * judge.usual_seconds, judge.rollouts
+        wanted = Wanted(self.search_share, *known, *compiled)
         return compile_population(self.planner, self.seed, wanted, self.clock, self.deadline)
 
     def compile_population(self) -> None:

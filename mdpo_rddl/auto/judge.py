@@ -79,6 +79,7 @@ class Judge:
     """Plays candidates and remembers the best.
 
     Attributes:
+      rollouts: of each candidate.
       incumbent: the best candidate so far, with its mean and error; None before the first.
       judged: all candidates, in the order in which they came.
     """
@@ -103,7 +104,7 @@ class Judge:
           deadline: until when compilation is waited for, by the clock.
         """
         self._on_judged = on_judged
-        self._rollouts, self._seed = rollouts, seed
+        self.rollouts, self._seed = rollouts, seed
         self._clock, self._began, self._deadline = clock, began, deadline
         self._players: list[tuple[MDPOPlanner, Timed[[Any], np.ndarray]]] = []
         self.incumbent: Candidate | None = None
@@ -134,7 +135,7 @@ class Judge:
         """The same of one of these rollouts; 0 if only those were played that compiled."""
         if not self._players or self._players[0][1].calls < 2:
             return 0.0
-        return self.rollout_seconds / self._rollouts
+        return self.rollout_seconds / self.rollouts
 
     def record(self, candidate: Candidate) -> bool:
         """Plays a candidate unless its return is known; whether it is the new incumbent.
@@ -175,7 +176,7 @@ class Judge:
         """
         if any(known is planner for known, _ in self._players):
             return
-        play = MeanReturn(planner, self._rollouts, self._seed).returns
+        play = MeanReturn(planner, self.rollouts, self._seed).returns
         play(params)
         self._players.append((planner, Timed(play, self._clock)))
 
@@ -207,7 +208,7 @@ class Judge:
             if known is planner:
                 return play(candidate.params)
         left = self._deadline - self._clock()
-        mean = compiled_within(left, lambda: MeanReturn(planner, self._rollouts, self._seed))
+        mean = compiled_within(left, lambda: MeanReturn(planner, self.rollouts, self._seed))
         play = Timed(mean.returns, self._clock, self._deadline)
         self._players.append((planner, play))
         return play(candidate.params)

@@ -103,7 +103,8 @@ class Schedule(Slices):
             judge.record(candidate)
         if self.early is not None:
             self._try_early(self.early, self._end("early", _EARLY_SHARES[self._finds_reward()]))
-        if not self._affording.population():
+        enough = self._affording.policies if self.early is None else self._affording.population
+        if not enough():
             logger.warning("there is too little time to search: compilation takes so long")
             if self.early is not None:
                 self._end_with(self.early)

@@ -18,8 +18,9 @@ from mdpo_rddl.auto import (
     schedule,
     sizes,
 )
-from mdpo_rddl.auto.arms import gradient, jaxplan, simple
+from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, simple
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.search import population
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 pytestmark = pytest.mark.usefixtures("one_core")
@@ -209,14 +210,20 @@ def test_a_compilation_that_takes_too_long_keeps_nobody_waiting(lake, in_one_are
     assert means(outcome)["polished"] > means(outcome)[NOOP]
 
 
-def test_nothing_is_compiled_that_the_deadline_would_meet(lake, in_one_arena, caplog, monkeypatch):
+def test_where_the_deadline_would_meet_every_program_policies_are_played_one_by_one(
+    lake, caplog, monkeypatch
+):
+    caplog.set_level("INFO")
     # the judge's program took longer than what is left
     monkeypatch.setattr(Judge, "usual_seconds", 1e9)
-    monkeypatch.setattr(schedule.Schedule, "_opened", refuse)
+    monkeypatch.setattr(population, "_compiled", refuse)
+    monkeypatch.setattr(compiling.CompilingArm, "begin", refuse)
     outcome = raced(lake, 600.0)
-    assert "too little time to search" in caplog.text
-    assert outcome.chosen.label == CONSTANT
-    assert list(outcome.diagnostics()["arms"]) == ["constants and rules"]
+    assert "one by one" in caplog.text
+    assert set(arms_of(outcome)) <= {
+        *("constants and rules", "shared weights", "own weights", "polishing the weights")
+    }
+    assert means(outcome)["shared weights"] > means(outcome)[CONSTANT]
 
 
 def test_once_the_race_is_over_no_arm_is_given_anything(lake, in_one_arena):

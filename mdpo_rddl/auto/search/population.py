@@ -2,13 +2,14 @@
 
 import logging
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import jax
 import numpy as np
 
 from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.search.one_by_one import POLICIES, OneByOne
 from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.timing import Clock, Timed
@@ -18,12 +19,17 @@ from mdpo_rddl.planner.plans.feedback import Params
 
 logger = logging.getLogger(__name__)
 
+PROGRAMS = 1.5
+"""So many times as long as the judge's program does that of a population take to compile."""
 # a search of fewer iterations than that finds nothing: then one rollout has to do
 _FEWEST_ITERATIONS = 500
-_FINAL_BATCHES = 8
+# of each, with fresh random numbers, where the best of several is told
+_FINAL_BATCHES, _FINAL_ROLLOUTS = 8, 32
 # the judge's rollouts take longer than those of a population do
 _TOO_SLOW_BY = 2.0
 _SLOW_SECONDS = 0.5
+# of the time left, that the program may take
+_LONGEST_SHARE = 0.8
 
 
 class Wanted(NamedTuple):
@@ -34,11 +40,30 @@ class Wanted(NamedTuple):
       rollout_seconds: of one rollout, as far as is known; no program is compiled for so many
         rollouts that by this it would be too slow.
       deterministic: whether chance plays no part in the return, so that one rollout is enough.
+      program_seconds: what a program is likely to take to compile.
+      judged: rollouts of the judge's program, which is there for single policies; 0 if it is not.
     """
 
     share: float
     rollout_seconds: float = 0.0
     deterministic: bool = False
+    program_seconds: float = 0.0
+    judged: int = 0
+
+
+class Program(Protocol):
+    """Plays policies, all in the same rollouts."""
+
+    @property
+    def seconds(self) -> float:
+        """Of the latest population."""
+
+    @property
+    def compile_seconds(self) -> float:
+        """What the first population took longer."""
+
+    def __call__(self, key: jax.Array, params: Params) -> np.ndarray:
+        """Returns [P, N] of policies whose parameters have a leading axis P."""
 
 
 class PopulationReturns:
@@ -49,49 +74,43 @@ class PopulationReturns:
       side_by_side: candidates that are computed at once; all if None.
     """
 
-    def __init__(
-        self,
-        planner: MDPOPlanner,
-        size: Size,
-        seed: int,
-        clock: Clock,
-        deadline: float = math.inf,
-    ) -> None:
-        """Compiles when it is first called, until the deadline."""
+    def __init__(self, program: Program, size: Size, seed: int) -> None:
+        """Plays nothing yet.
+
+        Args:
+          program: plays `size.population` policies.
+          size: of a population.
+          seed: of the rollouts.
+        """
         self.population, self.side_by_side = size.population, size.side_by_side
-        returns = compiled_within(
-            deadline - clock(),
-            lambda: compile_exact_returns(planner, size.rollouts, size.side_by_side),
-        )
-        self._returns = Timed(
-            lambda key, params: np.asarray(returns(key, params), float), clock, deadline
-        )
+        self._program, self._rollouts = program, size.rollouts
         self._key = key_for(Draws.POPULATION, seed)
 
     @property
     def seconds(self) -> float:
         """Of the latest population."""
-        return self._returns.seconds
+        return self._program.seconds
 
     @property
     def compile_seconds(self) -> float:
         """What the first population took longer."""
-        return self._returns.compile_seconds
+        return self._program.compile_seconds
 
     def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
         key = jax.random.fold_in(self._key, iteration)
-        return np.mean(self._returns(key, weights.batch(vectors)), axis=1)
+        return np.mean(self._program(key, weights.batch(vectors)), axis=1)
 
     def returns(self, params: Params) -> np.ndarray:
         """Returns [P, N] of policies whose parameters have a leading axis P."""
-        return self._returns(self._key, params)
+        return self._program(self._key, params)
 
     def best(self, weights: Weights, vectors: list[np.ndarray]) -> np.ndarray:
         """The vector [D] of the largest mean return in fresh rollouts."""
         places = [number % len(vectors) for number in range(self.population)]
         batch = np.stack([vectors[place] for place in places])
-        batches = 1 if self.seconds > _SLOW_SECONDS else _FINAL_BATCHES
+        batches = min(_FINAL_BATCHES, math.ceil(_FINAL_ROLLOUTS / self._rollouts))
+        batches = 1 if self.seconds > _SLOW_SECONDS else batches
         fresh = [self(weights, 10**6 + number, batch) for number in range(batches)]
         means = np.mean(fresh, axis=0)[: len(vectors)]
         return vectors[int(np.argmax(np.where(np.isfinite(means), means, -np.inf)))]
@@ -116,6 +135,10 @@ def compile_population(
     Raises:
       TooLateError: if the deadline comes before.
     """
+    if wanted.judged and wanted.program_seconds > _LONGEST_SHARE * (deadline - clock()):
+        logger.info("policies are played one by one: there is no time to compile a population's")
+        each = OneByOne(planner, wanted.judged, wanted.program_seconds, clock, deadline)
+        return PopulationReturns(each, Size(POLICIES, wanted.judged, 1), seed)
     size = fitting_size(planner)
     shared = weights_of(planner.feedback_plan.noop(seed), ["shared"])
     zeros = np.zeros((size.population, shared.start.size))
@@ -125,7 +148,7 @@ def compile_population(
         least = _FEWEST_ITERATIONS * size.population * rollouts * wanted.rollout_seconds
         if rollouts > 1 and least > _TOO_SLOW_BY * wanted.share * (deadline - clock()):
             continue
-        population = PopulationReturns(planner, fewer, seed, clock, deadline)
+        population = PopulationReturns(_compiled(planner, fewer, clock, deadline), fewer, seed)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled
@@ -136,3 +159,12 @@ def compile_population(
         if population.seconds * _FEWEST_ITERATIONS < search_seconds or is_too_late:
             break
     return population
+
+
+def _compiled(planner: MDPOPlanner, size: Size, clock: Clock, deadline: float) -> Program:
+    """What plays a population; compiled, until the deadline, when it is first called."""
+    returns = compiled_within(
+        deadline - clock(),
+        lambda: compile_exact_returns(planner, size.rollouts, size.side_by_side),
+    )
+    return Timed(lambda key, params: np.asarray(returns(key, params), float), clock, deadline)

@@ -6,6 +6,7 @@ constant along an axis is computed without that axis, and what is summed of it b
 Truth values are numbers 0 and 1 there: "exists" is a sum above 0, "for all" one that is complete.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +14,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import Array, core, lax
 from jax.extend.core import ClosedJaxpr
 
 from mdpo_rddl.planner.programs.traced import ELEMENTWISE, bind, has_equation, rewritten
@@ -112,6 +113,9 @@ def _apply(equation: Any, operands: list[Any]) -> list[Any]:
         return [_transpose(operands[0], params["permutation"], shape, lambda: plain()[0])]
     if name == "reduce_sum" and jnp.issubdtype(result.dtype, jnp.floating):
         return [_sum(operands[0], params["axes"], shape, result.dtype)]
+    is_counting = jnp.issubdtype(result.dtype, jnp.signedinteger)
+    if name == "reduce_sum" and is_counting and _counts(operands[0], params["axes"]):
+        return [_sum(operands[0], params["axes"], shape, jnp.float32).astype(result.dtype)]
     if name in ("reduce_or", "reduce_and") and _is_truth(result):
         return [_quantified(name, operands[0], params["axes"], shape)]
     if name in ELEMENTWISE:
@@ -159,7 +163,7 @@ def _product(left: tuple[_View, ...], right: tuple[_View, ...]) -> tuple[_View, 
     factors = sorted(merged.values(), key=lambda f: f.base.size)
     numbers = [f.base for f in left + right if not f.axes]
     for number in numbers:
-        if isinstance(number, Array) or number != 1:  # JaxPlan multiplies by 1 to make a real
+        if not _is_one(number):  # JaxPlan multiplies by 1 to make a number
             smallest, *others = factors or [_View(1.0, ())]
             factors = [_View(smallest.base * number, smallest.axes), *others]
     return tuple(factors) or (_View(1.0, ()),)
@@ -225,7 +229,7 @@ def _truths(equation: Any, given: Sequence[_Terms]) -> _Terms | None:
         return _plus(_plus(*given), _negative(_times(*given)))
     if name == "not":
         return _plus(((1.0, (_View(True, ()),)),), _negative(given[0]))
-    if name == "convert_element_type" and jnp.issubdtype(result.dtype, jnp.floating):
+    if name == "convert_element_type" and jnp.issubdtype(result.dtype, jnp.number):
         return given[0]
     return None
 
@@ -248,10 +252,21 @@ def _are_counted(terms: _Terms) -> bool:
     """Whether all factors are truth values or ones: sums of their products are not rounded."""
 
     def is_counted(base: Any) -> bool:
-        is_array = isinstance(base, Array) or np.ndim(base) > 0
-        return _is_truth(base) if is_array else bool(base == 1)
+        return _is_one(base) or (hasattr(base, "dtype") and _is_truth(base))
 
     return all(is_counted(factor.base) for _, factors in terms for factor in factors)
+
+
+def _is_one(value: Any) -> bool:
+    # of JAX's own constants none is compared while a program is traced
+    is_known = np.ndim(value) == 0 and not isinstance(value, core.Tracer)
+    return is_known and bool(np.asarray(value) == 1)
+
+
+def _counts(operand: _Factored, axes: Sequence[int]) -> bool:
+    """Whether a sum counts truth values, so few that single precision has their number."""
+    most = math.prod(operand.shape[axis] for axis in axes) * len(operand.terms)
+    return most <= _MOST_COUNTED and _are_counted(operand.terms)
 
 
 def _plus(left: _Terms, right: _Terms) -> _Terms:

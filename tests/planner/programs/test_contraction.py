@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.x64 import enable_x64
 
+from mdpo_rddl.planner.programs import contraction
 from mdpo_rddl.planner.programs.contraction import contract
 from mdpo_rddl.planner.programs.staging import Stages
 
@@ -49,6 +50,13 @@ def products(a, b, x, y):
         "for all": jnp.all((a < 0.0) | (columns < 1.0), axis=1),
         "no pair": jnp.all(~((a > 2.0) & (columns > 1.0)), axis=1),
         "counted": jnp.sum(((a > 1.0) & (columns > 0.0)) * 1.0 * rows, axis=0),
+        "counted as integers": jnp.sum(1 * ((a > 1.0) & (columns > 0.0)).astype(int), axis=0),
+        "one less another": jnp.sum(
+            ((a > 0.0) & (columns > 0.0)).astype(int) - ((a > 1.0) & (rows > 0.0)), axis=1
+        ),
+        "integers times truths": jnp.sum(
+            ((a > 1.0) & (columns > 0.0)) * jnp.arange(N)[:, jnp.newaxis], axis=1
+        ),
         "exactly one": jnp.any((a > 1.0) ^ (columns > 0.0), axis=1),
         "truths": (a > 1.0) & (columns > 0.0),
         "whole": rows * columns,
@@ -135,6 +143,32 @@ def test_products_of_truths_are_multiplied_out():
     (found,) = evaluate(contracted, A, Y)
     np.testing.assert_array_equal(found, program(A, Y))
     assert 0 < np.sum(found) < N
+
+
+def count(truths, other):
+    """How many pairs are true in both, for each object of a third type, as an integer."""
+    shape = (5, N, M)
+    pairs = jax.lax.broadcast_in_dim(truths, shape, (1, 2))
+    both = pairs & jax.lax.broadcast_in_dim(other, shape, (0, 2))
+    return jnp.sum(jnp.asarray(1, jnp.int32) * both.astype(jnp.int32), axis=(1, 2))
+
+
+def test_truths_are_counted_without_the_pairs():
+    truths, other = A > 0.5, B.T[:5, :] > 0.0
+    program = contract(jax.make_jaxpr(count)(truths, other))
+    assert max(out.aval.size for each in program.jaxpr.eqns for out in each.outvars) <= N * M
+    (found,) = evaluate(program, truths, other)
+    np.testing.assert_array_equal(found, count(truths, other))
+    assert found.dtype == jnp.int32
+
+
+def test_more_truths_than_single_precision_counts_are_added_as_integers(monkeypatch):
+    truths, other = A > 0.5, B.T[:5, :] > 0.0
+    monkeypatch.setattr(contraction, "_MOST_COUNTED", N * M - 1)
+    program = contract(jax.make_jaxpr(count)(truths, other))
+    names = {equation.primitive.name for equation in program.jaxpr.eqns}
+    assert "dot_general" not in names
+    np.testing.assert_array_equal(evaluate(program, truths, other)[0], count(truths, other))
 
 
 def test_gradients_are_the_same():
