@@ -12,6 +12,8 @@ PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
+# the judge's program takes a little longer to compile than what plays constants
+_LIKE_PROBING = 1.2
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
 _COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}, 100.0
@@ -60,6 +62,14 @@ class Affording:
         judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
         return self.population() or POLICIES * judge.rollout_seconds < left
 
+    def others(self, share: float) -> bool:
+        """Whether there is time for the judge's program and a population's, of which there is none.
+
+        Args:
+          share: of the time left, that these may take.
+        """
+        return self._is_ready_in_time((1.0 + POPULATION_PROGRAMS) / share)
+
     def plans(self) -> bool:
         """Whether there is time for plans where feedback policies have found something."""
         return self._arena.plans.is_compiled or self.population(_PLANS_SHARE)
@@ -71,8 +81,9 @@ class Affording:
           share: of the time left, that its compilation and its first iterations may take.
         """
         judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
-        compilation = max(_LEAST_VALUE_SECONDS, _VALUE_PROGRAMS * judge.usual_seconds)
-        iteration = _VALUE_EVALUATIONS * judge.rollout_seconds + _FITTING_SECONDS
+        compilation = max(_LEAST_VALUE_SECONDS, _VALUE_PROGRAMS * self._usual_seconds)
+        rollouts = judge.rollout_seconds or self._arena.probe.batch_seconds
+        iteration = _VALUE_EVALUATIONS * rollouts + _FITTING_SECONDS
         needed = compilation + _VALUE_ITERATIONS * iteration
         return not self._is_large and needed <= share * left
 
@@ -128,4 +139,9 @@ class Affording:
     def _is_ready_in_time(self, programs: float) -> bool:
         """Whether so many programs like the judge's are compiled before the race is over."""
         left = self._arena.deadline - self._arena.clock()
-        return left > programs * self._arena.judge.usual_seconds
+        return left > programs * self._usual_seconds
+
+    @property
+    def _usual_seconds(self) -> float:
+        """What the judge's program took to compile, or is likely to take."""
+        return self._arena.judge.usual_seconds or _LIKE_PROBING * self._arena.probe.compile_seconds

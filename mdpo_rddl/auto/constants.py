@@ -59,7 +59,7 @@ class Constants:
         self._key = jax.random.PRNGKey(seed)
         self._params = planner.feedback_plan.noop(seed)
         self._until, self._clock = until, clock
-        self._played, self.seconds = 0, 0.0
+        self._played, self.seconds, self._first_seconds = 0, 0.0, 0.0
         self.are_alike, self.saw_alike = True, True
         self._random: dict[str, np.ndarray] = {}
         self._changed: dict[str, np.ndarray] = {}
@@ -74,6 +74,16 @@ class Constants:
             return False
         next_seconds = self.seconds if self._played > 1 else 0.0
         return self._clock() + next_seconds > self._until
+
+    @property
+    def batch_seconds(self) -> float:
+        """Of the latest batch that did not compile; 0 if none was played."""
+        return self.seconds if self._played > 1 else 0.0
+
+    @property
+    def compile_seconds(self) -> float:
+        """What the first batch took longer than that."""
+        return max(0.0, self._first_seconds - self.batch_seconds)
 
     @property
     def is_without_chance(self) -> bool:
@@ -178,6 +188,7 @@ class Constants:
         states = {name: np.asarray(values) for name, values in visited.items()}
         self.seconds = self._clock() - began
         if not self._played:
+            self._first_seconds = self.seconds
             self._until = min(self._until + self.seconds, self._deadline)
         self._played += 1
         return returns[: len(constants)], states

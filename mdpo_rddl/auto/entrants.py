@@ -46,9 +46,13 @@ class Entrants:
           until: how long its first part is to last, by the clock.
           share: of the time left, that its compilation and its first iterations may take.
         """
-        if not (self._tries_changes and self._affording.value(share)):
+        if not self.may_be_greedy(share):
             return None
         return PolicyIterationArm(self._arena, until)
+
+    def may_be_greedy(self, share: float) -> bool:
+        """Whether there is such an arm, and time for it; the argument is that of `greedy`."""
+        return self._tries_changes and self._affording.value(share)
 
     @property
     def _tries_changes(self) -> bool:

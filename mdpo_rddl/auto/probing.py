@@ -49,6 +49,8 @@ class Probe:
         of several returns had the same in each rollout, and what they change is not random.
       certain: whether the states were the same in each rollout, too.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
+      compile_seconds: of what plays constants.
+      batch_seconds: that playing a batch of them takes; 0 if there was one only.
     """
 
     units: dict[str, float]
@@ -59,6 +61,8 @@ class Probe:
     deterministic: bool
     certain: bool
     policy_seconds: float | None
+    compile_seconds: float = 0.0
+    batch_seconds: float = 0.0
 
     def state(self) -> State:
         """All of it, for another process."""
@@ -86,6 +90,8 @@ class Probe:
             deterministic=bool(values["deterministic"]),
             certain=bool(values["certain"]),
             policy_seconds=None if seconds is None else float(seconds),
+            compile_seconds=float(values["compile_seconds"]),
+            batch_seconds=float(values["batch_seconds"]),
         )
         sizes = [*found.units.values(), *(scale for _, scale in found.state_scales.values())]
         centers = [center for center, _ in found.state_scales.values()]
@@ -171,6 +177,8 @@ def probe(
         deterministic=bool(not draws or shown),
         certain=bool(not draws or (shown and plays.saw_alike)),
         policy_seconds=seconds if large else None,
+        compile_seconds=plays.compile_seconds,
+        batch_seconds=plays.batch_seconds,
     )
     if found.deterministic or large or best == 0:
         return found

@@ -18,7 +18,7 @@ the no-op, or one of many only without chance. JaxPlan's planners are trained in
 import logging
 from collections.abc import Callable, Iterator, Sequence
 
-from mdpo_rddl.auto.affording import LATER, PATIENCE, Affording
+from mdpo_rddl.auto.affording import LATER, PATIENCE
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
@@ -32,12 +32,12 @@ from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.marks import RANDOM, SLICES
+from mdpo_rddl.auto.openings import LESS_GREEDY_SHARE, Openings
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, next_contender
-from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices, Terms
+from mdpo_rddl.auto.slices import SHORTEST_SECONDS
 from mdpo_rddl.auto.unsearched import known_without_rollouts
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -45,21 +45,15 @@ logger = logging.getLogger(__name__)
 
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
-# of the time left, for the exploration: before the other arms, and for these if it finds nothing;
-# for a straight-line plan, while slices gain so much of the first's
+# of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.0005
 # of the time left, that the population may take to compile where such a plan leads
 _OTHERS_PROGRAM_SHARE = 0.15
-# of the time left, for greedy, while slices gain; where no reward was found yet, or after others;
-# and in any case, for its first iterations tell little
-_GREEDY_SHARE, _LESS_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.6, 0.4
-_GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 # of the time left, at most, for an arm without compilation, by whether a constant finds a reward
 _EARLY_SHARES, _LESS = {True: 0.3, False: 0.5}, 0.5
 
 
-class Schedule(Slices):
+class Schedule(Openings):
     """Which arm works when.
 
     Attributes:
@@ -84,9 +78,8 @@ class Schedule(Slices):
           initial: policies to begin with, whoever found them.
           resumption: where the race goes on; None if it begins.
         """
-        super().__init__(arena, on_stage, resumption, shares.without)
-        self._shares, self._initial, self._affording = shares, initial, Affording(arena)
-        self._entrants = Entrants(arena, self._affording, shares.without)
+        super().__init__(arena, shares, on_stage, resumption)
+        self._initial = initial
         self._polishers: dict[bool, Arm] = {}
         self.early: Arm | None = None
         self.random_return: float | None = None
@@ -98,16 +91,23 @@ class Schedule(Slices):
             self._end_with_constant()
             return
         simple = SimpleArm(arena)
-        self.give(simple, arena.clock())
+        learns_at_once = not self._initial and self._knows_by_probing()
+        if not learns_at_once:
+            self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
         if self.early is not None:
             self._try_early(self.early, self._end("early", _EARLY_SHARES[self._finds_reward()]))
-        enough = self._affording.policies if self.early is None else self._affording.population
-        if not enough():
+        if learns_at_once:
+            if self._learns_alone():
+                self._finish()
+                return
+            self.give(simple, arena.clock())
+        early = None if self.early is None or self.early.is_exhausted else self.early
+        if not (self._affording.policies if early is None else self._affording.population)():
             logger.warning("there is too little time to search: compilation takes so long")
-            if self.early is not None:
-                self._end_with(self.early)
+            if early is not None:
+                self._end_with(early)
             return
         self._search(simple)
 
@@ -171,10 +171,6 @@ class Schedule(Slices):
             # its returns are told with errors; where no other finds a reward, what it knows decides
             own, judge = not self._finds_reward(), self._judge
             self._give_while(contender, until, lambda: arm.progress if own else judge.best_mean)
-
-    def _finds_reward(self) -> bool:
-        """Whether there is a better policy than the no-op, or none is looked for."""
-        return not self._arena.has_plan or self._arena.beats_noop(self._arena.incumbent)
 
     def _was_searched(self, candidate: Candidate) -> bool:
         """Whether it is better than the no-op, and no random rule."""
@@ -253,34 +249,6 @@ class Schedule(Slices):
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
-    def _learn_first(self) -> None:
-        """Slices for what learns from exact rollouts, before all others."""
-        if not self._marks.decided("learns first", self._finds_reward):
-            self._learn_value(_LESS_GREEDY_SHARE, is_rare=True)
-        else:
-            self._learn_value(_GREEDY_SHARE)
-
-    def _climb_first(self) -> None:
-        """Slices for straight-line plans, where a constant is better than the no-op."""
-        if self._marks.decided("climbs first", self._finds_reward):
-            self._climb()
-
-    def _climb(self) -> None:
-        plan = self._entrants.straight_line(self._arena.until(self._shares.rounds_until))
-        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
-
-    def _learn_value(self, share: float, is_rare: bool = False) -> None:
-        """Slices for what learns a value.
-
-        Args:
-          share: of the time left, for all of them.
-          is_rare: whether no reward was found yet; its policies must soon find some then.
-        """
-        arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
-        least = 0.0 if is_rare else _GREEDY_AT_LEAST
-        terms = Terms(share, at_least=least, by_policies=is_rare)
-        self._begin_with(_GREEDY_FIRST, arm, terms)
-
     def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
         return None if arm is None else self._open(arm, until, self._affording.patience(until))
 
@@ -292,7 +260,7 @@ class Schedule(Slices):
         taken = {arm.name for arm in self.arms}
         is_guided = self._best.planner is self._arena.planner and self._arena.beats_noop(self._best)
         if GREEDY not in taken and is_guided:
-            self._learn_value(_LESS_GREEDY_SHARE)
+            self._learn_value(LESS_GREEDY_SHARE)
         if PGPE not in taken:
             self._opened(self._entrants.exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):

@@ -1,0 +1,101 @@
+"""Arms that begin before all others, and take most of the time where they find something."""
+
+from collections.abc import Callable
+
+from mdpo_rddl.auto.affording import Affording
+from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY
+from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.auto.gains import return_to_beat
+from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.slices import Slices, Terms
+from mdpo_rddl.auto.unsearched import known_by_probing
+from mdpo_rddl.planner.config.search_section import Search as Shares
+
+# of the time left, for a straight-line plan, while slices gain so much of the first's
+_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.0005
+LESS_GREEDY_SHARE = 0.6
+"""Of the time left, for greedy, where no reward was found yet, or after others."""
+# where one was found, while slices gain; and in any case, for its first iterations tell little
+_GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.4
+# of the time left, that the programs of all others may take where greedy leads
+_OTHERS_SHARE = 0.3
+_GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
+
+
+class Openings(Slices):
+    """Gives the first slices to what learns a value, or climbs along a straight-line plan."""
+
+    def __init__(
+        self,
+        arena: Arena,
+        shares: Shares,
+        on_stage: Callable[[str], None],
+        resumption: Resumption | None = None,
+    ) -> None:
+        """Gives nothing yet.
+
+        Args:
+          arena: where the arms meet.
+          shares: of the time, and which arms are left out.
+          on_stage: called with the name of each part as it begins.
+          resumption: where the race goes on; None if it begins.
+        """
+        super().__init__(arena, on_stage, resumption, shares.without)
+        self._shares, self._affording = shares, Affording(arena)
+        self._entrants = Entrants(arena, self._affording, shares.without)
+
+    def _finds_reward(self) -> bool:
+        """Whether there is a better policy than the no-op, or none is looked for."""
+        return not self._arena.has_plan or self._arena.beats_noop(self._arena.incumbent)
+
+    def _knows_by_probing(self) -> bool:
+        """Whether greedy can begin with what probing has found, without the judge's program.
+
+        That is so in a race that begins, where a constant returns more than the no-op: what greedy
+        returns its own rollouts tell.
+        """
+        arena, judge = self._arena, self._judge
+        if judge.incumbent is not None or not self._entrants.may_be_greedy(_GREEDY_SHARE):
+            return False
+        noop, constant = known_by_probing(arena)
+        if not constant.known_mean > return_to_beat(noop.known_mean, 0.0):
+            return False
+        for candidate in (noop, constant):
+            judge.record(candidate)
+        return True
+
+    def _learns_alone(self) -> bool:
+        """Slices for greedy; whether it leads and there is too little time for others' programs."""
+        self._learn_value(_GREEDY_SHARE)
+        return self._best.arm == GREEDY and not self._affording.others(_OTHERS_SHARE)
+
+    def _learn_first(self) -> None:
+        """Slices for what learns from exact rollouts, before all others but the judge's."""
+        if GREEDY in {arm.name for arm in self.arms}:
+            return
+        if not self._marks.decided("learns first", self._finds_reward):
+            self._learn_value(LESS_GREEDY_SHARE, is_rare=True)
+        else:
+            self._learn_value(_GREEDY_SHARE)
+
+    def _climb_first(self) -> None:
+        """Slices for straight-line plans, where a constant is better than the no-op."""
+        if self._marks.decided("climbs first", self._finds_reward):
+            self._climb()
+
+    def _climb(self) -> None:
+        plan = self._entrants.straight_line(self._arena.until(self._shares.rounds_until))
+        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
+
+    def _learn_value(self, share: float, is_rare: bool = False) -> None:
+        """Slices for what learns a value.
+
+        Args:
+          share: of the time left, for all of them.
+          is_rare: whether no reward was found yet; its policies must soon find some then.
+        """
+        arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
+        least = 0.0 if is_rare else _GREEDY_AT_LEAST
+        terms = Terms(share, at_least=least, by_policies=is_rare)
+        self._begin_with(_GREEDY_FIRST, arm, terms)
