@@ -70,6 +70,14 @@ def test_the_best_iterate_of_each_is_kept(shooting):
     assert np.max(shooting.returns(later.plans)) < np.min(later.returns)
 
 
+def test_plans_climb_with_the_options_that_users_have(monkeypatch):
+    # the tests' own flags leave no option for its programs
+    monkeypatch.delenv("XLA_FLAGS")
+    shooting = shooting_of()
+    begun = shooting.begin(noops(shooting))
+    assert np.all(shooting.climbed(begun, np.array([0.01, 0.02]), 1).returns > begun.returns)
+
+
 def test_plans_stay_in_their_box(shooting):
     begun = shooting.begin(plans_of(np.full((2, 4, 2), 9.0)))
     np.testing.assert_array_equal(begun.plans["pull"], 1.0)

@@ -12,6 +12,7 @@ policy came too late with it. An iteration of greedy would run half as long agai
 have no such options.
 """
 
+import functools
 import os
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -57,8 +58,19 @@ def light_jit(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _on_cpu(function: Callable[..., Any], options: Mapping[str, Any]) -> Callable[..., Any]:
-    """With these options on a CPU, but for those that `XLA_FLAGS` names."""
+    """With these options on a CPU, but for those that `XLA_FLAGS` names.
+
+    As a part of another program it has that one's: JAX refuses options there.
+    """
     flags = os.environ.get("XLA_FLAGS", "")
     ours = {name: value for name, value in options.items() if name not in flags}
     is_cpu = jax.default_backend() == "cpu"
-    return jax.jit(function, compiler_options=ours if is_cpu else None)
+    whole = jax.jit(function, compiler_options=ours if is_cpu else None)
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **keywords: Any) -> Any:
+        leaves = jax.tree.leaves((arguments, keywords))
+        is_part = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+        return (jax.jit(function) if is_part else whole)(*arguments, **keywords)
+
+    return call

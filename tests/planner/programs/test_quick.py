@@ -23,6 +23,16 @@ def test_a_lighter_program_computes_the_same(monkeypatch, lighter_jit):
     np.testing.assert_allclose(lighter_jit(walk)(start), jax.jit(walk)(start), rtol=1e-5)
 
 
+@pytest.mark.parametrize("lighter_jit", [quick_jit, light_jit])
+def test_a_lighter_program_can_be_a_part_of_another_one(monkeypatch, lighter_jit):
+    monkeypatch.delenv("XLA_FLAGS")
+    square = lighter_jit(lambda x: x**2)
+    start = np.linspace(-3.0, 3.0, 40, dtype=np.float32)
+    found = jax.jit(lambda x: jax.lax.fori_loop(0, 1, lambda _, y: square(x=y), x))(start)
+    np.testing.assert_allclose(found, start**2, rtol=1e-6)
+    np.testing.assert_allclose(jax.vmap(jax.grad(square))(start), 2.0 * start, rtol=1e-6)
+
+
 def test_what_the_user_s_flags_say_stays(monkeypatch):
     given = []
     monkeypatch.setattr(
