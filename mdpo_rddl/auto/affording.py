@@ -80,10 +80,9 @@ class Affording:
         Args:
           share: of the time left, that its compilation and its first iterations may take.
         """
-        judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
+        left = self._arena.deadline - self._arena.clock()
         compilation = max(_LEAST_VALUE_SECONDS, _VALUE_PROGRAMS * self._usual_seconds)
-        rollouts = judge.rollout_seconds or self._arena.probe.batch_seconds
-        iteration = _VALUE_EVALUATIONS * rollouts + _FITTING_SECONDS
+        iteration = _VALUE_EVALUATIONS * self._rollout_seconds + _FITTING_SECONDS
         needed = compilation + _VALUE_ITERATIONS * iteration
         return not self._is_large and needed <= share * left
 
@@ -100,7 +99,7 @@ class Affording:
         # those of slp and drp, which make thousands of iterations, are never of the quick kind
         if name == SHOOTING:
             # it comes before the population
-            return _SHOOTING_PROGRAMS * self._arena.judge.usual_seconds
+            return _SHOOTING_PROGRAMS * self._usual_seconds
         is_quick = name == GRADIENT and is_short(self._arena.seconds)
         kind = QUICK if is_quick else 1.0
         return kind * _COMPILATIONS[name] * self._arena.population.compile_seconds
@@ -114,7 +113,7 @@ class Affording:
           comes_first: whether nothing else is likely to come near what it finds.
         """
         if name == SHOOTING:
-            seconds = _SHOOTING_EVALUATIONS * self._arena.judge.rollout_seconds
+            seconds = _SHOOTING_EVALUATIONS * self._rollout_seconds
         else:
             seconds = _EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
@@ -145,3 +144,8 @@ class Affording:
     def _usual_seconds(self) -> float:
         """What the judge's program took to compile, or is likely to take."""
         return self._arena.judge.usual_seconds or _LIKE_PROBING * self._arena.probe.compile_seconds
+
+    @property
+    def _rollout_seconds(self) -> float:
+        """What the judge's rollouts of a candidate took, or as many of constants in probing."""
+        return self._arena.judge.rollout_seconds or self._arena.probe.batch_seconds

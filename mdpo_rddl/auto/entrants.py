@@ -83,13 +83,18 @@ class Entrants:
         Args:
           until: how long it may work, by the clock.
         """
-        ranges = self._arena.planner.rddl.variable_ranges
-        kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
-        if not self._arena.probe.deterministic or kinds != {"real"}:
-            return None
-        if SHOOTING in self._without or not self._affording.gradient(SHOOTING, until, True):
+        if not self.may_shoot(until):
             return None
         return ShootingArm(self._arena, self._affording.usual_seconds(SHOOTING))
+
+    def may_shoot(self, until: float) -> bool:
+        """Whether there is such an arm, and time for it; the argument is of `straight_line`."""
+        ranges = self._arena.planner.rddl.variable_ranges
+        kinds = {ranges[name] for name in self._arena.planner.rddl.action_fluents}
+        is_possible = self._arena.probe.deterministic and kinds == {"real"}
+        if not is_possible or SHOOTING in self._without:
+            return False
+        return self._affording.gradient(SHOOTING, until, comes_first=True)
 
     def rivals(self, best: Candidate) -> Sequence[str]:
         """Arms with a gradient that may find more than the best policy so far."""

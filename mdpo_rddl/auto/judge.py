@@ -146,12 +146,12 @@ class Judge:
         must be so by two. Errors are taken rollout by rollout where both were played.
 
         Args:
-          candidate: with a planner, or with its mean and error.
+          candidate: with a planner, or with its mean and error, and the returns if there are any.
 
         Raises:
           TooLateError: if what plays its planner's candidates is not compiled by the deadline.
         """
-        mean, error, returns = candidate.mean, candidate.error, None
+        mean, error, returns = candidate.mean, candidate.error, candidate.returns
         if mean is None:
             returns = self._play(candidate)
             with np.errstate(invalid="ignore"):

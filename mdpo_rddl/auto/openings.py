@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 
-from mdpo_rddl.auto.affording import Affording
+from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
+from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.resumption import Resumption
-from mdpo_rddl.auto.slices import Slices, Terms
+from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices, Terms
 from mdpo_rddl.auto.unsearched import known_by_probing
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -18,8 +19,10 @@ LESS_GREEDY_SHARE = 0.6
 """Of the time left, for greedy, where no reward was found yet, or after others."""
 # where one was found, while slices gain; and in any case, for its first iterations tell little
 _GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.4
-# of the time left, that the programs of all others may take where greedy leads
-_OTHERS_SHARE = 0.3
+# of the time left, that others' programs may take where one of these leads: where greedy does;
+# where a plan does which gains no more, and where it still does
+_GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
+_STALLED = "plan stalled"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 
 
@@ -50,13 +53,16 @@ class Openings(Slices):
         return not self._arena.has_plan or self._arena.beats_noop(self._arena.incumbent)
 
     def _knows_by_probing(self) -> bool:
-        """Whether greedy can begin with what probing has found, without the judge's program.
+        """Whether these arms can begin with what probing has found, without the judge's program.
 
-        That is so in a race that begins, where a constant returns more than the no-op: what greedy
-        returns its own rollouts tell.
+        That is so in a race that begins, where a constant returns more than the no-op: what their
+        policies return is told by rollouts of their own.
         """
         arena, judge = self._arena, self._judge
-        if judge.incumbent is not None or not self._entrants.may_be_greedy(_GREEDY_SHARE):
+        if judge.incumbent is not None:
+            return False
+        until = arena.until(self._shares.rounds_until)
+        if not (self._entrants.may_be_greedy(_GREEDY_SHARE) or self._entrants.may_shoot(until)):
             return False
         noop, constant = known_by_probing(arena)
         if not constant.known_mean > return_to_beat(noop.known_mean, 0.0):
@@ -65,10 +71,15 @@ class Openings(Slices):
             judge.record(candidate)
         return True
 
-    def _learns_alone(self) -> bool:
-        """Slices for greedy; whether it leads and there is too little time for others' programs."""
+    def _open_alone(self) -> bool:
+        """Their slices; whether one leads and there is too little time for others' programs."""
         self._learn_value(_GREEDY_SHARE)
-        return self._best.arm == GREEDY and not self._affording.others(_OTHERS_SHARE)
+        self._climb()
+        leader, affording = self._best.arm, self._affording
+        if leader == GREEDY:
+            return not affording.others(_GREEDY_LEADS_SHARE)
+        explores = affording.exploration(EXPLORING_FIRST)
+        return leader == SHOOTING and not explores and not affording.others(self._others_share())
 
     def _learn_first(self) -> None:
         """Slices for what learns from exact rollouts, before all others but the judge's."""
@@ -85,8 +96,17 @@ class Openings(Slices):
             self._climb()
 
     def _climb(self) -> None:
+        if SHOOTING in {arm.name for arm in self.arms}:
+            return
         plan = self._entrants.straight_line(self._arena.until(self._shares.rounds_until))
+        until = self._end(_PLAN_FIRST, _PLAN_SHARE)
         self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
+        self._marks.decided(_STALLED, lambda: self._arena.clock() < until - SHORTEST_SECONDS)
+
+    def _others_share(self) -> float:
+        """Of the time left, that others' programs may take where a straight-line plan leads."""
+        has_stalled = self._marks.decided(_STALLED, lambda: False)
+        return _STALLED_SHARE if has_stalled else _RISING_SHARE
 
     def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.

@@ -47,8 +47,6 @@ logger = logging.getLogger(__name__)
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-# of the time left, that the population may take to compile where such a plan leads
-_OTHERS_PROGRAM_SHARE = 0.15
 # of the time left, at most, for an arm without compilation, by whether a constant finds a reward
 _EARLY_SHARES, _LESS = {True: 0.3, False: 0.5}, 0.5
 
@@ -91,15 +89,15 @@ class Schedule(Openings):
             self._end_with_constant()
             return
         simple = SimpleArm(arena)
-        learns_at_once = not self._initial and self._knows_by_probing()
-        if not learns_at_once:
+        begins_at_once = not self._initial and self._knows_by_probing()
+        if not begins_at_once:
             self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
         if self.early is not None:
             self._try_early(self.early, self._end("early", _EARLY_SHARES[self._finds_reward()]))
-        if learns_at_once:
-            if self._learns_alone():
+        if begins_at_once:
+            if self._open_alone():
                 self._finish()
                 return
             self.give(simple, arena.clock())
@@ -207,10 +205,9 @@ class Schedule(Openings):
 
     def _improve(self, shared: SharedWeightsArm) -> None:
         """Where a constant or a random rule beats the no-op, and no rare reward is looked for."""
-        if SHOOTING not in {arm.name for arm in self.arms}:
-            self._climb()
+        self._climb()
         rivals = self._entrants.rivals(self._best)
-        if not rivals and not self._affording.population(_OTHERS_PROGRAM_SHARE):
+        if not rivals and not self._affording.population(self._others_share()):
             self._finish()
             return
         rounds_until = self._end("rounds", self._shares.rounds_until)

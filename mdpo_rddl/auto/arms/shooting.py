@@ -132,11 +132,10 @@ class ShootingArm(CompilingArm):
                     break
         except (KeyboardInterrupt, Cancelled) as stop:
             note_heard(stop)
-            if self._is_judged:
-                self._offer_best(self._clock())  # nobody waits for a compilation now
+            self._offer_best()
             raise
-        self._offer_best(until)
-        self.is_exhausted = is_over and not self.awaits_judge
+        self._offer_best()
+        self.is_exhausted = is_over
 
     def _climb_on(self, until: float) -> None:
         """One call, and what comes at the end of a phase."""
@@ -206,21 +205,25 @@ class ShootingArm(CompilingArm):
             returns.append(self._begun.returns({n: each[places] for n, each in plans.items()}))
         return np.concatenate(returns)[:total]
 
-    def _offer_best(self, until: float) -> None:
-        """Hands in the best plan, if the judge can play it and has not yet."""
-        best, planner = self._best, self._planner
+    def _offer_best(self) -> None:
+        """Hands in the best plan, if it is a new one, with its return, which the judge would find.
+
+        Chance plays no part, so that its test on the exact model tells that.
+        """
+        best, planner, arena = self._best, self._planner, self._arena
         if best is None or self._estimate <= self._offered:
-            return
-        if not self._may_be_judged(planner, best, until):
             return
         self._offered = self._estimate
         self._offer(
             Candidate(
                 arm=self.name,
                 label=f"{self.name}, iteration {self._log.iterations:,}",
-                config=self._arena.plain.config(STRAIGHT_LINE),
+                config=arena.plain.config(STRAIGHT_LINE),
                 planner=planner,
                 params=best,
                 policy_hyperparams=unit_hyperparams(planner),
+                mean=self._estimate,
+                error=0.0,
+                returns=np.full(arena.judge.rollouts, self._estimate),
             )
         )

@@ -1,6 +1,5 @@
 """The arm that climbs with many straight-line plans."""
 
-import math
 import time
 from dataclasses import replace
 
@@ -69,7 +68,6 @@ def test_plans_climb_in_slices(arena):
     # none is handed in twice
     means = [candidate.mean for candidate in found]
     assert means == sorted(set(means))
-    assert math.isfinite(arm.log.details["estimate"])
 
 
 def test_a_phase_begins_around_the_best_plan_of_the_last(arena):
