@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,6 +39,20 @@ def _jax_keeps_its_cache() -> Iterator[None]:
         folder = os.environ["JAX_COMPILATION_CACHE_DIR"]
         if jax.config.values["jax_compilation_cache_dir"] != folder:
             jax.config.update("jax_compilation_cache_dir", folder)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of the long tests one part of several, where LONG_PART says which: CI takes them in turn."""
+    if not (part := os.environ.get("LONG_PART")):
+        return
+    number, count = map(int, part.split("/"))
+
+    def is_left_out(item: pytest.Item) -> bool:
+        is_long = item.get_closest_marker("long") is not None
+        return is_long and zlib.crc32(item.nodeid.encode()) % count != number
+
+    config.hook.pytest_deselected(items=[item for item in items if is_left_out(item)])
+    items[:] = [item for item in items if not is_left_out(item)]
 
 
 # its fixtures serve several files

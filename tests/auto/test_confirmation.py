@@ -183,6 +183,7 @@ def test_a_policy_that_plays_too_slowly_is_not_played_to_the_end(problem, noop):
     assert clock() == began + 13.0
 
 
+@pytest.mark.long
 def test_a_race_confirms_its_result(problem, caplog):
     def on_threshold(arena):
         params = with_bias(arena.noop, {"power": np.array(0.7)})

@@ -148,6 +148,7 @@ def test_arms_that_are_left_out_get_no_slice(problem, request, monkeypatch):
     assert outcome.chosen.arm == "constants and rules"
 
 
+@pytest.mark.long
 def test_without_the_optimum_its_model_is_there_for_the_trials(tmp_path, monkeypatch):
     def refuse(*arguments):
         raise AssertionError("asked for")

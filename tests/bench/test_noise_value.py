@@ -326,6 +326,7 @@ def test_another_sigma_is_another_measurement(tmp_path):
         is_missing(cell(tmp_path, sigma=0.3))
 
 
+@pytest.mark.long
 def test_the_committed_cells_can_be_gone_on_with():
     folder = Path(__file__).parents[2] / "results" / "noise_value"
     for file in sorted((folder / "cells").iterdir()):

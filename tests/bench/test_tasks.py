@@ -42,6 +42,7 @@ def records_of(path, *rows):
     return records
 
 
+@pytest.mark.long
 def test_trials_are_recorded_and_not_repeated(tmp_path, monkeypatch):
     tasks = [Task("SysAdmin_MDP_ippc2011", "1")]
     records = run_tasks(tmp_path, tasks, ["noop", "random"], 1, QUICK)
@@ -136,6 +137,7 @@ def test_ours_is_below_where_the_paired_interval_is(tmp_path):
     assert lines[-1] == "Below another planner: 1 of 3 problems."
 
 
+@pytest.mark.long
 def test_a_row_of_ours_names_the_arm_that_found_the_policy(tmp_path):
     conditions = replace(QUICK, seconds=10.0)
     tasks = [Task("Navigation_MDP_ippc2011", "1")]
@@ -175,6 +177,7 @@ def test_a_failure_of_ours_is_below_whoever_has_returns(tmp_path):
     assert everywhere_table(records).endswith("Below another planner: 1 of 1 problems.\n")
 
 
+@pytest.mark.long
 def test_jobs_share_the_problems(tmp_path):
     names = ["Navigation_MDP_ippc2011", "SysAdmin_MDP_ippc2011", "TSP_or"]
     run_everywhere(tmp_path, names, ["noop"], 1, QUICK, (1, 2))

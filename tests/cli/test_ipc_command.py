@@ -29,6 +29,7 @@ def text_of(problem):
     return f"{problem.domain}:{problem.instance}"
 
 
+@pytest.mark.long
 def test_run_plays_and_scores_and_goes_on(problem, tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     planners = f"{EXACT},noop"

@@ -47,6 +47,7 @@ def write_lever(folder: Path) -> str:
     return "lever.rddl one.rddl"
 
 
+@pytest.mark.long
 def test_thinking_is_played_and_told_also_from_a_saved_policy(workplace, capsys):  # noqa: F811
     problem = write_lever(workplace)
     options = "--episodes 2 --decision-seconds 1 --json"

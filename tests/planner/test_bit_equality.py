@@ -208,6 +208,7 @@ def test_vanishing_noise_vanishes_in_the_perturbed_rollouts_too(name):
         np.testing.assert_allclose(mine, other, rtol=1e-4, atol=1e-5 * largest)
 
 
+@pytest.mark.long
 def test_pgpe_by_default_is_jaxplan_s_but_not_shared():
     problem = windy()
     arguments = {"batch_size_train": 2, "compiler_kwargs": {"print_warnings": False}}

@@ -65,6 +65,7 @@ def assert_same(left: TrainingResult, right: TrainingResult) -> None:
         assert getattr(left, name) == getattr(right, name)
 
 
+@pytest.mark.long
 def test_a_broken_run_is_the_unbroken_one(built):
     whole = trained(built)
     states: list[TrainingState] = []

@@ -176,6 +176,7 @@ def test_the_key_decides_everything_but_the_clock(windy):
 # --- JaxPlan's options -----------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_pgpe_trains_groups_of_bools_with_parallel_updates():
     """With several, the flags of convergence of JaxPlan's two halves have different shapes."""
     pgpe = {"pgpe": GaussianPGPE(batch_size=2), "parallel_updates": 2}

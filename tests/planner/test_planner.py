@@ -80,6 +80,7 @@ def test_noise_keeps_every_training_action_in_its_box():
         assert np.all(np.ptp(seen, axis=0) > 0.5 * upper), "the noise reaches no action"
 
 
+@pytest.mark.long
 def test_update_noise_follows_the_profile_and_leaves_the_model_s_draws_alone():
     problem = shipped("hvac10", horizon=6)
     noise = AdaptiveNoise(sigma_max=10.0, unit="absolute")
@@ -202,6 +203,7 @@ class NotingModels(MDPOPlanner):
         self.train_rollouts = noting
 
 
+@pytest.mark.long
 def test_a_line_search_compares_rollouts_with_the_same_noise():
     problem = shipped("reservoir15", horizon=2)
     search = {"optimizer": optax.sgd, "line_search_kwargs": {"max_linesearch_steps": 2}}

@@ -98,6 +98,7 @@ def test_a_slower_machine_finds_the_same_iterates(calling_planner, monkeypatch):
     assert_same_bits(fast.best_params, slow.best_params)
 
 
+@pytest.mark.long
 def test_the_seconds_are_kept_by_calls_too(calling_planner):
     result = train(calling_planner, KEY, Budget(10**6, 0.5))
     assert result.status == "time_budget_reached"

@@ -62,6 +62,7 @@ def test_scaling_keeps_all_overlapping_limits(p, several):
         np.testing.assert_array_equal(scaled, p)
 
 
+@pytest.mark.long
 @given(PROBABILITIES, st.lists(limits(), min_size=1, max_size=3))
 def test_choices_keep_all_overlapping_limits(p, several):
     chosen = flat(choose_within_limits(tree(p), several))

@@ -76,6 +76,7 @@ def test_a_straight_line_plan_is_trained_in_slices(arena):
     assert_same_bits(later._training._built.arguments["guess"], best.params)
 
 
+@pytest.mark.long
 def test_where_nothing_more_is_gained_the_steps_change(arena, monkeypatch):
     monkeypatch.setattr(training, "has_stalled", lambda iterations, best: True)
     monkeypatch.setattr(training, "_LOOKING_SECONDS", 0.0)  # at each call

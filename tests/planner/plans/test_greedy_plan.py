@@ -143,6 +143,7 @@ def test_changes_without_a_common_effect_are_tried_together(name, sets):
     assert build_planner(load_problem(name, "9"), CONFIG).planner.plan.tried == sets
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["SysAdmin_MDP_ippc2011", "Tamarisk_MDP_ippc2014"])
 def test_tried_together_they_gain_what_each_gains_alone(name):
     planner = build_planner(load_problem(name, "2"), CONFIG).planner

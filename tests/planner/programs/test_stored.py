@@ -153,6 +153,7 @@ def test_arguments_on_several_devices_stay_there(tmp_path):
     assert done.stdout == "True [1.0, 2.0, 3.0, 4.0]\n"
 
 
+@pytest.mark.long
 def test_a_planner_trains_the_same_from_a_stored_program(tmp_path, monkeypatch):
     (tmp_path / "programs").mkdir()
     problem = load_problem(*tiny_files(tmp_path, spread=0.3))

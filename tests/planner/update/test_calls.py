@@ -93,6 +93,7 @@ def test_results_do_not_depend_on_the_size_of_a_call(two_calls_of_four):
         assert_same_bits(last[2][name], last[8][name])
 
 
+@pytest.mark.long
 def test_a_test_every_few_iterations(plain, two_calls_of_four):
     single = callbacks(plain, 8, test_rolling_window=1)
     calls = callbacks(two_calls_of_four, 8, test_rolling_window=2)

@@ -54,6 +54,7 @@ def tried(believer, methods, until=1000.0):
     return try_qmdp(believer, applying, (SECONDS, until), Ticking(0.01))
 
 
+@pytest.mark.long
 def test_doors_are_opened_and_the_trial_says_what_that_gains(believer):
     thinker, (trial,) = tried(believer, [Sequences(), FirstActions(), Coordinate()])
     assert (thinker.label, trial.method) == ("first actions, QMDP", "first actions, QMDP")
@@ -68,6 +69,7 @@ def test_doors_are_opened_and_the_trial_says_what_that_gains(believer):
     assert thinker.base.underlying is seeing().underlying
 
 
+@pytest.mark.long
 def test_the_particles_go_on_as_whoever_sees_the_tiger(believer):
     thinker, _ = tried(believer, [FirstActions()])
     simulator, believing = thinker._simulator, thinker.base
@@ -115,6 +117,7 @@ def test_a_policy_that_does_not_fit_is_told_and_left_out(believer, monkeypatch, 
     assert "no policy of the underlying MDP: it is of another problem" in caplog.text
 
 
+@pytest.mark.long
 def test_it_is_chosen_where_it_pays():
     choice = choose(seeing(), SECONDS, clock=Ticking(0.01))
     assert choice.policy is not None

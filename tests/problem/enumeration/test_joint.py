@@ -123,6 +123,7 @@ def test_the_optimum_is_what_its_policy_returns(cards):
     assert abs(played.mean - solution.value) < 4 * error
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("problem", "optimum"), [("Blackjack_arcade", 0.43), ("Knapsack_or", 1198.1)]
 )
