@@ -65,6 +65,8 @@ def test_plans_climb_in_slices(arena):
     assert arm.reached == best.mean == pytest.approx(OPTIMUM, abs=1e-3)
     assert best.planner is arena.plain.built("slp").planner
     assert best.label.startswith("shooting, iteration ")
+    # the judge has compiled nothing to play it
+    assert all(planner is not best.planner for planner, _ in arena.judge._players)
     # none is handed in twice
     means = [candidate.mean for candidate in found]
     assert means == sorted(set(means))

@@ -1,0 +1,86 @@
+"""Arms that begin with what probing has found, before anything else is compiled."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from helpers.lakes import preset, write_lake
+from helpers.races import CLOCK
+
+from mdpo_rddl.auto import RaceOptions, race
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY
+from mdpo_rddl.auto.arms.shooting import SHOOTING
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.openings import Openings
+
+SECONDS = 600.0
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    lake = write_lake(tmp_path_factory.mktemp("lake"))
+    return race._arena(lake, preset(SECONDS), 0, CLOCK(), RaceOptions(clock=CLOCK))
+
+
+@pytest.fixture
+def openings(compiled):
+    judge = Judge(128, 0, CLOCK, compiled.began)
+    arena = replace(compiled, judge=judge)
+    found = Openings(arena, race._shares(preset(SECONDS)), lambda stage: None)
+    found._entrants = SimpleNamespace(
+        may_be_greedy=lambda share: False,
+        may_shoot=lambda until: True,
+        greedy=lambda until, share: None,
+        straight_line=lambda until: None,
+    )
+    return found
+
+
+def test_what_probing_has_found_is_enough_to_begin(openings, monkeypatch):
+    monkeypatch.setattr(Judge, "_play", lambda self, candidate: pytest.fail("it is compiled"))
+    probe = openings._arena.probe
+    assert openings._knows_by_probing()
+    found = {judged.candidate.label: judged.candidate.mean for judged in openings._judge.judged}
+    assert found == {"no-op": probe.noop_return, "constant": probe.start_return}
+    assert openings._best.label == "constant"
+    # only a race that begins needs that
+    assert not openings._knows_by_probing()
+
+
+def test_elsewhere_the_judge_comes_first(openings):
+    arena = openings._arena
+    openings._entrants.may_shoot = lambda until: False
+    assert not openings._knows_by_probing()
+    openings._entrants.may_shoot = lambda until: True
+    rare = replace(arena.probe, start_return=arena.probe.noop_return)
+    openings._arena = replace(arena, probe=rare)
+    assert not openings._knows_by_probing()
+    assert not openings._judge.judged
+
+
+@pytest.mark.parametrize(
+    ("leader", "has_stalled", "explores", "needed", "expected"),
+    [
+        # what the programs of all others need, as a share of the time left
+        (GREEDY, False, True, 0.2, False),
+        (GREEDY, False, True, 0.4, True),
+        (SHOOTING, False, False, 0.2, True),
+        (SHOOTING, False, False, 0.1, False),
+        # its plan gains no more: they may need more
+        (SHOOTING, True, False, 0.4, False),
+        (SHOOTING, True, False, 0.6, True),
+        # pgpe can find what no plan says
+        (SHOOTING, False, True, 0.2, False),
+        ("constants and rules", False, False, 0.9, False),
+    ],
+)
+def test_who_leads_goes_on_alone_where_others_would_come_too_late(
+    openings, leader, has_stalled, explores, needed, expected
+):
+    assert openings._knows_by_probing()
+    openings._affording = SimpleNamespace(
+        exploration=lambda share: explores, others=lambda share: needed <= share
+    )
+    openings._marks.decide("plan stalled", has_stalled)
+    openings._judge.incumbent = replace(openings._best, arm=leader)
+    assert openings._open_alone() is expected
