@@ -99,6 +99,8 @@ class Openings(Slices):
         if SHOOTING in {arm.name for arm in self.arms}:
             return
         plan = self._entrants.straight_line(self._arena.until(self._shares.rounds_until))
+        if plan is None:
+            return
         until = self._end(_PLAN_FIRST, _PLAN_SHARE)
         self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
         self._marks.decided(_STALLED, lambda: self._arena.clock() < until - SHORTEST_SECONDS)

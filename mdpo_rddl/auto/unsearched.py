@@ -4,6 +4,8 @@ import dataclasses
 import logging
 from collections.abc import Sequence
 
+import numpy as np
+
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.simple import CONSTANT, SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate
@@ -12,11 +14,21 @@ logger = logging.getLogger(__name__)
 
 
 def known_by_probing(arena: Arena) -> list[Candidate]:
-    """The no-op and the best constant, with their returns in the few rollouts of the probing."""
-    probe = arena.probe
+    """The no-op and the best constant, with their mean returns in the few rollouts of the probing.
+
+    Where chance plays no part, the return of each of the judge's rollouts is known, unless the
+    problem is so large that these are not to be compared with the environment's.
+    """
+    probe, count = arena.probe, arena.judge.rollouts
+    is_known = probe.deterministic and probe.policy_seconds is None
     found = ((NOOP, arena.noop, probe.noop_return), (CONSTANT, arena.constant, probe.start_return))
     return [
-        dataclasses.replace(arena.candidate(SIMPLE, label, params), mean=mean, error=0.0)
+        dataclasses.replace(
+            arena.candidate(SIMPLE, label, params),
+            mean=mean,
+            error=0.0,
+            returns=np.full(count, mean) if is_known else None,
+        )
         for label, params, mean in found
     ]
 
