@@ -14,6 +14,7 @@ from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.unjudged import known_kept
+from mdpo_rddl.auto.unsearched import known_by_probing
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.problem.load import make_environment
 
@@ -80,7 +81,8 @@ def earlier_race(mean: float) -> EarlierRace:
 
 @pytest.fixture
 def arena():
-    probe = SimpleNamespace(noop_return=-5.0, start_return=-2.0)
+    seen = {"noop_return": -5.0, "start_return": -2.0, "policy_seconds": None}
+    probe = SimpleNamespace(**seen, deterministic=False)
 
     def candidate(arm, label, params):
         return Candidate(arm, label, preset(1.0), None, params)
@@ -107,6 +109,14 @@ def test_what_was_seen_before_the_judge_counts(arena, start, table, expected):
     with known_kept(arena, None, None if table is None else early):
         raise TooLateError("too late")
     assert arena.judge.incumbent.label == expected
+
+
+def test_without_chance_all_of_the_judge_s_returns_are_known(arena):
+    assert [candidate.returns for candidate in known_by_probing(arena)] == [None, None]
+    arena.probe.deterministic = True
+    assert [candidate.returns.tolist() for candidate in known_by_probing(arena)] == [[-5.0], [-2.0]]
+    arena.probe.policy_seconds = 1.0
+    assert [candidate.returns for candidate in known_by_probing(arena)] == [None, None]
 
 
 @pytest.mark.usefixtures("failing_race")
