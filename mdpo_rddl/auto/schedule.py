@@ -67,14 +67,10 @@ class Schedule(Openings):
         initial: Sequence[Candidate] = (),
         resumption: Resumption | None = None,
     ) -> None:
-        """Does nothing yet.
+        """Does nothing yet; the other arguments are those of `Openings`.
 
         Args:
-          arena: where the arms meet.
-          shares: of the time, and which arms are left out.
-          on_stage: called with the name of each part as it begins.
           initial: policies to begin with, whoever found them.
-          resumption: where the race goes on; None if it begins.
         """
         super().__init__(arena, shares, on_stage, resumption)
         self._initial = initial
