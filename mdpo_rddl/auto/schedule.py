@@ -7,6 +7,7 @@ can't, but the rules were grounded, a search by trials has gone ahead.
 2. The arms begin in the order of what they cost: `greedy`, where all actions are bools;
    `shooting`, where all are real and chance plays no part; `pgpe`; the weights that all objects
    share; an open-loop plan, or each object's own weights; and those that need the model's gradient.
+   The first two need not wait for the judge's program (`openings.py`).
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
