@@ -10,10 +10,12 @@ BIN := $(VENV)/bin
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
 
+# with LONG_PART=1/8 also the second eighth of what `make test-long` runs
 test: $(VENV)/.installed lint
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not long and not wheel" --durations=30
+	$(BIN)/pytest -n 2 --dist worksteal --durations=30 \
+	  -m "not slow and not wheel$(if $(LONG_PART),, and not long)"
 
-# what takes seconds and is seen in part by `make test`; CI runs both
+# what takes seconds and is seen in part by `make test`
 test-long: $(VENV)/.installed
 	$(BIN)/pytest -n 2 --dist worksteal -m "long and not slow" --durations=10
 
@@ -30,10 +32,12 @@ SMOKE := tests/noise tests/policy tests/planner/programs tests/planner/test_exac
 test-lowest: .venv-lowest/.installed
 	.venv-lowest/bin/pytest -m "not slow" --durations=30 $(SMOKE)
 
-# the wheel in an empty environment of each Python that is declared and found on this machine
+# the wheel in an empty environment of each Python that is declared and found on this machine; with
+# NEWEST=1 of the newest of them
 PYTHONS ?= 3.11 3.12 3.13
+NEWEST ?=
 test-wheel: $(VENV)/.installed-dist
-	WHEEL_PYTHONS="$$(tools/pythons.sh $(PYTHONS))" $(BIN)/pytest -m wheel tests/packaging
+	WHEEL_PYTHONS="$$(tools/pythons.sh $(if $(NEWEST),--newest) $(PYTHONS))" $(BIN)/pytest -m wheel tests/packaging
 
 # the docs as a site to be read from its files: site/index.html
 docs: $(VENV)/.installed-docs
