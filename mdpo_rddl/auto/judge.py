@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.compilations import compiled_within
+from mdpo_rddl.auto.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import LOST, exact_returns
@@ -92,6 +92,7 @@ class Judge:
         began: float,
         on_judged: Callable[[Judged], None] = _ignore,
         deadline: float = math.inf,
+        program_seconds: float = 0.0,
     ) -> None:
         """Compiles nothing yet.
 
@@ -102,8 +103,10 @@ class Judge:
           began: when the race began, by the clock.
           on_judged: called with each candidate once it is judged.
           deadline: until when compilation is waited for, by the clock.
+          program_seconds: about what the first planner's rollouts take to compile, which do not
+            begin where less time is left: nothing ends a compilation that came too late.
         """
-        self._on_judged = on_judged
+        self._on_judged, self._program_seconds = on_judged, program_seconds
         self.rollouts, self._seed = rollouts, seed
         self._clock, self._began, self._deadline = clock, began, deadline
         self._players: list[tuple[MDPOPlanner, Timed[[Any], np.ndarray]]] = []
@@ -208,6 +211,8 @@ class Judge:
             if known is planner:
                 return play(candidate.params)
         left = self._deadline - self._clock()
+        if not self._players and self._program_seconds > left:
+            raise TooLateError("too little time is left to compile the rollouts of policies")
         mean = compiled_within(left, lambda: MeanReturn(planner, self.rollouts, self._seed))
         play = Timed(mean.returns, self._clock, self._deadline)
         self._players.append((planner, play))

@@ -308,7 +308,9 @@ def _arena(
         config=config,
         planner=planner,
         probe=seen,
-        judge=Judge(rollouts, seed, clock, began, options.on_judged, deadline),
+        judge=Judge(
+            rollouts, seed, clock, began, options.on_judged, deadline, seen.compile_seconds
+        ),
         seed=seed,
         deadline=deadline,
         clock=clock,

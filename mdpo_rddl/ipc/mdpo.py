@@ -1,5 +1,7 @@
 """Our planner."""
 
+import math
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -7,18 +9,34 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.ipc.gradient import training_seconds
+from mdpo_rddl.auto.outcome import RaceOutcome
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.policy.file import load_policy, save_policy
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.legal_moves import LegalMoves
 from mdpo_rddl.problem.load import Problem, make_environment
 
 _FILE = "policy.safetensors"
+# for what comes after the race: what it does beyond its time, and the policy's compilation
+_MARGIN_SHARE, _MOST_MARGIN_SECONDS = 0.15, 5.0
 
 ConfigChange = Callable[[PlannerConfig], PlannerConfig]
+
+
+def race_seconds(seconds: float) -> float:
+    """What the race may take of the time for a preparation: all but a margin."""
+    return max(seconds - min(_MARGIN_SHARE * seconds, _MOST_MARGIN_SECONDS), 1.0)
+
+
+def _program_seconds(outcome: RaceOutcome) -> float:
+    """About what the policy takes to compile: as long as what plays constants."""
+    if isinstance(outcome.policy, TablePolicy):
+        return 0.0
+    # the race was over before that was compiled
+    return math.inf if outcome.probe is None else outcome.probe.compile_seconds
 
 
 def _unchanged(config: PlannerConfig) -> PlannerConfig:
@@ -35,17 +53,28 @@ class MDPO:
 
     found_by: tuple[str, ...] = ()
 
-    def __init__(self, change: ConfigChange = _unchanged) -> None:
+    def __init__(
+        self, change: ConfigChange = _unchanged, clock: Callable[[], float] = time.perf_counter
+    ) -> None:
         """Prepares nothing yet.
 
         Args:
           change: of the preset's configuration.
+          clock: tells the seconds.
         """
-        self._change = change
+        self._change, self._clock = change, clock
+        # about what the policy takes to compile
+        self._program_seconds = 0.0
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
-        """Looks for a policy for the time given, less a margin."""
-        self._take_up(self._find(problem, training_seconds(seconds), seed))
+        """Looks for a policy for the time given, less a margin.
+
+        If too little is left to compile it, that is for the first trial: nothing is lost.
+        """
+        until = self._clock() + seconds
+        self._take_up(self._find(problem, race_seconds(seconds), seed))
+        if self._clock() + self._program_seconds < until:
+            self._compile()
 
     def save(self, folder: Path) -> None:
         """Writes the policy."""
@@ -55,6 +84,7 @@ class MDPO:
         """Reads the policy and compiles it."""
         path = folder / _FILE
         self._take_up(restored(load_policy(path), problem, str(path)))
+        self._compile()
 
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
@@ -68,6 +98,7 @@ class MDPO:
         """A policy, after so many seconds with compilation."""
         outcome = plan_automatically(problem, self._config(problem, seconds), seed)
         self.found_by = (*outcome.chosen.parents, outcome.chosen.arm)
+        self._program_seconds = _program_seconds(outcome)
         return outcome.policy
 
     def _config(self, problem: Problem, seconds: float) -> PlannerConfig:
@@ -77,5 +108,7 @@ class MDPO:
 
     def _take_up(self, policy: AnyPolicy) -> None:
         self._policy, self._moves = policy, LegalMoves(policy.problem)
-        state, _ = make_environment(policy.problem).reset(seed=0)
-        policy(0, state)  # compiles it
+
+    def _compile(self) -> None:
+        state, _ = make_environment(self._policy.problem).reset(seed=0)
+        self._policy(0, state)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto.underlying import underlying_seconds, with_underlying
-from mdpo_rddl.ipc.gradient import training_seconds
-from mdpo_rddl.ipc.mdpo import MDPO
+from mdpo_rddl.ipc.mdpo import MDPO, race_seconds
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -32,8 +31,7 @@ class ThinkingMDPO(MDPO):
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         """Knows no trial's time yet, without which it does not think."""
-        super().__init__()
-        self._clock = clock
+        super().__init__(clock=clock)
         self._trial_seconds, self._trial_began = 0.0, 0.0
         # when the last action was given, and the longest that the environment has taken since
         self._acted, self._between = 0.0, 0.0
@@ -63,7 +61,7 @@ class ThinkingMDPO(MDPO):
         """Looks for a policy, and in a part of the time for whether to think."""
         decision, kept = self._decision_of(problem), 0.0
         if decision >= _SHORTEST_SECONDS:
-            kept = min(choice_share(problem) * training_seconds(seconds), longest_choice(decision))
+            kept = min(choice_share(problem) * race_seconds(seconds), longest_choice(decision))
         super().prepare(problem, seconds - kept, seed)
 
     def improve(self, seconds: float) -> None:
@@ -72,7 +70,7 @@ class ThinkingMDPO(MDPO):
         if decision < _SHORTEST_SECONDS or seconds <= 0.0:
             self._note = NO_TIME
             return
-        within = min(longest_choice(decision), training_seconds(seconds))
+        within = min(longest_choice(decision), race_seconds(seconds))
         choice = choose(policy, decision, within, self._clock)
         self._thinker, self._note = choice.policy, choice.note
 
