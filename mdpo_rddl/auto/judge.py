@@ -82,6 +82,8 @@ class Judge:
       rollouts: of each candidate.
       incumbent: the best candidate so far, with its mean and error; None before the first.
       judged: all candidates, in the order in which they came.
+      program_seconds: about what the first planner's rollouts take to compile, if that is known;
+        it does not begin where less time is left: nothing ends a compilation that came too late.
     """
 
     def __init__(
@@ -92,7 +94,6 @@ class Judge:
         began: float,
         on_judged: Callable[[Judged], None] = _ignore,
         deadline: float = math.inf,
-        program_seconds: float = 0.0,
     ) -> None:
         """Compiles nothing yet.
 
@@ -103,10 +104,8 @@ class Judge:
           began: when the race began, by the clock.
           on_judged: called with each candidate once it is judged.
           deadline: until when compilation is waited for, by the clock.
-          program_seconds: about what the first planner's rollouts take to compile, which do not
-            begin where less time is left: nothing ends a compilation that came too late.
         """
-        self._on_judged, self._program_seconds = on_judged, program_seconds
+        self._on_judged, self.program_seconds = on_judged, 0.0
         self.rollouts, self._seed = rollouts, seed
         self._clock, self._began, self._deadline = clock, began, deadline
         self._players: list[tuple[MDPOPlanner, Timed[[Any], np.ndarray]]] = []
@@ -211,7 +210,7 @@ class Judge:
             if known is planner:
                 return play(candidate.params)
         left = self._deadline - self._clock()
-        if not self._players and self._program_seconds > left:
+        if not self._players and self.program_seconds > left:
             raise TooLateError("too little time is left to compile the rollouts of policies")
         mean = compiled_within(left, lambda: MeanReturn(planner, self.rollouts, self._seed))
         play = Timed(mean.returns, self._clock, self._deadline)

@@ -303,14 +303,14 @@ def _arena(
     left = 0.0 if seen.deterministic else deadline - clock()
     wanted = _MANY_ROLLOUTS if problem.raises else _ROLLOUTS
     rollouts = judge_rollouts(wanted, seen.policy_seconds, left)
+    judge = Judge(rollouts, seed, clock, began, options.on_judged, deadline)
+    judge.program_seconds = seen.compile_seconds
     return Arena(
         problem=problem,
         config=config,
         planner=planner,
         probe=seen,
-        judge=Judge(
-            rollouts, seed, clock, began, options.on_judged, deadline, seen.compile_seconds
-        ),
+        judge=judge,
         seed=seed,
         deadline=deadline,
         clock=clock,

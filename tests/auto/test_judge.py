@@ -6,10 +6,11 @@ import math
 import jax
 import numpy as np
 import pytest
-from helpers.clocks import Ticking
+from helpers.clocks import Stopped, Ticking
 from helpers.lakes import preset, write_lake
 
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.judge import Judge, difference_error, mean_and_error
@@ -55,6 +56,22 @@ def test_what_one_rollout_takes_is_known_once_they_were_compiled(planner):
         # the clock ticks once in a call
         assert one.one_rollout_seconds == pytest.approx(expected * one.rollout_seconds)
     assert one.rollout_seconds > 0.0
+
+
+def test_no_rollouts_are_compiled_that_would_come_too_late(planner):
+    late = Judge(4, seed=3, clock=Stopped(6.0), began=0.0, deadline=10.0)
+    noop = Candidate("arm", "noop", preset(1.0), planner, planner.feedback_plan.noop(0))
+    late.program_seconds = 5.0
+    with pytest.raises(TooLateError, match="too little time is left"):
+        late.record(noop)
+    # what is known needs none
+    assert late.record(known("known", 1.0))
+    late.program_seconds = 3.0
+    late.record(noop)
+    # those that are there go on
+    late.program_seconds = 5.0
+    late.record(noop)
+    assert [judged.candidate.label for judged in late.judged] == ["known", "noop", "noop"]
 
 
 def test_candidates_of_one_planner_must_be_better_and_others_by_two_errors():
