@@ -30,6 +30,7 @@ TABLES = {
     "published": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_hundred": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_thinking": lambda folder: published_table(read_published(folder / "rows.csv")),
+    "published_second": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_undecided": lambda folder: published_table(read_published(folder / "rows.csv")),
     "sharing": lambda folder: sharing_table(read_sharing(folder)),
     "thinking_hidden": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
