@@ -57,7 +57,8 @@ def add_noise_command(commands: Any) -> OneLineParser:
         type=_shard,
         default=(1, 1),
         metavar="I/N",
-        help="measure every N-th cell from the I-th, for machines that share a folder",
+        help="measure every N-th cell from the I-th, counted from 1, for machines that share a "
+        "folder",
     )
     what = command.add_mutually_exclusive_group()
     what.add_argument(

@@ -72,7 +72,12 @@ def _parser() -> OneLineParser:
         default=",".join(USUAL_NAMES),
         help="or module:Class of your own (default: %(default)s)",
     )
-    runs.add_argument("--trials", type=positive_int, default=Rules.trials)
+    runs.add_argument(
+        "--trials",
+        type=positive_int,
+        default=Rules.trials,
+        help="on each instance (default: %(default)s)",
+    )
     runs.add_argument("--out", metavar="DIR", type=Path, required=True, help="the run's folder")
     runs.add_argument("--quiet", action="store_true", help="no table while it runs")
     add_executor_options(runs)
@@ -87,7 +92,13 @@ def _parser() -> OneLineParser:
     agent.add_argument("instance", help="its instance")
     agent.add_argument("method", help="the planner's name, or module:Class")
     agent.add_argument("episodes", type=positive_int, help="number of trials")
-    agent.add_argument("--out", metavar="DIR", type=Path, default=Path("outputs"))
+    agent.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("outputs"),
+        help="where traces and returns go (default: %(default)s)",
+    )
     agent.set_defaults(command="agent")
 
     for command in (runs, agent):
@@ -110,7 +121,13 @@ def _add_rules(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="go on after an action that breaks a precondition, and report both scores",
     )
-    group.add_argument("--seed", type=seed_int, default=0)
+    group.add_argument(
+        "--seed",
+        type=seed_int,
+        default=0,
+        help="of the run; the environment's seed of each trial follows from it "
+        "(default: %(default)s)",
+    )
 
 
 if __name__ == "__main__":

@@ -223,7 +223,10 @@ def _complete_problem(**_: Any) -> list[str]:
 
 def _add_noise_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--noise", choices=["adaptive", "constant", "none"], help="its rule (default: adaptive)"
+        "--noise",
+        choices=["adaptive", "constant", "none"],
+        help="its rule (default: adaptive; with --config the file's, else constant beside updates "
+        "without noise)",
     )
     group.add_argument(
         "--sigma",
@@ -239,12 +242,14 @@ def _add_noise_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--sigma-max",
         type=number(at_least=0),
-        help="adaptive: at the most sensitive steps (default: by domain, else 10)",
+        help="adaptive: at the most sensitive steps (default: by domain, else 10; with a --config "
+        "that has no [Noise] 0.1 of the action's range)",
     )
     group.add_argument(
         "--alpha",
         type=number(above=0),
-        help="adaptive: shape of the map (default: by domain, else 1)",
+        help="adaptive: shape of the map (default: by domain, else 1; with a --config that has no "
+        "[Noise] 1)",
     )
     group.add_argument(
         "--quantile",
@@ -258,7 +263,8 @@ def _add_training_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--policy",
         choices=["drp", "slp"],
-        help="deep reactive policy or straight-line plan (default: drp)",
+        help="deep reactive policy or straight-line plan (default: drp; slp with --replan and no "
+        "--config)",
     )
     group.add_argument(
         "--weight", type=number(above=0), help="all relaxation weights (default: 100)"

@@ -24,6 +24,8 @@ from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, Policy
 GREEDY = "greedy"
 # what another process needs of the learner: all but the rollouts
 _LEARNER, _KEPT = "learner", ("weights", "moments", "times", "scale")
+# what a policy is made of
+_POLICY = ("weights", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
 _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
 # of an iteration; fewer where each decision tries more than so many actions
@@ -32,10 +34,26 @@ _ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
 _LONGEST_SHARE = 0.02
 # of a policy that is handed in, at least
 _JUDGED_ROLLOUTS = 128
+# errors by which the rollouts of an earlier policy of the slice must have returned more
+_ERRORS = 2.0
 # of the time left, the least for the first part
 _LEAST_SHARE = 0.25
 # iterations in a row from which nothing finite is learnt, after which it is given up
 _MOST_LOST = 10
+
+
+class _Best(NamedTuple):
+    """The policy of a slice whose rollouts have returned most.
+
+    Attributes:
+      mean: what they have returned.
+      iteration: after which it was.
+      kept: of the learner, what its policy is made of.
+    """
+
+    mean: float
+    iteration: int
+    kept: Mapping[str, Any]
 
 
 class Span(NamedTuple):
@@ -79,12 +97,13 @@ class PolicyIterationArm(CompilingArm):
         # of the slice's iterations
         self._means: list[float] = []
         self._lost, self._iteration_seconds = 0, 0.0
+        # of the rollouts of a policy that is handed in
+        self._judging_seconds = 0.0
         # what another process has left, until it is known to fit
         self._resumed: State | None = None
         # arms that the first iteration's guide goes back to
         self._parents: tuple[str, ...] = ()
-        # the policy of the slice whose rollouts returned most: weights, and their scale
-        self._best: tuple[float, Any, Any] = (-math.inf, None, None)
+        self._best: _Best | None = None
 
     @property
     def progress(self) -> float:
@@ -163,7 +182,7 @@ class PolicyIterationArm(CompilingArm):
             return
         if self._learner is None:
             self._begin_part()
-        self._best = (-math.inf, None, None)
+        self._best = None
         try:
             self._learn(until)
         except (KeyboardInterrupt, Cancelled) as stop:
@@ -189,8 +208,18 @@ class PolicyIterationArm(CompilingArm):
         self._means = []
         while True:
             self._learn_once()
-            if self.is_exhausted or self._clock() + self._iteration_seconds > until:
+            if self.is_exhausted or self._clock() + self._ending_seconds > until:
                 break
+
+    @property
+    def _ending_seconds(self) -> float:
+        """Of another iteration, and the rollouts of two policies that are handed in after it."""
+        judging = self._judging_seconds or self._judged_calls * self._iteration_seconds
+        return self._iteration_seconds + 2.0 * judging
+
+    @property
+    def _judged_calls(self) -> int:
+        return math.ceil(_JUDGED_ROLLOUTS / self._iteration.rollouts)
 
     def _learn_once(self) -> None:
         """One iteration, after which the arm may be exhausted."""
@@ -206,8 +235,9 @@ class PolicyIterationArm(CompilingArm):
         self._count(is_lost)
         if not is_lost and not self.is_exhausted:
             self._means.append(mean)
-            if mean > self._best[0]:
-                self._best = mean, played.weights, played.scale
+            if self._best is None or mean > self._best.mean:
+                kept = {name: getattr(played, name) for name in _POLICY}
+                self._best = _Best(mean, self._log.iterations - 1, kept)
 
     def _count(self, is_lost: bool) -> None:
         """Counts lost iterations, and gives the arm up if there is a cause."""
@@ -242,38 +272,45 @@ class PolicyIterationArm(CompilingArm):
         return self._iteration.iterate(learner, key, *given)
 
     def _offer_learnt(self) -> None:
-        """Hands in the latest policy, and the one whose rollouts in the slice returned most.
+        """Hands in the latest policy, and an earlier one of the slice if that has returned more.
 
         What they return is told by other rollouts, which are the arm's own, of the exact model as
         the judge's are, and the same for all: what the judge would play them with takes as long
         to compile as the arm's program.
         """
-        learner = self._learner
+        learner, best = self._learner, self._best
         assert learner is not None
-        if not self._means:
+        if best is None:
             return  # nothing was learnt in this slice
-        _, weights, scale = self._best
-        for policy in (learner, learner._replace(weights=weights, scale=scale)):
-            mean, error = self._returned(policy)
-            self._offer(
-                Candidate(
-                    arm=GREEDY,
-                    label=f"{GREEDY}, iteration {self._log.iterations:,}",
-                    config=greedy(self._arena.config),
-                    planner=self._planner,
-                    params=jax.tree.map(np.asarray, self._iteration.policy(policy)),
-                    parents=self._parents,
-                    mean=mean,
-                    error=error,
-                )
+        mean, error = self._offer_policy(learner, self._log.iterations)
+        if best.mean > mean + _ERRORS * error:
+            self._offer_policy(learner._replace(**best.kept), best.iteration)
+
+    def _offer_policy(self, learner: Learner, iteration: int) -> tuple[float, float]:
+        """Hands in a learner's policy; its mean return, and the standard error of that."""
+        mean, error = self._returned(learner)
+        self._offer(
+            Candidate(
+                arm=GREEDY,
+                label=f"{GREEDY}, iteration {iteration:,}",
+                config=greedy(self._arena.config),
+                planner=self._planner,
+                params=jax.tree.map(np.asarray, self._iteration.policy(learner)),
+                parents=self._parents,
+                mean=mean,
+                error=error,
             )
+        )
+        return mean, error
 
     def _returned(self, learner: Learner) -> tuple[float, float]:
         """The mean return of a learner's policy, and its standard error."""
-        count = math.ceil(_JUDGED_ROLLOUTS / (self._iteration.rollouts // 2))
-        keys = jax.random.split(self._judged_key, count)
+        started = self._clock()
+        keys = jax.random.split(self._judged_key, self._judged_calls)
         shown = [self._iterated(learner, key, 0.0)[1].returns for key in keys]
-        return mean_and_error(np.concatenate(shown))
+        found = mean_and_error(np.concatenate(shown))
+        self._judging_seconds = self._clock() - started
+        return found
 
 
 def _kept(learner: Learner) -> tuple[Any, ...]:

@@ -46,12 +46,14 @@ class GreedyPlan(JaxPlan):
 
         g_d = r(s, d) + gamma v(s'_d) - r(s, no-op) - gamma v(s'_no-op),
 
-    v being `StateValues`. Where the model states how likely a bool is in s', v reads that, which is
-    exact for what is linear in it, a mean field for the rest. The model tells what an action does
-    where a state's own features do not: a policy of these would need products of them. Joint gains
-    are taken for the sums of single ones.
+    v being `StateValues` and what is usual at the step, and 0 after the end of an episode. Where
+    the model states how likely a bool is in s', v reads that, which is exact for what is linear in
+    it, a mean field for the rest. The model tells what an action does where a state's own features
+    do not: a policy of these would need products of them. Joint gains are taken for the sums of
+    single ones.
 
-    The parameters are v's weights. The initial policy is greedy for the reward of one step.
+    The parameters are v's weights and the levels of the steps. The initial policy is greedy for the
+    reward of one step.
 
     Attributes:
       exact: the exact model as JaxPlan compiles it; whoever compiles the plan sets it first.
@@ -135,7 +137,9 @@ class GreedyPlan(JaxPlan):
         self.train_policy = self.test_policy = policy
         self.probabilities = probabilities
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
-        self.initializer = lambda key, hyperparams, state: self.values.initial(key)
+        self.initializer = lambda key, hyperparams, state: self.values.with_levels(
+            self.values.initial(key)
+        )
 
     def gains(self, params: Weights, key: Array, state: Mapping[str, Array], step: Any) -> Array:
         """What each bool's change alone gains over the no-op [D].
@@ -166,7 +170,9 @@ class GreedyPlan(JaxPlan):
                 given = params, inputs[0], effects.places, changes, step + 1
                 noop = self.values.value(params, inputs[0], step + 1)
                 worth = jnp.append(noop, self.values.changed(*given))
-            return rewards + self._discount * jnp.where(ended, 0.0, worth)
+            # what is usual is the same for all that goes on
+            level = self.values.level(params, step + 1)
+            return rewards + self._discount * jnp.where(ended, -level, worth)
 
         totals = jnp.mean(jax.vmap(sample)(keys), axis=0)
         return totals[1:] - totals[0]

@@ -106,6 +106,21 @@ class StateValues:
             "output_left": hidden,
         }
 
+    def with_levels(self, weights: Weights, levels: Any | None = None) -> Weights:
+        """Weights of values that say how much more than usual is expected, with what is usual.
+
+        Args:
+          weights: of such values.
+          levels: what is expected from each step on, whatever the state [H]; nothing if None.
+        """
+        usual: Any = np.zeros(self.horizon, self._dtype) if levels is None else levels
+        return {**weights, "levels": usual}
+
+    def level(self, weights: Weights, step: Any) -> Array:
+        """What is expected from a step on, whatever the state; 0 at the end of the horizon."""
+        levels = jnp.append(jnp.asarray(weights["levels"]), 0.0)
+        return levels[jnp.minimum(step, self.horizon)]
+
     @staticmethod
     def rescaled(weights: Weights, factor: Any) -> Weights:
         """Weights whose values are so many times as large."""

@@ -89,7 +89,8 @@ class Shown(NamedTuple):
     """What the policies have shown in the rollouts of an iteration.
 
     Attributes:
-      returns: discounted, of the first half [B / 2]: the greedy policy's, or those of the guide.
+      returns: discounted [B]: the first half are the greedy policy's, or those of the guide; the
+        others, too, where nothing is learnt.
       is_finite: whether all that was learnt is; else the learner is what it was.
     """
 
@@ -98,8 +99,8 @@ class Shown(NamedTuple):
 
     @property
     def mean_return(self) -> Array:
-        """Of the returns."""
-        return jnp.mean(self.returns)
+        """Of the first half of the returns."""
+        return jnp.mean(self.returns[: len(self.returns) // 2])
 
 
 class PolicyIteration:
@@ -109,7 +110,8 @@ class PolicyIteration:
       rollouts: of an iteration.
       iterate: of a learner, a random key, parameters of the guide, Adam's step size, and whether
         it is the first iteration, in which half of the rollouts are the guide's and the others
-        random: the next learner, and what has been shown; compiled.
+        random: the next learner, and what has been shown; compiled. With a step size of 0 nothing
+        is learnt or tried: all rollouts are the greedy policy's.
     """
 
     def __init__(
@@ -151,22 +153,24 @@ class PolicyIteration:
 
     def policy(self, learner: Learner) -> Weights:
         """Parameters of the learner's greedy policy, in the units of the rewards."""
-        return self._values.rescaled(learner.weights, learner.scale)
+        weights = self._values.rescaled(learner.weights, learner.scale)
+        return self._values.with_levels(weights, learner.times)
 
     def _iterate(
         self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Array
     ) -> tuple[Learner, Shown]:
         playing, fitting = random.split(key)
+        learns = jnp.asarray(step) > 0.0
         half = jnp.arange(self._learning.rollouts) < self._learning.rollouts // 2
         tried = jnp.where(is_first, 1.0, self._learning.tried)
-        trying = Trying(half & is_first, jnp.where(half, 0.0, tried))
+        trying = Trying(half & is_first, jnp.where(half | ~learns, 0.0, tried))
         played = self._play(playing, self.policy(learner), guiding, trying)
         seen = self._observed(learner, played, is_first)
         learnt = self._fitted(seen, fitting, step, is_first)
         is_finite = _is_finite((learnt.weights, learnt.moments, learnt.kept.targets))
         learner = jax.tree.map(lambda new, old: jnp.where(is_finite, new, old), learnt, learner)
         returns = jnp.sum(played.rewards * self._discount**self._steps, axis=1)
-        return learner, Shown(returns[: self._learning.rollouts // 2], is_finite)
+        return learner, Shown(returns, is_finite)
 
     def _observed(self, learner: Learner, played: Explored, is_first: Array) -> Learner:
         """The learner with these rollouts, what they return at each step, and the scale of that."""
@@ -200,6 +204,7 @@ class PolicyIteration:
             return jax.tree.map(lambda w, move: w - step * move, weights, moves), moments
 
         count = jnp.where(is_first, learning.first_updates, 1) * learning.updates
+        count = jnp.where(jnp.asarray(step) > 0.0, count, 0)
         fitted = lax.fori_loop(0, count, update, (learner.weights, learner.moments))
         return learner._replace(weights=fitted[0], moments=fitted[1])
 

@@ -99,6 +99,18 @@ def test_nothing_is_expected_after_the_end(noop):
     np.testing.assert_allclose(gains, [1.0, -2.0, 3.0])
 
 
+def test_what_is_usual_is_lost_at_the_end(noop):
+    ending = lever(TERMINATION="exists_{?a : arm} [pulled(?a) ^ (PAYS(?a) > 2.0)]")
+    weights = noop | {"levels": np.array([8.0, 6.0, 4.0, 2.0], np.float32)}
+    # half of the 6 that are usual from step 1 on
+    np.testing.assert_allclose(gains_of(ending, weights), [1.0, -2.0, 3.0 - 3.0])
+    assert action(ending, weights) == {"pull": [True, False, False]}
+    # after the last step nothing is
+    assert action(ending, weights, step=3) == {"pull": [True, False, True]}
+    # what goes on has it whatever is done
+    np.testing.assert_array_equal(gains_of(lever(), weights), gains_of(lever(), noop))
+
+
 def test_nothing_is_compiled_to_see_what_changes_affect(caplog):
     plan = build_planner(load_problem("Tamarisk_MDP_ippc2014", "9"), CONFIG).planner.plan
     jax.clear_caches()

@@ -52,11 +52,12 @@ def iterated(iteration, learner, noop, step, number=1):
 def test_what_pays_only_together_is_found(iteration, begun, noop):
     learner, shown = begun
     # the guide does nothing
-    assert not np.any(shown.returns)
+    assert not np.any(shown.returns[:32])
     returns = []
     for number in range(1, 60):
         learner, shown = iterated(iteration, learner, noop, 3e-3, number)
-        returns.append(float(np.mean(shown.returns)))
+        assert float(shown.mean_return) == pytest.approx(float(np.mean(shown.returns[:32])))
+        returns.append(float(shown.mean_return))
         assert bool(shown.is_finite)
     assert 0.8 * MOST < np.mean(returns[-5:]) <= MOST
 
@@ -78,13 +79,23 @@ def test_the_latest_rollouts_are_kept(iteration, begun, noop):
     # the first ones are all there is
     for each in kept.targets[1:]:
         np.testing.assert_array_equal(each, kept.targets[0])
-    learner, _ = iterated(iteration, begun[0], noop, 0.0)
+    learner, _ = iterated(iteration, begun[0], noop, 3e-3)
     np.testing.assert_array_equal(learner.kept.targets[:-1], kept.targets[1:])
     assert np.any(learner.kept.targets[-1] != kept.targets[-1])
     # in half of the rollouts a bool is decided at random now and then, which is not learnt from
     counts = np.asarray(learner.kept.counts[-1])
     assert counts[:32].all()
     assert 0.8 < counts[32:].mean() < 1.0
+
+
+def test_without_a_step_nothing_is_tried_or_fitted(iteration, begun, noop):
+    learner, shown = iterated(iteration, begun[0], noop, 0.0)
+    assert_same_bits(learner.weights, begun[0].weights)
+    assert_same_bits(learner.moments, begun[0].moments)
+    # all rollouts are those of the policy
+    assert np.all(learner.kept.counts[-1])
+    halves = np.split(np.asarray(shown.returns), 2)
+    assert np.mean(halves[0]) == pytest.approx(np.mean(halves[1]), abs=1.0)
 
 
 def test_targets_have_mean_zero_at_each_step(begun):
@@ -103,3 +114,8 @@ def test_the_policy_is_in_the_units_of_the_rewards(quest, iteration, begun):
     found = float(values.value(iteration.policy(learner), inputs, 3))
     assert found == pytest.approx(scaled * float(learner.scale), rel=1e-4)
     assert scaled != 0.0
+
+
+def test_the_policy_knows_what_is_usual_at_each_step(iteration, begun):
+    np.testing.assert_array_equal(iteration.policy(begun[0])["levels"], begun[0].times)
+    assert np.any(begun[0].times)
