@@ -134,18 +134,22 @@ def ended_by(outcome: RaceOutcome, end: BaseException) -> RaceOutcome:
 def known_kept(arena: Arena, earlier: EarlierRace | None, early: Arm | None) -> Iterator[None]:
     """Ends what comes too late for the judge, who takes what others have said of policies then.
 
+    Whatever else has ended early, what the early arm has found is judged.
+
     Args:
       arena: whose judge has an incumbent afterwards.
       earlier: what an earlier race has left, if this one goes on.
       early: the arm that has worked before anything was compiled, if there is one.
     """
+    found: list[Candidate] = []
     try:
         yield
     except TooLateError as error:
         logger.warning("the best policy so far is kept: %s", error)
-        if earlier is not None:
-            arena.judge.record(earlier.incumbent.known(arena.problem, arena.seed))
-            return
-        found = () if early is None else early.take_candidates()
-        for candidate in (*known_by_probing(arena), *found):
-            arena.judge.record(candidate)
+        if earlier is None:
+            found += known_by_probing(arena)
+        else:
+            found.append(earlier.incumbent.known(arena.problem, arena.seed))
+    found += [] if early is None else early.take_candidates()
+    for candidate in found:
+        arena.judge.record(candidate)

@@ -34,6 +34,7 @@ class Contestant:
       rules: of the run.
       root: the run's folder; what was prepared and the traces are written there.
       improves: whether a planner that can is to use the rest of its time.
+      prepared_seconds: that a stopped run has used for what is restored.
     """
 
     def __init__(self, entry: Entry, rules: Rules, root: Path) -> None:
@@ -41,7 +42,7 @@ class Contestant:
         self.entry, self.rules, self.root = entry, rules, root
         self._planner: Planner | None = None
         self._env: Any = None
-        self._began, self.improves = 0.0, True
+        self._began, self.improves, self.prepared_seconds = 0.0, True, 0.0
 
     @property
     def prepared_folder(self) -> Path:
@@ -62,7 +63,7 @@ class Contestant:
             if phase == IMPROVE:
                 self._improve()
             else:
-                self._began = started
+                self._began = started - (self.prepared_seconds if phase == RESTORE else 0.0)
                 self._get_ready(phase, started)
         except Exception as error:  # whatever a planner raises fails the instance, not the run
             status, cause = ERROR, f"{type(error).__name__}: {one_line_cause(error)}"

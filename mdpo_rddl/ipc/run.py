@@ -89,11 +89,14 @@ def run_entry(task: EntryTask) -> None:
 
 def _go_on(result: EntryResult, contestant: Contestant) -> EntryResult:
     """Plays the missing trials; returns an empty result if nothing can be restored."""
-    rules = contestant.rules
+    rules, prepared = contestant.rules, result.preparation
     first = PREPARE if result.preparation is None else RESTORE
     improving = [IMPROVE] if contestant.improves else []
     phases = [first, *improving, *range(len(result.trials), rules.trials)]
     limits = _PhaseLimits(rules)
+    if prepared is not None:
+        # what is restored was improved in no more time
+        limits.prepared = contestant.prepared_seconds = prepared.seconds
     with contextlib.closing(run_guarded(contestant, phases, limits)) as outcomes:
         for phase, outcome in outcomes:
             if phase == RESTORE:

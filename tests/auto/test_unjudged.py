@@ -120,6 +120,17 @@ def test_without_chance_all_of_the_judge_s_returns_are_known(arena):
 
 
 @pytest.mark.usefixtures("failing_race")
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_table_that_was_found_meanwhile_counts_in_a_race_that_goes_on(arena, is_late):
+    table = Candidate("trials", "table", preset(1.0), None, None, mean=-20.0, error=0.0)
+    early = SimpleNamespace(take_candidates=lambda: [table])
+    with known_kept(arena, earlier_race(-30.0), early):
+        if is_late:
+            raise TooLateError("too late")
+    assert arena.judge.incumbent.label == "table"
+
+
+@pytest.mark.usefixtures("failing_race")
 def test_a_race_that_goes_on_keeps_what_it_had(arena, caplog):
     with known_kept(arena, earlier_race(-30.0), None):
         raise TooLateError("too late")

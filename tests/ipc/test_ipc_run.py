@@ -198,6 +198,29 @@ def test_who_improves_for_too_long_plays_what_was_kept(tmp_path, monkeypatch):
     assert RULES.plan_seconds - 5.0 < phases[1][1] < RULES.plan_seconds
 
 
+def test_a_stopped_run_does_not_improve_for_longer(tmp_path, monkeypatch):
+    asked, phases = [], []
+
+    def guarded(work, items, limits):
+        for item in items:
+            phases.append((item, limits(item).seconds))
+            yield item, work(item)
+
+    monkeypatch.setattr(running, "run_guarded", guarded)
+    monkeypatch.setattr(toy_contest.Improver, "improve", lambda _, seconds: asked.append(seconds))
+    each = entry(tiny_instance(tmp_path), toy_contest.Improver)
+    task = EntryTask(each, replace(RULES, trials=1), tmp_path / "out")
+    running.Contestant(each, task.rules, task.root)(running.PREPARE)
+    used = 0.75 * RULES.plan_seconds
+    running.EntryResult(each, 1, running.Preparation("ok", "", used, 1.0)).save(task.root)
+    run_entry(task)
+    assert statuses(task.result) == ["ok"]
+    assert [phase for phase, _ in phases] == [running.RESTORE, running.IMPROVE, 0]
+    left = RULES.plan_seconds - used
+    assert phases[1][1] == left
+    assert 0.0 < asked[0] < left
+
+
 def test_the_trials_of_all_planners_meet_the_same_chance(tmp_path):
     problem = tiny_instance(tmp_path)
     task = EntryTask(entry(problem, toy_contest.Steady), RULES, tmp_path / "out")

@@ -245,7 +245,8 @@ class LookaheadPolicy(PolicyAgent):
     def _finalists(self, play: Halving, until: float, followed: np.ndarray | None) -> np.ndarray:
         """The best of all rounds, the plan that is followed among them [n, k, D]."""
         self.method.begin(self._situation(play, until - self._clock()))
-        best: list[Gain] = []
+        # of what was proposed again the latest gain: it was not chosen for that one
+        best: dict[bytes, Gain] = {}
         gains: Sequence[Gain] = ()
         rounds, began = self.method.rounds, self._clock()
         most = self._simulator.challengers(NARROW)
@@ -261,13 +262,11 @@ class LookaheadPolicy(PolicyAgent):
             end = began + (number + 1) / rounds * (until - began)
             a_call = self._clock() + _ROUND_CALLS * self._simulator.seconds(WIDE, play.step)
             gains = play.run(proposals[legal], min(max(end, a_call), until))
-            best += [
-                gain for gain in gains[: self._simulator.challengers(NARROW)] if gain.mean > 0.0
-            ]
+            best |= {gain.candidate.tobytes(): gain for gain in gains[:most] if gain.mean > 0.0}
             if not gains:
                 break
-        best.sort(key=lambda gain: -gain.rate)
-        found = [gain.candidate for gain in best[:most]]
+        ranked = sorted(best.values(), key=lambda gain: -gain.rate)
+        found = [gain.candidate for gain in ranked[:most]]
         if followed is not None and not any(np.array_equal(each, followed) for each in found):
             found = [*found[: most - 1], followed]
         return np.array(found)

@@ -66,6 +66,7 @@ class Sequences:
 
     def reset(self) -> None:
         """No changes are known in a new episode."""
+        self._elites = []
         self._known = np.zeros((0, self.depth, self._parts.size), np.float32)
         self._plan = np.zeros((self.depth, self._parts.size), np.float32)
 
@@ -108,6 +109,8 @@ class Sequences:
         later = np.stack([candidate[1 : self.depth] for candidate in found])
         rest = np.pad(later, ((0, 0), (0, self.depth - later.shape[1]), (0, 0)))
         self._plan, self._known = rest[0], _distinct(rest[np.any(rest, axis=(1, 2))])
+        # the next decision may have no time to propose anything
+        self._elites = []
 
     @property
     def _parts(self) -> Components:
