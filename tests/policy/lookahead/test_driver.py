@@ -12,6 +12,7 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import evaluate
@@ -53,6 +54,21 @@ def test_one_step_ahead_shows_what_pays(method):
         assert decision.gain == pytest.approx(0.75 * 4.0, abs=5 * decision.error)
     action, _, _ = thinker.decide(3, START)
     np.testing.assert_array_equal(action["pull"], [True, False, True])
+
+
+def test_each_finalist_is_another_one(monkeypatch):
+    simulator, tested, test = prepared(NONE, LIKELIHOOD="0.75"), [], Halving.test
+
+    def noted(self, finalists, *arguments):
+        tested.append(finalists)
+        return test(self, finalists, *arguments)
+
+    monkeypatch.setattr(Halving, "test", noted)
+    # in each of its rounds the best one so far is compared with others again
+    play(simulator.policy, thinking(simulator, Coordinate()))
+    assert max(map(len, tested)) > 1
+    for finalists in tested:
+        assert len(np.unique(finalists, axis=0)) == len(finalists)
 
 
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
