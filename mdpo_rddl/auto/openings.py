@@ -117,6 +117,8 @@ class Openings(Slices):
           share: of the time left, for all of them.
           is_rare: whether no reward was found yet; its policies must soon find some then.
         """
+        if not self._entrants.may_be_greedy(share):
+            return  # its part may begin later
         arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
         least = 0.0 if is_rare else _GREEDY_AT_LEAST
         terms = Terms(share, at_least=least, by_policies=is_rare)

@@ -185,7 +185,12 @@ def test_a_value_that_finds_no_reward_has_less_time(tells, share):
         asked.append((until, share))
         return named("greedy", Planned(clock, [1.0]))
 
-    schedule._entrants = SimpleNamespace(greedy=greedy)
+    has_time = [False, True]
+    schedule._entrants = SimpleNamespace(greedy=greedy, may_be_greedy=lambda share: has_time.pop(0))
+    schedule._learn_first()
+    assert not schedule.arms
+    # a part that did not begin has no end yet
+    assert schedule._marks.values()["ends"] == {}
     schedule._learn_first()
     assert [arm.name for arm in schedule.arms] == ["greedy"]
     assert asked == [(160.0 * share, share)]

@@ -148,6 +148,6 @@ class CompilingArm(ArenaArm):
             return self._compiling.wait(time.monotonic() + until - self._clock())
         except TooLateError as error:
             logger.info("%s: %s", self.name, error)
-            self._log.details = {"cause": str(error)}
+            self._log.details = {**self._log.details, "cause": str(error)}
             self.is_exhausted = True
             return False

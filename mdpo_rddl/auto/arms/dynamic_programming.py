@@ -84,4 +84,4 @@ class DynamicProgrammingArm(Arm):
 
     def _give_up(self, cause: str) -> None:
         logger.info("no exact dynamic programming: %s", cause)
-        self._log.details = {"cause": cause}
+        self._log.details = {**self._log.details, "cause": cause}

@@ -41,7 +41,8 @@ class Wanted(NamedTuple):
         rollouts that by this it would be too slow.
       deterministic: whether chance plays no part in the return, so that one rollout is enough.
       program_seconds: what a program is likely to take to compile.
-      judged: rollouts of the judge's program, which is there for single policies; 0 if it is not.
+      judged: rollouts of the judge's program, which plays single policies; of use only where
+        `program_seconds` is known, since it is there then.
     """
 
     share: float
@@ -71,7 +72,6 @@ class PopulationReturns:
 
     Attributes:
       population: candidates P of an iteration.
-      side_by_side: candidates that are computed at once; all if None.
     """
 
     def __init__(self, program: Program, size: Size, seed: int) -> None:
@@ -82,7 +82,7 @@ class PopulationReturns:
           size: of a population.
           seed: of the rollouts.
         """
-        self.population, self.side_by_side = size.population, size.side_by_side
+        self.population = size.population
         self._program, self._rollouts = program, size.rollouts
         self._key = key_for(Draws.POPULATION, seed)
 
