@@ -72,6 +72,18 @@ def test_plans_climb_in_slices(arena):
     assert means == sorted(set(means))
 
 
+@pytest.mark.parametrize("test_seconds", [1e-6, 10.0 * FOREVER])
+def test_plans_are_crossed_where_the_time_reaches(arena, monkeypatch, test_seconds):
+    arm, asked = begun(ShootingArm(arena)), []
+    monkeypatch.setattr(
+        shooting, "crossed", lambda plans, *_: (asked.append(1), (plans["pull"][0], -np.inf))[1]
+    )
+    number, arm._test_seconds = arm._number, test_seconds * arm._begun.steps
+    arm._end_phase()
+    assert len(asked) == (test_seconds < 1.0)
+    assert arm._number == number + 1
+
+
 def test_a_phase_begins_around_the_best_plan_of_the_last(arena):
     arm = begun(ShootingArm(arena))
     arm._advance(5)
