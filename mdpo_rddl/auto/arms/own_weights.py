@@ -10,6 +10,7 @@ from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.weights import flat_vector, weights_of
 from mdpo_rddl.auto.state import State, joined
+from mdpo_rddl.errors import Cancelled, note_heard
 
 OWN_WEIGHTS = "own weights"
 _SIGMA = 0.03
@@ -64,6 +65,11 @@ class OwnWeightsArm(ArenaArm):
         self._arena.compile_population()
 
     def _work(self, until: float) -> None:
+        """Adapts weights around a policy.
+
+        Raises:
+          Cancelled: if interrupted; what was found till then is offered.
+        """
         arena, population, around = self._arena, self._arena.population, self._around
         parent = None if around.begins_with is None else arena.judge.latest(around.begins_with)
         parent = arena.incumbent if parent is None else parent
@@ -78,5 +84,11 @@ class OwnWeightsArm(ArenaArm):
         if not np.array_equal(start, self._start):
             self._adapting.restore(None)
         self._start = start
-        self._log.iterations += self._adapting.run(weights, adaptation, until, before)
+        try:
+            self._log.iterations += self._adapting.run(weights, adaptation, until, before)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            if adaptation.iterations:
+                self._offer_child(parent, around.label, weights.to_params(adaptation.mean))
+            raise
         self._offer_child(parent, around.label, weights.to_params(adaptation.mean))

@@ -27,6 +27,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.weights import simple_weights, weights_of
 from mdpo_rddl.auto.state import UNFIT, State
+from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.checkpoints import TrainingState
 
 FOREVER = 300.0
@@ -125,6 +126,23 @@ def test_own_weights_go_on_around_the_policy_that_they_began_with(compiled, aren
     other.restore(state)
     (candidate,) = worked(other)
     assert_same_bits(candidate.params["own"], other._arena.incumbent.params["own"])
+
+
+@pytest.mark.parametrize("pulses", [0, 3])
+def test_what_was_found_before_an_interruption_is_handed_in(compiled, pulses):
+    left = iter(range(pulses))
+
+    def pulse() -> None:
+        if next(left, None) is None:
+            raise Cancelled
+
+    arm = OwnWeightsArm("own weights", in_arena(compiled, pulse), Around())
+    with pytest.raises(Cancelled):
+        arm.work(time.monotonic() + FOREVER)
+    found = arm.take_candidates()
+    assert len(found) == (pulses > 0)
+    for candidate in found:
+        assert np.any(candidate.params["own"]["pump"]["bias"])
 
 
 def own_bias(arena: Arena, mean: np.ndarray) -> np.ndarray:
