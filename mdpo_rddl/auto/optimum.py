@@ -65,17 +65,6 @@ class Solution:
         return TablePolicy(self.problem, self.table, self.optimum, seed)
 
 
-def solve(
-    problem: Problem, seconds: float, memory_gb: float = 4.0, clock: Clock = time.monotonic
-) -> Solution | None:
-    """The optimum; None if the states can't be enumerated within the time and the memory."""
-    try:
-        return find_optimum(problem, seconds, memory_gb, clock)
-    except NotEnumerableError as error:
-        logger.info("no exact dynamic programming: %s", error)
-        return None
-
-
 def find_optimum(
     problem: Problem,
     seconds: float,

@@ -38,7 +38,6 @@ class Belief(Mapping[str, Any]):
     Attributes:
       observed: as the environment shows it.
       root: where rollouts begin, with the policy's memory before the step.
-      effective: number of particles that the observation has left, as their weights are worth.
       matches: whether any particle could have led to the observation.
       deciding: of other particles, in which a decision at this belief begins, so that it can be
         measured from the root, which it did not see; None if the decision begins in the root.
@@ -46,7 +45,6 @@ class Belief(Mapping[str, Any]):
 
     observed: Mapping[str, Any]
     root: HiddenRoot
-    effective: float
     matches: bool
     deciding: HiddenRoot | None = None
 
@@ -210,8 +208,7 @@ class Believer:
         self._step = step
         found = [self._filtered(number, shown) for number in range(1 + is_tried)]
         roots = [HiddenRoot(each.particles, shown, memory) for each in found]
-        effective, matches = float(found[0].effective), bool(found[0].matches)
-        self._now = Belief(observation, roots[0], effective, matches, *roots[1:])
+        self._now = Belief(observation, roots[0], bool(found[0].matches), *roots[1:])
         return self._now
 
     def played(self, belief: Mapping[str, Any], action: Mapping[str, Any]) -> None:
