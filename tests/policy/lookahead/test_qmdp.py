@@ -9,7 +9,7 @@ from helpers.clocks import Ticking
 from helpers.tiger import NOTHING_SHOWN, listener
 from helpers.toys import toy
 
-from mdpo_rddl.auto.optimum import solve
+from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -35,8 +35,7 @@ SECONDS = 1.0
 @functools.cache
 def seeing():
     """The listener, with the optimum of whoever sees the tiger: 10 at each step but the first."""
-    solution = solve(underlying_mdp(toy("tiger")), 60.0)
-    assert solution is not None
+    solution = find_optimum(underlying_mdp(toy("tiger")), 60.0)
     assert solution.value == pytest.approx(110.0)
     return dataclasses.replace(listener(), saved_underlying=solution.policy().to_saved())
 
