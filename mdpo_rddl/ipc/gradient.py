@@ -32,9 +32,14 @@ class Found(NamedTuple):
     hyperparams: dict[str, Any]
 
 
-def training_seconds(seconds: float) -> float:
-    """What a training may take of the time for a preparation: all but a margin."""
-    return max(seconds - min(_MARGIN_SHARE * seconds, _MOST_MARGIN_SECONDS), 1.0)
+def training_seconds(seconds: float, most_margin: float = _MOST_MARGIN_SECONDS) -> float:
+    """What a training may take of the time for a preparation: all but a margin.
+
+    Args:
+      seconds: of the preparation.
+      most_margin: seconds that the margin has at most.
+    """
+    return max(seconds - min(_MARGIN_SHARE * seconds, most_margin), 1.0)
 
 
 class GradientPlanner(ABC):

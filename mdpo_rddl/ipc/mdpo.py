@@ -10,6 +10,7 @@ import numpy as np
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.auto.outcome import RaceOutcome
+from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.policy.file import load_policy, save_policy
@@ -21,14 +22,14 @@ from mdpo_rddl.problem.load import Problem, make_environment
 
 _FILE = "policy.safetensors"
 # for what comes after the race: what it does beyond its time, and the policy's compilation
-_MARGIN_SHARE, _MOST_MARGIN_SECONDS = 0.15, 5.0
+_MOST_MARGIN_SECONDS = 5.0
 
 ConfigChange = Callable[[PlannerConfig], PlannerConfig]
 
 
 def race_seconds(seconds: float) -> float:
-    """What the race may take of the time for a preparation: all but a margin."""
-    return max(seconds - min(_MARGIN_SHARE * seconds, _MOST_MARGIN_SECONDS), 1.0)
+    """What the race may take of the time for a preparation, which it keeps by itself."""
+    return training_seconds(seconds, _MOST_MARGIN_SECONDS)
 
 
 def _program_seconds(outcome: RaceOutcome) -> float:

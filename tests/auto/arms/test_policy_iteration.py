@@ -131,9 +131,7 @@ def test_what_is_handed_in_is_told_by_rollouts_that_it_was_not_learnt_from(arena
 
 
 @pytest.mark.parametrize("lead", [-1.0, 1.0])
-def test_an_earlier_policy_is_handed_in_where_its_rollouts_have_returned_more(
-    arena, make, monkeypatch, lead
-):
+def test_an_earlier_policy_is_handed_in_where_its_rollouts_have_returned_more(arena, make, lead):
     arm = make()
     arm.work(arena.clock.now + 30.0)
     latest = arm.take_candidates()[0]
