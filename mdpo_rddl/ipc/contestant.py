@@ -1,5 +1,6 @@
 """One planner on one instance, as the process does it that is its own."""
 
+import logging
 import shutil
 import tempfile
 import time
@@ -18,6 +19,8 @@ from mdpo_rddl.ipc.trial import ERROR, MOST_RETURN, OK, play
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.load import load_problem, make_environment
+
+logger = logging.getLogger(__name__)
 
 IMPROVE, PREPARE, RESTORE = -3, -2, -1
 """The phases that are no trials; those are named by their numbers, from 0."""
@@ -83,7 +86,12 @@ class Contestant:
         left = self.rules.plan_seconds - (time.perf_counter() - started)
         planner.prepare(problem, left, self.rules.seed)
         if isinstance(planner, Restorable):
-            self._keep(planner)
+            try:
+                self._keep(planner)
+            except (OSError, InputError) as error:
+                # on a full disk it can be played all the same; only a stopped run begins anew
+                cause = one_line_cause(error)
+                logger.warning("%s: its preparation is not kept: %s", self.entry.planner, cause)
 
     def _improve(self) -> None:
         if isinstance(self._planner, Improving):

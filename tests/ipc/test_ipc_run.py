@@ -1,5 +1,6 @@
 """Whole runs in processes of their own: what fails is recorded, what was stopped goes on."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -155,6 +156,22 @@ def test_a_stopped_run_has_all_trials_from_one_preparation(tmp_path, monkeypatch
     assert (after.trials[:2] == before.trials) is is_kept
     if is_kept:
         assert after.preparation == before.preparation
+
+
+def test_what_cannot_be_kept_is_played(tmp_path, monkeypatch, caplog):
+    def full(planner, folder):
+        (folder / "half").write_text("of it")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(running, "run_guarded", in_this_process)
+    monkeypatch.setattr(toy_contest.Remembering, "save", full)
+    each = entry(tiny_instance(tmp_path), toy_contest.Remembering)
+    task = EntryTask(each, RULES, tmp_path / "out")
+    run_entry(task)
+    assert statuses(task.result) == ["ok"] * 3
+    assert "its preparation is not kept: [Errno 28] No space left on device" in caplog.text
+    folder = running.Contestant(each, RULES, task.root).prepared_folder
+    assert [*folder.parent.iterdir()] == []
 
 
 def test_what_cannot_be_taken_up_is_prepared_anew(tmp_path, monkeypatch):
