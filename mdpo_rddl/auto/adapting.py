@@ -31,6 +31,12 @@ class Adapting:
         """Of the adaptation at work, or what another process has left for the next one."""
         return self._resumed if self._working is None else self._working.state()
 
+    @property
+    def found(self) -> np.ndarray | None:
+        """The mean of the adaptation at work; None before its first iteration, and between two."""
+        working = self._working
+        return working.mean if working is not None and working.iterations else None
+
     def restore(self, state: State | None) -> None:
         """Has the next adaptation go on with a state, or begin if there is none."""
         self._resumed = state

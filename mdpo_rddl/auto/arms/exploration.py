@@ -8,6 +8,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.state import State, joined
+from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.plans.feedback import Params
 
 PLAN = "plan"
@@ -58,12 +59,26 @@ class ExplorationArm(ArenaArm):
             self._archive = self._arena.plans.archive(self._params)
 
     def _work(self, until: float) -> None:
+        """Evolves a plan.
+
+        Raises:
+          Cancelled: if interrupted; the best plan till then is offered.
+        """
         plans = self._arena.plans
         elites, self._elites, self._works = self._elites, None, True
         before = plans.iterations
         goal = plans.goal(until, self._arena.noop_return, -math.inf, restarting=False)
-        self._params = plans.evolved(self._params, goal, self._archive, elites)
+        try:
+            self._params = plans.evolved(self._params, goal, self._archive, elites)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            if plans.elites is not None:
+                self._offer_plan(plans.with_plan(self._params, plans.elites[0]))
+            raise
         self._works = False
         self._log.iterations += plans.iterations - before
         self._log.details = {"cells": 0 if self._archive is None else len(self._archive)}
-        self._offer_child(None, PLAN if self._log.slices == 1 else "polished", self._params)
+        self._offer_plan(self._params)
+
+    def _offer_plan(self, params: Params) -> None:
+        self._offer_child(None, PLAN if self._log.slices == 1 else "polished", params)

@@ -12,6 +12,7 @@ from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.state import State, count_of, joined
+from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
 
@@ -74,6 +75,11 @@ class ParameterExplorationArm(CompilingArm):
         self._start(self._compile)
 
     def _work(self, until: float) -> None:
+        """Goes on exploring.
+
+        Raises:
+          Cancelled: if interrupted; the mean till then is offered if the judge can play it.
+        """
         if not self._is_compiled(until):
             return
         exploration = self._exploration
@@ -82,7 +88,13 @@ class ParameterExplorationArm(CompilingArm):
         if self._is_stalled and self._record is not None and not exploration.is_flat:
             exploration.narrow(_NARROWER, self._record.vector)
         before = exploration.iterations
-        exploration.run(self._evaluate_and_tell, until)
+        try:
+            exploration.run(self._evaluate_and_tell, until)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            if exploration.iterations > before and self._is_judged and not self.is_pending:
+                self._offer(self._candidate("pgpe, mean", exploration.mean))
+            raise
         self._log.iterations = exploration.iterations
         self._estimate = self._recorded(exploration.iterations - before)
         planner = self._arena.plain.built(_METHOD).planner

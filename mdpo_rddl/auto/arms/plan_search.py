@@ -9,6 +9,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.search.weights import flat_vector
 from mdpo_rddl.auto.state import State
+from mdpo_rddl.errors import Cancelled, note_heard
 
 PLAN = "plan"
 
@@ -58,6 +59,11 @@ class PlanArm(ArenaArm):
         self._resumed = state
 
     def _work(self, until: float) -> None:
+        """Evolves a plan.
+
+        Raises:
+          Cancelled: if interrupted; the best plan till then is offered.
+        """
         arena, evolving = self._arena, self._evolving
         parent = None if evolving.begins_with_noop else arena.incumbent
         params = arena.noop if parent is None else parent.params
@@ -70,7 +76,14 @@ class PlanArm(ArenaArm):
         noop = arena.noop_return
         goal = arena.plans.goal(until, noop, incumbent_return, evolving.restarting)
         before = arena.plans.iterations
-        params = arena.plans.evolved(params, goal, elites=elites)
+        try:
+            params = arena.plans.evolved(params, goal, elites=elites)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            if (found := arena.plans.elites) is not None:
+                best = arena.plans.with_plan(params, found[0])
+                self._offer_child(parent, evolving.label, best)
+            raise
         self._start = None
         self._log.iterations += arena.plans.iterations - before
         self._offer_child(parent, evolving.label, params)

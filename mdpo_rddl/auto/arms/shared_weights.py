@@ -10,6 +10,7 @@ from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
 from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
 from mdpo_rddl.auto.state import State, count_of, joined
+from mdpo_rddl.errors import Cancelled, note_heard
 
 SHARED_WEIGHTS = "shared weights"
 _SIGMA, _REFINING_SIGMA = 0.5, 0.1
@@ -37,7 +38,7 @@ class SharedWeightsArm(ArenaArm):
           arena: what all arms have in common.
           begins_with: label of a candidate that is a rule; the no-op if there is none.
         """
-        super().__init__("shared weights", arena)
+        super().__init__(SHARED_WEIGHTS, arena)
         self._begins_with = begins_with
         # of the slice that goes on: what its adaptations began with and have found, per part
         self._simple: list[np.ndarray] = []
@@ -79,6 +80,32 @@ class SharedWeightsArm(ArenaArm):
         self._arena.compile_population()
 
     def _work(self, until: float) -> None:
+        """Adapts rules, then all weights.
+
+        Raises:
+          Cancelled: if interrupted; the best of what the slice has found till then is offered.
+        """
+        try:
+            self._search(until)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            self._offer_begun()
+            raise
+
+    def _offer_begun(self) -> None:
+        """Hands in the best of what an interrupted slice has begun."""
+        arena, found = self._arena, self._adapting.found
+        if self._every:
+            weights, vectors = weights_of(arena.noop, ["shared"]), self._every
+        else:
+            weights, vectors = simple_weights(arena.noop, arena.plan), self._simple
+        vectors = vectors if found is None else [*vectors, found]
+        # the first one is what the slice began with
+        if len(vectors) > 1:
+            best = weights.to_params(arena.population.best(weights, vectors))
+            self._offer_child(None, SHARED_WEIGHTS, best)
+
+    def _search(self, until: float) -> None:
         arena, population = self._arena, self._arena.population
         parent = arena.judge.latest(self._begins_with)
         simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])

@@ -25,7 +25,7 @@ from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.candidate import NOOP
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search import plan_population
-from mdpo_rddl.auto.search.weights import simple_weights, weights_of
+from mdpo_rddl.auto.search.weights import flat_vector, simple_weights, weights_of
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.checkpoints import TrainingState
@@ -128,21 +128,60 @@ def test_own_weights_go_on_around_the_policy_that_they_began_with(compiled, aren
     assert_same_bits(candidate.params["own"], other._arena.incumbent.params["own"])
 
 
-@pytest.mark.parametrize("pulses", [0, 3])
-def test_what_was_found_before_an_interruption_is_handed_in(compiled, pulses):
-    left = iter(range(pulses))
+def polishing(arena: Arena) -> OwnWeightsArm:
+    return OwnWeightsArm("own weights", arena, Around())
+
+
+def evolving(arena: Arena) -> PlanArm:
+    return PlanArm("plan", arena, Evolving())
+
+
+@pytest.mark.parametrize("pulses", [0, 5])
+@pytest.mark.parametrize("make", [shared, polishing, evolving, ExplorationArm])
+def test_what_was_found_before_an_interruption_is_handed_in(compiled, make, pulses, monkeypatch):
+    # or the exploration ends at once
+    monkeypatch.setattr(plan_population, "return_to_beat_by_luck", lambda noop, rollouts: np.inf)
+    left, states = iter(range(pulses)), []
 
     def pulse() -> None:
         if next(left, None) is None:
+            states.append(arm.state())
             raise Cancelled
 
-    arm = OwnWeightsArm("own weights", in_arena(compiled, pulse), Around())
+    arena = in_arena(compiled, pulse)
+    arm = make(arena)
     with pytest.raises(Cancelled):
         arm.work(time.monotonic() + FOREVER)
     found = arm.take_candidates()
-    assert len(found) == (pulses > 0)
-    for candidate in found:
-        assert np.any(candidate.params["own"]["pump"]["bias"])
+    is_evolved = make in (evolving, ExplorationArm)
+    # plans call it after an iteration, adaptations before
+    assert len(found) == (pulses > 0 or is_evolved)
+    if not found:
+        return
+    params = found[0].params
+    assert not np.array_equal(flat_vector(params), flat_vector(arena.noop))
+    if is_evolved:
+        best = states[0].tensors["elites"][0]
+        np.testing.assert_array_equal(arena.plans.plan_of(params), best)
+
+
+def test_parameter_exploration_hands_in_its_mean_if_the_judge_can_play_it(arena):
+    arm = begun(ParameterExplorationArm(arena))
+    run = arm._exploration.run
+
+    def interrupted(evaluate, until):
+        run(evaluate, 0.0)
+        raise Cancelled
+
+    arm._exploration.run = interrupted
+    for can_be_played in (False, True):
+        arm._is_judged = can_be_played
+        with pytest.raises(Cancelled):
+            arm.work(time.monotonic())
+        found = arm.take_candidates()
+        assert len(found) == can_be_played
+    mean = arm._params(arm._exploration.mean)
+    assert_same_bits(found[0].params, mean)
 
 
 def own_bias(arena: Arena, mean: np.ndarray) -> np.ndarray:
