@@ -7,6 +7,7 @@ from mdpo_rddl.bench.tasks.anytime import anytime_table, named_tasks, read_anyti
 from mdpo_rddl.bench.tasks.anytime_figure import draw_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.everywhere_figure import draw_everywhere
+from mdpo_rddl.bench.tasks.ippc2014 import ippc2014_table, run_ippc2014
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.sharing import read_sharing, run_sharing, sharing_table
@@ -66,6 +67,17 @@ def _published_report(options: argparse.Namespace) -> str:
     return published_table(records)
 
 
+def _ippc2014(options: argparse.Namespace) -> str:
+    records = run_ippc2014(
+        options.out,
+        options.problems,
+        options.seeds,
+        _conditions(options),
+        _shard(options),
+    )
+    return ippc2014_table(records)
+
+
 def _anytime(options: argparse.Namespace) -> str:
     times = [
         Conditions(seconds, options.episodes, options.memory_gb) for seconds in options.seconds
@@ -100,6 +112,7 @@ TASK_COMMANDS = {
     "ablation": _ablation,
     "anytime": _anytime,
     "everywhere": _everywhere,
+    "ippc2014": _ippc2014,
     "published": _published,
     "published-report": _published_report,
     "sharing": _sharing,

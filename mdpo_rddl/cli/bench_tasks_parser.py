@@ -23,7 +23,7 @@ def default_published(decision_seconds: float) -> Path:
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
-    """Adds `everywhere`, `published`, its report, `ablation`, `sharing`, `thinking`, `anytime`."""
+    """Adds the commands."""
     everywhere = commands.add_parser(
         "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
     )
@@ -41,6 +41,10 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         "published-report", help="the table and the picture of published, from its rows alone"
     )
     report.set_defaults(run="published-report", out=PUBLISHED)
+    ippc2014 = commands.add_parser(
+        "ippc2014", help="forty instances of the 2014 competition, beside PROST's returns there"
+    )
+    ippc2014.set_defaults(run="ippc2014", out=Path("results/ippc2014"))
     ablation = commands.add_parser(
         "ablation", help="the race without each arm that had a part in its policy"
     )
@@ -75,11 +79,12 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     )
     thinking.add_argument("--decision-seconds", type=number(above=0), default=0.2)
     thinking.set_defaults(run="thinking", out=Path("results/thinking_hidden"))
-    for command in (everywhere, published):
+    for command in (everywhere, published, ippc2014):
         command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
     for command, seconds, episodes in (
         (everywhere, 30.0, 20),
         (published, 60.0, 20),
+        (ippc2014, 60.0, 20),
         (ablation, 60.0, 20),
         (sharing, 30.0, 10),
         (thinking, 60.0, 20),
@@ -105,4 +110,4 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     anytime.add_argument("--seeds", type=positive_int, default=5)
     anytime.add_argument("--memory-gb", type=number(above=0), default=8.0)
     anytime.set_defaults(run="anytime", out=Path("results/anytime"))
-    return [everywhere, published, report, ablation, sharing, thinking, anytime]
+    return [everywhere, published, report, ippc2014, ablation, sharing, thinking, anytime]

@@ -5,7 +5,8 @@ THINKING = "mdpo-thinking"
 WHOLE = "auto"
 WITHOUT_NOISE = "auto-without-noise"
 NOISE = "adaptive noise"
-PLANNERS = (OURS, "jaxplan-slp", "jaxplan-drp", "noop", "random")
+NOOP, RANDOM = "noop", "random"
+PLANNERS = (OURS, "jaxplan-slp", "jaxplan-drp", NOOP, RANDOM)
 
 ANYTIME_TASKS = (
     "HVAC_ippc2023:3",

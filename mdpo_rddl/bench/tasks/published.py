@@ -67,17 +67,30 @@ def run_published(
     Raises:
       InputError: for a problem without published returns.
     """
-    tasks = list(published())
-    if problems is not None:
-        wanted = set(problems)
-        chosen = [t for t in tasks if {t.problem, f"{t.problem}:{t.instance}"} & wanted]
-        known = {name for t in chosen for name in (t.problem, f"{t.problem}:{t.instance}")}
-        if unknown := sorted(wanted - known):
-            raise InputError(f"there are no published returns of {unknown[0]!r}")
-        tasks = chosen
+    tasks = only(list(published()), problems)
     number, count = shard
     planner = THINKING if conditions.decision_seconds else OURS
     return run_tasks(out, tasks[number::count], [planner], seeds, conditions)
+
+
+def only(tasks: Sequence[Task], problems: Sequence[str] | None) -> list[Task]:
+    """Those of the tasks that are asked for.
+
+    Args:
+      tasks: with published returns.
+      problems: names of problems, or "Problem:instance"; all if None.
+
+    Raises:
+      InputError: for a name of none of them.
+    """
+    if problems is None:
+        return list(tasks)
+    wanted = set(problems)
+    chosen = [t for t in tasks if {t.problem, f"{t.problem}:{t.instance}"} & wanted]
+    known = {name for t in chosen for name in (t.problem, f"{t.problem}:{t.instance}")}
+    if unknown := sorted(wanted - known):
+        raise InputError(f"there are no published returns of {unknown[0]!r}")
+    return chosen
 
 
 def read_published(path: Path) -> Records:
@@ -141,7 +154,7 @@ def published_table(records: Records) -> str:
         cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
         cells += [_number(row["noop"]), _number(row["random"])]
         lines.append(table_row(cells))
-    said = [_totals(np.array(scores)), *_certainly_below(records), *_thinking(records)]
+    said = [totals(np.array(scores)), *_certainly_below(records), *_thinking(records)]
     lines += ["", " ".join(said)]
     return "\n".join(lines) + "\n"
 
@@ -187,12 +200,18 @@ def _thinking(records: Records) -> list[str]:
     return [said, f"Against the same policy alone in the same episodes: {counts}."]
 
 
-def _totals(scores: np.ndarray) -> str:
+def totals(scores: np.ndarray, best: str = "the best published return") -> str:
+    """How many tasks reach the best, and the mean score.
+
+    Args:
+      scores: of the tasks, as `score` gives them.
+      best: what a score of 1 stands for.
+    """
     if not scores.size:
         return "No task has been played."
     reached = int(np.sum(scores >= AT_THE_BEST))
     mean = float(np.mean(np.minimum(scores, 1.0)))
     return (
-        f"At {AT_THE_BEST:g} of the best published return or above: {reached} of {len(scores)}. "
+        f"At {AT_THE_BEST:g} of {best} or above: {reached} of {len(scores)}. "
         f"Mean score, each at most 1: {mean:.3f}. Below 0: {int(np.sum(scores < 0.0))}."
     )

@@ -1,0 +1,77 @@
+"""Instances of the competition of 2014: ours beside PROST, the winner of its MDP track.
+
+`ippc2014.csv` holds the returns of PROST there, means of thirty episodes each, on the forty
+instances with even numbers; those with odd ones are among the tasks of `published.csv`.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from mdpo_rddl.bench.common.markdown import rounded, table_row
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.everywhere import by_task
+from mdpo_rddl.bench.tasks.names import NOOP, OURS, RANDOM
+from mdpo_rddl.bench.tasks.published import only, score, totals
+from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
+
+_PLANNERS = (OURS, NOOP, RANDOM)
+
+
+def competition() -> dict[Task, float]:
+    """What PROST returned in the competition, by task."""
+    text = (resources.files(__package__) / "ippc2014.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    return {Task(row["problem"], row["instance"]): float(row["prost"]) for row in rows}
+
+
+def run_ippc2014(
+    out: Path,
+    problems: Sequence[str] | None,
+    seeds: int,
+    conditions: Conditions,
+    shard: tuple[int, int] = (0, 1),
+) -> Records:
+    """Prepares and plays on the instances; rows that are there already are skipped.
+
+    Args:
+      out: results folder.
+      problems: names of problems, or "Problem:instance"; all if None.
+      seeds: of the preparation.
+      conditions: of all trials.
+      shard: (i, n): only every n-th task, from the i-th on.
+
+    Raises:
+      InputError: for a problem that is not among them.
+    """
+    number, count = shard
+    tasks = only(list(competition()), problems)
+    return run_tasks(out, tasks[number::count], _PLANNERS, seeds, conditions)
+
+
+def ippc2014_table(records: Records) -> str:
+    """Markdown: each instance's mean return and score beside PROST's return, and the totals."""
+    lines = ["| problem | instance | ours | score | PROST | no-op | random |", "|" + "---|" * 7]
+    scores, measured = [], by_task(records)
+    for task, prost in competition().items():
+        rows = measured.get((task.problem, task.instance), {})
+        if not all(name in rows for name in _PLANNERS):
+            continue
+        ours, noop, random = (rows[name] for name in _PLANNERS)
+        against = {"noop": _mean(noop), "random": _mean(random), "best": str(prost)}
+        scores.append(score(float(ours["mean"]), against) if ours["status"] == OK else 0.0)
+        cells = [task.problem, task.instance, _shown(ours), f"{scores[-1]:.3f}", rounded(prost, 6)]
+        lines.append(table_row([*cells, _shown(noop), _shown(random)]))
+    lines += ["", totals(np.array(scores), "PROST's return")]
+    return "\n".join(lines) + "\n"
+
+
+def _mean(row: Mapping[str, str]) -> str:
+    return row["mean"] if row["status"] == OK else "-inf"
+
+
+def _shown(row: Mapping[str, str]) -> str:
+    return rounded(float(row["mean"]), 6) if row["status"] == OK else row["status"]

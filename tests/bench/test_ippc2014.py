@@ -1,0 +1,82 @@
+"""The competition of 2014: its returns, and a table worked by hand."""
+
+import json
+
+import pytest
+
+from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.ippc2014 import competition, ippc2014_table, run_ippc2014
+from mdpo_rddl.bench.tasks.published import published
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions
+from mdpo_rddl.cli import bench
+
+TABLE = """\
+| problem | instance | ours | score | PROST | no-op | random |
+|---|---|---|---|---|---|---|
+| Traffic_MDP_ippc2014 | 2 | -20 | 0.751 | -11.7 | -100 | -45 |
+| Traffic_MDP_ippc2014 | 4 | error | 0.000 | -42.23 | -200 | error |
+| TriangleTireworld_MDP_ippc2014 | 10 | -40 | 1.000 | -40 | -40 | -40 |
+
+At 0.99 of PROST's return or above: 1 of 3. Mean score, each at most 1: 0.584. Below 0: 0.
+"""
+
+
+def name_of(task):
+    return task.problem.split("_")[0]
+
+
+def test_its_instances_are_none_of_the_published_tasks():
+    tasks = competition()
+    assert len(tasks) == 40
+    assert {task.instance for task in tasks} == {"2", "4", "6", "8", "10"}
+    domains, others = ({name_of(task) for task in each} for each in (tasks, published()))
+    # three of them were in the competition of 2011 too, by whose names the others are called
+    assert len(domains & others) == len(domains) == 8
+    labels = ({(name_of(task), task.instance) for task in each} for each in (tasks, published()))
+    assert not set.intersection(*labels)
+
+
+def test_the_table_compares_ours_with_the_winner(tmp_path):
+    records = Records(tmp_path / "rows.csv", COLUMNS, KEYS)
+    for problem, instance, returns in (
+        ("Traffic_MDP_ippc2014", "2", {"mdpo": -20.0, "noop": -100.0, "random": -45.0}),
+        ("Traffic_MDP_ippc2014", "4", {"mdpo": None, "noop": -200.0, "random": None}),
+        ("TriangleTireworld_MDP_ippc2014", "10", dict.fromkeys(("mdpo", "noop", "random"), -40.0)),
+        # without the floor there is no score yet
+        ("Wildfire_MDP_ippc2014", "2", {"mdpo": -300.0}),
+    ):
+        for planner, mean in returns.items():
+            found = {"status": "error"}
+            if mean is not None:
+                found = {"status": "ok", "mean": mean, "returns": json.dumps([mean])}
+            figures = (found.get(name, "") for name in COLUMNS[len(KEYS) :])
+            records.add(problem, instance, planner, 0, *figures)
+    assert ippc2014_table(records) == TABLE
+
+
+def test_a_run_asks_for_ours_and_the_floor(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def run(out, tasks, planners, seeds, conditions):
+        asked.append((tasks, tuple(planners)))
+        return Records(out / "rows.csv", COLUMNS, KEYS)
+
+    monkeypatch.setattr("mdpo_rddl.bench.tasks.ippc2014.run_tasks", run)
+    run_ippc2014(tmp_path, ["Traffic_MDP_ippc2014"], 1, Conditions(1.0, 1, 4.0), (1, 2))
+    assert [([task.instance for task in tasks], planners) for tasks, planners in asked] == [
+        (["4", "8"], ("mdpo", "noop", "random"))
+    ]
+    words = ["ippc2014", "--problems", "Traffic_MDP_ippc2014:3", "--out", str(tmp_path)]
+    assert bench.main(words) == 2
+    assert "there are no published returns of 'Traffic_MDP_ippc2014:3'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("problems", [None, ["Wildfire_MDP_ippc2014:8"]])
+def test_nothing_measured_is_an_empty_table(tmp_path, problems, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "mdpo_rddl.bench.tasks.ippc2014.run_tasks",
+        lambda out, *_: Records(out / "rows.csv", COLUMNS, KEYS),
+    )
+    words = [] if problems is None else ["--problems", *problems]
+    assert bench.main(["ippc2014", "--out", str(tmp_path), *words]) == 0
+    assert "No task has been played." in capsys.readouterr().out
