@@ -3,6 +3,7 @@
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.shooting import SHOOTING
+from mdpo_rddl.auto.plain import REACTIVE, STRAIGHT_LINE
 from mdpo_rddl.auto.search.one_by_one import POLICIES
 from mdpo_rddl.auto.search.population import PROGRAMS as POPULATION_PROGRAMS
 from mdpo_rddl.machine.cores import usable_cores
@@ -16,7 +17,7 @@ _FEWEST_POLICIES = 60
 _LIKE_PROBING = 1.2
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
-_COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, "slp": 3.0, "drp": 3.0}, 100.0
+_COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: the exploration's comes beside a population's
 _EXPLORATION_PROGRAMS = 4.0
@@ -31,7 +32,7 @@ EXPLORING_FIRST, LATER = 0.4, 0.25
 """Shares of the time left that the compilation of what explores a net's parameters may take: before
 the other arms, and after some of them."""
 # of the time left: what an arm that must compile may need
-_AFFORDED = {GRADIENT: 0.7, "slp": 0.5, "drp": 0.25, SHOOTING: 0.5}
+_AFFORDED = {GRADIENT: 0.7, STRAIGHT_LINE: 0.5, REACTIVE: 0.25, SHOOTING: 0.5}
 # the same of one that nothing else is likely to come near, if so many seconds are left
 _AFFORDED_FIRST, _FIRST_AT_LEAST = 0.8, 15.0
 

@@ -11,7 +11,7 @@ from mdpo_rddl.auto.compilations import Compilations
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.gains import NoopReturn, return_to_beat
 from mdpo_rddl.auto.judge import Judge, difference_error
-from mdpo_rddl.auto.plain import PlainPlanners
+from mdpo_rddl.auto.plain import REACTIVE, STRAIGHT_LINE, PlainPlanners
 from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import (
@@ -127,7 +127,7 @@ class Arena:
         """Planners of JaxPlan's own classes of policies."""
         # a plan does not see the states, which may be random where the return is not
         probe = self.probe
-        single = ["slp"] * probe.deterministic + ["drp"] * probe.certain
+        single = [STRAIGHT_LINE] * probe.deterministic + [REACTIVE] * probe.certain
         return PlainPlanners(self.problem, single)
 
     @cached_property

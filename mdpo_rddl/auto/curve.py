@@ -27,6 +27,33 @@ def candidate_figures(judged: Judged) -> dict[str, Any]:
     }
 
 
+def late_gain(curve: Curve, seconds: float, floor: float | None) -> float | None:
+    """What the best policy has gained in the last half of a race, as a share of all it has gained.
+
+    About 0 where more time is of no use; 1 where all was found late.
+
+    Args:
+      curve: of the race.
+      seconds: that it took.
+      floor: mean return with which a gain begins: that of the no-op or of random actions.
+
+    Returns:
+      The share; None where nothing was gained, or it is not known.
+    """
+    best = [
+        (point["seconds"], point["mean_return"]) for point in curve if point["became_incumbent"]
+    ]
+    if not best or floor is None or any(mean is None for _, mean in best):
+        return None
+    last = best[-1][1]
+    if not last > floor:
+        return None
+    early = [mean for when, mean in best if when <= seconds / 2.0]
+    # the first incumbents may return less than random actions do
+    before = max(floor, early[-1]) if early else floor
+    return float(max(0.0, last - before) / (last - floor))
+
+
 def shortened(curve: Curve) -> Curve:
     """The curve; if it is long, its latest points, and of these those that were the best."""
     if len(curve) > MOST_POINTS:

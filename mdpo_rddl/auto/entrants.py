@@ -13,9 +13,9 @@ from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING, ShootingArm
-from mdpo_rddl.auto.arms.training import METHODS, TrainingArm
+from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.plain import STRAIGHT_LINE
+from mdpo_rddl.auto.plain import METHODS, STRAIGHT_LINE
 from mdpo_rddl.planner.plans.greedy_plan import can_be_greedy
 
 logger = logging.getLogger(__name__)

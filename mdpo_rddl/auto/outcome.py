@@ -9,7 +9,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.curve import Curve, candidate_figures, finite_or_none
+from mdpo_rddl.auto.curve import Curve, candidate_figures, finite_or_none, late_gain
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -83,6 +83,13 @@ class RaceOutcome:
             return None
         return next((log for log in self.arms if log.sigma is not None), None)
 
+    @property
+    def late_gain(self) -> float | None:
+        """As `curve.late_gain`; None of a proven optimum."""
+        known = [each for each in (self.noop_return, self.random_return) if each is not None]
+        floor = max(known) if known and self.optimum is None else None
+        return late_gain(self.curve, self.seconds, floor)
+
     def diagnostics(self) -> dict[str, Any]:
         """What was found by which arm and when, as JSON can hold it."""
         probe = self.probe
@@ -93,6 +100,7 @@ class RaceOutcome:
             "parents": list(self.chosen.parents),
             "noop_return": finite_or_none(self.noop_return),
             "random_return": finite_or_none(self.random_return),
+            "late_gain": self.late_gain,
             "arms": {log.name: _arm(log) for log in self.arms},
             "candidates": list(self.curve),
             "units": probe.units if probe else {},

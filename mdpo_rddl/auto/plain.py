@@ -10,7 +10,10 @@ from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.problem.load import Problem
 
-STRAIGHT_LINE = "slp"
+STRAIGHT_LINE, REACTIVE = "slp", "drp"
+METHODS = (STRAIGHT_LINE, REACTIVE)
+"""As the configurations that come with JaxPlan call them."""
+
 _CALL = {"iterations_per_call": 100, "test_every": 20}
 # instead of a straight-line plan's RMSProp, which has no momentum: more return in as many seconds
 # on 11 of 12 problems (results/plan_optimisers); its steps shrink where nothing is gained
@@ -34,7 +37,7 @@ class PlainPlanners:
         """The planner of a method; nothing of it is compiled before it is used.
 
         Args:
-          method: "slp" or "drp".
+          method: out of `METHODS`.
 
         Raises:
           InputError: if JaxPlan refuses the problem.

@@ -31,10 +31,10 @@ from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
-from mdpo_rddl.auto.arms.training import METHODS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.openings import LESS_GREEDY_SHARE, Openings
+from mdpo_rddl.auto.plain import METHODS
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, next_contender

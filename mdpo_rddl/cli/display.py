@@ -79,6 +79,8 @@ def _add_race(table: Table, summary: Mapping[str, Any]) -> None:
         mark = " *" if name == race["arm"] else ""
         figures = f"{arm['seconds']:.1f} s  {arm['iterations']:,} iterations  best {best}"
         table.add_row(f"{name}{mark}", figures)
+    if race["late_gain"] is not None:
+        table.add_row("gained in the last half", f"{race['late_gain']:.1%} of all gains")
     seconds = summary["train_seconds"] + summary["compile_seconds"]
     compiling = f"{summary['compile_seconds']:.1f} s of it compilation"
     table.add_row("in all", f"{seconds:.1f} s, {compiling} ({summary['status']})")

@@ -70,6 +70,8 @@ def test_the_table_has_a_row_for_each_arm_and_marks_the_results(raced: Run) -> N
         assert row.startswith(f"{arm['seconds']:.1f} s  {arm['iterations']:,} iterations  best ")
         best = arm["best_return"]  # of an arm that has found something
         assert row.endswith("none" if best is None else f"{best:,.2f}")
+    late = race["late_gain"]
+    assert rows["gained in the last half"] == f"{late:.1%} of all gains"
     assert rows["result"].startswith(race["chosen"])
     assert "best iterate" not in raced.outcome.out
 

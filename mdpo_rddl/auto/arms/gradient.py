@@ -119,10 +119,11 @@ class GradientArm(TrainedArm):
         for phase in self.phases:
             records += [r._replace(iteration=r.iteration + done) for r in phase.result.history]
             done += phase.result.iterations
-        log.records, log.iterations = tuple(records), done
         if self.phases:
+            log.records, log.iterations = tuple(records), done
             log.sigma = np.concatenate([phase.result.sigma for phase in self.phases])
-        log.details = {**log.details, "phases": [self._summary(phase) for phase in self.phases]}
+            summaries = [self._summary(phase) for phase in self.phases]
+            log.details = {**log.details, "phases": summaries}
         return log
 
     def _work(self, until: float) -> None:

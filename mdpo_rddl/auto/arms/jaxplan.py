@@ -18,6 +18,7 @@ import numpy as np
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.auto.plain import METHODS
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
@@ -34,7 +35,6 @@ from mdpo_rddl.problem.source import ProblemSource
 
 logger = logging.getLogger(__name__)
 
-METHODS = ("slp", "drp")
 _ROLLOUTS = 128
 # of the race's time, for each of the two: the process must start and compile as well
 _SHARE = 0.35

@@ -9,6 +9,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.plain import REACTIVE
 from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.state import State, count_of, joined
@@ -17,7 +18,6 @@ from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
 
 PGPE = "pgpe"
-_METHOD = "drp"
 _ROLLOUTS = 4
 # of the deviation after a slice that found nothing better
 _NARROWER = 0.5
@@ -97,7 +97,7 @@ class ParameterExplorationArm(CompilingArm):
             raise
         self._log.iterations = exploration.iterations
         self._estimate = self._recorded(exploration.iterations - before)
-        planner = self._arena.plain.built(_METHOD).planner
+        planner = self._arena.plain.built(REACTIVE).planner
         if self._may_be_judged(planner, self._params(exploration.best), until):
             self._offer(self._candidate("pgpe, mean", exploration.mean))
             if self._record is not None and self._record.vector is not exploration.mean:
@@ -106,7 +106,7 @@ class ParameterExplorationArm(CompilingArm):
     def _compile(self) -> None:
         """Makes the policy and plays it once."""
         arena = self._arena
-        planner = arena.plain.built(_METHOD).planner
+        planner = arena.plain.built(REACTIVE).planner
         key = key_for(Draws.PGPE, arena.seed)
         if (params := self._earlier_params(planner)) is None:
             params = jax.tree.map(lambda leaf: leaf[0], initial_parameters(planner, key))
@@ -175,11 +175,11 @@ class ParameterExplorationArm(CompilingArm):
 
     def _candidate(self, label: str, vector: np.ndarray) -> Candidate:
         plain = self._arena.plain
-        planner = plain.built(_METHOD).planner
+        planner = plain.built(REACTIVE).planner
         return Candidate(
             arm=self.name,
             label=label,
-            config=plain.config(_METHOD),
+            config=plain.config(REACTIVE),
             planner=planner,
             params=self._params(vector),
             policy_hyperparams=unit_hyperparams(planner),

@@ -22,7 +22,6 @@ from mdpo_rddl.planner.update.restarts import PerRestart
 
 logger = logging.getLogger(__name__)
 
-METHODS = ("slp", "drp")
 _FOREVER = 1e9
 # from one look at what a phase gains to the next
 _LOOKING_SECONDS = 0.5
@@ -41,7 +40,7 @@ class TrainingArm(TrainedArm):
 
         Args:
           arena: what all arms have in common.
-          method: "slp" or "drp", the arm's name as well.
+          method: out of `METHODS`, the arm's name as well.
           usual_seconds: what its program is likely to take to compile.
         """
         super().__init__(method, arena, usual_seconds)

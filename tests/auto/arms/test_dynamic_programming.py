@@ -54,6 +54,7 @@ def test_a_proven_optimum_ends_the_race(tmp_path):
     assert outcome.chosen.label == PROVEN
     assert outcome.noise_log is None
     diagnostics = outcome.diagnostics()
+    assert diagnostics["late_gain"] is None
     assert diagnostics["arms"]["dynamic programming"]["best_return"] == outcome.optimum.value
     assert diagnostics["arms"]["dynamic programming"]["iterations"] == 6
     (candidate,) = diagnostics["candidates"]
