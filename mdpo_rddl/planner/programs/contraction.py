@@ -201,8 +201,11 @@ def _elementwise(
     views = [_view_of(operand) for operand in operands]
     axes = sorted({axis for view in views if view is not None for axis in view.axes})
     if None not in views and len(axes) < len(shape):
-        # constant along an axis: computed without it
-        aligned = [v.aligned(axes, shape) if v.axes else v.base for v in views if v is not None]
+        # constant along an axis: computed without it; a number stays one where that is allowed
+        fills = name == "select_n"
+        aligned = [
+            v.aligned(axes, shape) if v.axes or fills else v.base for v in views if v is not None
+        ]
         base = bind(equation.primitive, equation.params, aligned)[0]
         return _Factored(shape, ((1.0, (_View(base, tuple(axes)),)),), recipe)
     given = [_terms_of(operand, shape) for operand in operands]

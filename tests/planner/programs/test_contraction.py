@@ -19,7 +19,8 @@ Y = jnp.asarray(RANDOM.normal(size=M), jnp.float32)
 
 
 def spread(vector, shape, axis):
-    return jax.lax.broadcast_in_dim(vector, shape, (axis,))
+    """A vector along an axis; a number everywhere."""
+    return jax.lax.broadcast_in_dim(vector, shape, () if axis is None else (axis,))
 
 
 def products(a, b, x, y):
@@ -58,6 +59,16 @@ def products(a, b, x, y):
             ((a > 1.0) & (columns > 0.0)) * jnp.arange(N)[:, jnp.newaxis], axis=1
         ),
         "exactly one": jnp.any((a > 1.0) ^ (columns > 0.0), axis=1),
+        "one of two numbers": jnp.sum(
+            a * jnp.where(columns > 0.0, spread(x[0], pairs, None), spread(x[1], pairs, None)),
+            axis=1,
+        ),
+        "a number or a vector": jnp.sum(
+            a * jnp.where(columns > 0.0, spread(x[0], pairs, None), columns), axis=1
+        ),
+        "by one truth": jnp.sum(
+            a * jnp.where(spread(x[0] > 0.0, pairs, None), rows, spread(x[1], pairs, None)), axis=1
+        ),
         "truths": (a > 1.0) & (columns > 0.0),
         "whole": rows * columns,
         "integers": jnp.sum(jnp.broadcast_to(jnp.arange(M), pairs) * 2, axis=1),
