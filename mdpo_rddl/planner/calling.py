@@ -16,6 +16,7 @@ from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.planner.update.sizes import CallSizes
 from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
+from mdpo_rddl.problem.boxes import boxes
 
 
 class CallingPlanner(ActingPlanner):
@@ -108,6 +109,11 @@ class CallingPlanner(ActingPlanner):
             self._calls.compile_with(jit)
 
     # JaxPlan's compilation hooks
+
+    def _jax_compile_rddl(self) -> None:
+        super()._jax_compile_rddl()
+        for compiled in (self.compiled, self.test_compiled):
+            compiled.constraints.bounds = boxes(compiled.constraints.sim)
 
     def _jax_compile_graph(self) -> None:
         if self.in_calls and (self.use_pgpe or self.preprocessor is not None):

@@ -65,8 +65,7 @@ def read_rules(rddl: Any) -> Rules:
 def is_box(rddl: Any, expression: Any, variables: Sequence[str] = ()) -> bool:
     """Whether a precondition only compares a numeric action with what never changes.
 
-    pyRDDLGym makes the same of it then: it knows no "&", and puts bounds that differ in the order
-    of the `forall`s' variables.
+    `boxes.py` makes the same of it then: it knows no "&", and no object in two places.
 
     Args:
       rddl: pyRDDLGym's lifted model.
@@ -85,22 +84,9 @@ def is_box(rddl: Any, expression: Any, variables: Sequence[str] = ()) -> bool:
     for one, other in ((left, right), (right, left)):
         is_number = one.etype[0] == "pvar" and _fluents(one) <= numbers
         if is_number and _fluents(other) <= set(rddl.non_fluents):
-            free = [argument for argument in one.args[1] or [] if _is_variable(argument)]
-            return free == list(variables) or not _reads_variables(other)
+            free = [argument for argument in one.args[1] or [] if argument in variables]
+            return len(set(free)) == len(free)
     return False
-
-
-def _is_variable(argument: Any) -> bool:
-    return isinstance(argument, str) and argument.startswith("?")
-
-
-def _reads_variables(expression: Any) -> bool:
-    """Whether an expression may differ between the objects of a variable."""
-    if isinstance(expression, tuple | list):
-        return any(map(_reads_variables, expression))
-    if not hasattr(expression, "etype"):
-        return _is_variable(expression)
-    return _reads_variables(expression.args)
 
 
 def _parts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:

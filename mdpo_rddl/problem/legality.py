@@ -1,22 +1,19 @@
 """Actions that the exact environment accepts, whatever a policy proposes."""
 
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
-from pyRDDLGym.core.constraints import RDDLConstraints
 from pyRDDLGym.core.debug.exception import RDDLInvalidActionError
 
+from mdpo_rddl.problem.boxes import boxes
 from mdpo_rddl.problem.episode import Verdict
 
 
 def action_box(env: RDDLEnv) -> dict[str, tuple[Any, Any]]:
     """Lower and upper bound [*shape], infinite where there is none, of each action fluent."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what is no box, already said for `env`
-        bounds = RDDLConstraints(env.sampler, vectorized=True).bounds
+    bounds = boxes(env.sampler)
     return {name: bounds[name] for name in env.model.action_ranges}
 
 
