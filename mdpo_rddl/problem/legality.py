@@ -25,8 +25,16 @@ class Referee:
         self._env = env
         ranges, box = env.model.action_ranges, action_box(env)
         self._box = {name: box[name] for name, kind in ranges.items() if kind == "real"}
-        self._noop = dict(env.sampler.noop_actions)
         self._bools = [name for name, kind in ranges.items() if kind == "bool"]
+        noop = dict(env.sampler.noop_actions)
+        # of defaults outside of their box
+        self._nearest = {
+            name: _nearest(noop[name], box[name], kind)
+            for name, kind in ranges.items()
+            if kind in ("int", "real")
+        }
+        is_in_box = all(np.array_equal(noop[name], near) for name, near in self._nearest.items())
+        self._idle = [noop] if is_in_box else [noop, noop | self._nearest]
 
     def rule(self, proposal: Mapping[str, Any]) -> Verdict:
         """The proposal if it is legal, else the first legal one of `_fallbacks`.
@@ -38,7 +46,7 @@ class Referee:
         actions = dict(proposal)
         for name, (lower, upper) in self._box.items():
             if name in actions:
-                actions[name] = np.clip(np.asarray(actions[name], np.float64), lower, upper)
+                actions[name] = _clipped(actions[name], lower, upper)
         if self._is_legal(actions):
             return Verdict(actions, illegal=False, fallback=False)
         for candidate in self._fallbacks(actions):
@@ -49,20 +57,23 @@ class Referee:
     def _fallbacks(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """The no-op; it with one bool changed; it with all bools of a fluent changed.
 
-        A bool that the proposal changes comes before one that it leaves.
+        A bool that the proposal changes comes before one that it leaves. Where defaults lie outside
+        of their box, the same follows with the numbers of the box that are nearest to them.
         """
-        yield dict(self._noop)
-        idle = {name: np.asarray(self._noop[name]) for name in self._bools}
-        for is_changed in (True, False):
+        for noop in self._idle:
+            yield dict(noop)
+            idle = {name: np.asarray(noop[name]) for name in self._bools}
+            for is_changed in (True, False):
+                for name, value in idle.items():
+                    proposed = np.asarray(proposal.get(name, value))
+                    differs = (proposed if proposed.shape == value.shape else value) != value
+                    for place in map(tuple, np.argwhere(differs == is_changed)):
+                        one = value.copy()
+                        one[place] = ~one[place]
+                        yield noop | {name: one if one.shape else one.item()}
             for name, value in idle.items():
-                differs = np.asarray(proposal.get(name, value)) != value
-                for place in map(tuple, np.argwhere(differs == is_changed)):
-                    one = value.copy()
-                    one[place] = ~one[place]
-                    yield self._noop | {name: one if one.shape else one.item()}
-        for name, value in idle.items():
-            everywhere = ~value
-            yield self._noop | {name: everywhere if value.shape else everywhere.item()}
+                everywhere = ~value
+                yield noop | {name: everywhere if value.shape else everywhere.item()}
 
     def _is_legal(self, actions: Mapping[str, Any]) -> bool:
         # the environment takes what is not finite where there is no box
@@ -70,9 +81,25 @@ class Referee:
         if not all(np.all(np.isfinite(value)) for value in reals):
             return False
         sampler = self._env.sampler
-        prepared = sampler.prepare_actions_for_sim(actions)
         try:
+            # refuses what has another form
+            prepared = sampler.prepare_actions_for_sim(actions)
             sampler.check_default_action_count(prepared, self._env.enforce_count_non_bool)
         except RDDLInvalidActionError:
             return False
         return sampler.check_action_preconditions(prepared, silent=True)
+
+
+def _clipped(value: Any, lower: Any, upper: Any) -> Any:
+    """A real action in its box; what has another form, which the environment refuses, as it is."""
+    try:
+        return np.clip(np.asarray(value, np.float64), lower, upper)
+    except (TypeError, ValueError):
+        return value
+
+
+def _nearest(default: Any, box: tuple[Any, Any], kind: str) -> Any:
+    """The number in a box that is nearest to a default."""
+    lower, upper = box if kind == "real" else (np.ceil(box[0]), np.floor(box[1]))
+    nearest = np.clip(default, lower, upper).astype(np.asarray(default).dtype)
+    return nearest if np.shape(default) else nearest.item()

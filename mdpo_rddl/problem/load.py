@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from ply import lex, yacc
 from pyRDDLGym.core.compiler.model import RDDLLiftedModel
+from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 from pyRDDLGym.core.env import RDDLEnv
 from pyRDDLGym.core.parser.parser import RDDLlex, RDDLParser
 from pyRDDLGym.core.parser.rddl import RDDL
@@ -31,6 +32,7 @@ from mdpo_rddl.problem.files import ProblemFiles, read_problem
 from mdpo_rddl.problem.sizes import oversize
 
 logger = logging.getLogger(__name__)
+_redirecting = threading.RLock()
 
 COMMENT = re.compile(r"//[^\n]*")
 """Of a domain or an instance, to the end of its line."""
@@ -284,17 +286,30 @@ def _try_one_step(problem: Problem) -> None:
     env = make_environment(problem)
     with _guarded(problem.domain_path, problem.instance_path):
         env.reset(seed=0)
-        env.sampler.check_action_preconditions(env.sampler.noop_actions, silent=True)
-        if not env.done:
+        is_legal = env.sampler.check_action_preconditions(env.sampler.noop_actions, silent=True)
+        if env.done:
+            return
+        try:
             env.step({})
+        except RDDLValueOutOfRangeError:
+            # of an action that is never played; a legal one may have values
+            if is_legal:
+                raise
 
 
 @contextlib.contextmanager
 def _guarded(*paths: Path) -> Iterator[None]:
-    """Log what pyRDDLGym prints or warns; turn what it raises into an `InputError`."""
+    """Log what pyRDDLGym prints or warns; turn what it raises into an `InputError`.
+
+    One thread at a time: the redirection is the process's, and who ends it must have begun it.
+    """
     printed = io.StringIO()
     try:
-        with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(printed):
+        with (
+            _redirecting,
+            warnings.catch_warnings(record=True) as caught,
+            contextlib.redirect_stdout(printed),
+        ):
             warnings.simplefilter("always")
             yield
     except InputError:

@@ -48,8 +48,11 @@ class RandomActions:
 
     def _draw_number(self, name: str, rng: np.random.Generator, half: float) -> np.ndarray:
         """Real numbers, which reach `half` beyond what bounds them."""
-        default = np.asarray(self._defaults[name], float)
-        lower, upper, default = np.broadcast_arrays(*self._box[name], default)
+        default, (lower, upper) = np.asarray(self._defaults[name], float), self._box[name]
+        if half:
+            # of "above 0" pyRDDLGym makes 1e-5
+            lower, upper = np.ceil(lower), np.floor(upper)
+        lower, upper, default = np.broadcast_arrays(lower, upper, default)
         is_low, is_high = np.isfinite(lower), np.isfinite(upper)
         low = np.where(is_low, lower, np.where(is_high, upper - _WIDTH, 0.0))
         high = np.where(is_high, upper, low + _WIDTH)

@@ -305,20 +305,29 @@ class Grounder:
         if name in ("Discrete", "UnnormDiscrete"):
             cases = [case for _, case in arguments[1:]]
             weights = [self.node(weight, binding) for _, weight in cases]
-            return self._one_of([self._object(value) for value, _ in cases], weights)
+            values = [self._object(value) for value, _ in cases]
+            return self._one_of(values, weights, is_law=name == "Discrete")
         if name in ("Discrete(p)", "UnnormDiscrete(p)"):
             typed, (weight,) = arguments
             nodes = [self.node(*each) for each in self._bindings([typed], weight, binding)]
-            return self._one_of(range(len(nodes)), nodes)
+            return self._one_of(range(len(nodes)), nodes, is_law=name == "Discrete(p)")
         raise NotEnumerableError(f"a draw from {name}")
 
-    def _one_of(self, values: Sequence[int], weights: Sequence[int]) -> Law:
-        """One of the values, each as likely as its weight's node says."""
-        graph, total = self.graph, self.graph.make("+", *weights)
-        return tuple(
-            Branch(graph.constant(value), graph.make("/", weight, total))
-            for value, weight in zip(values, weights, strict=True)
-        )
+    def _one_of(self, values: Sequence[int], weights: Sequence[int], is_law: bool) -> Law:
+        """One of the values, each as likely as its weight's node says.
+
+        Args:
+          values: from which it is drawn.
+          weights: nodes, one for each value.
+          is_law: whether the weights must be probabilities; else only their ratios count. What the
+            environment refuses is no law afterwards either: sums other than 1, negative weights.
+        """
+        graph = self.graph
+        if not is_law:
+            total = graph.make("+", *(graph.make("abs", weight) for weight in weights))
+            weights = [graph.make("/", weight, total) for weight in weights]
+        pairs = zip(values, weights, strict=True)
+        return tuple(Branch(graph.constant(value), weight) for value, weight in pairs)
 
     def _is_random(self, expression: Any) -> bool:
         """Whether a draw stands in the expression itself."""

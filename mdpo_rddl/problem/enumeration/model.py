@@ -67,6 +67,10 @@ def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
     legal = _conjuncts(grounder, rddl.preconditions)
     rules = open_rules(grounder, rddl, list(zip(variables, is_bool, strict=True)), legal)
     first = [np.asarray(initial[name])[place].item() for name, place in variables]
+    try:
+        start = packing.encode_all(first)
+    except OverflowError as error:
+        raise NotEnumerableError(str(error)) from error
     if _is_broken(grounder, rddl, dict(zip(variables, first, strict=True))):
         # the environment looks at them after a step only
         raise NotEnumerableError("the initial state breaks an invariant")
@@ -76,7 +80,7 @@ def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
         is_bool=is_bool,
         groups=tuple(group for group in rules.groups if len(group) > 1),
         packing=packing,
-        initial=packing.encode_all(first),
+        initial=start,
         actions=_per_action(env, grounder.graph, rules, legal, limits),
         ends=_ends(grounder, rddl),
         horizon=problem.horizon,

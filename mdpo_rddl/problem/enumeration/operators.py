@@ -42,6 +42,15 @@ OPERATORS: dict[str, Callable[..., Any]] = {
 }
 OPERATORS |= {"min": OPERATORS["minimum"], "max": OPERATORS["maximum"]}
 
+
+def _power(base: Any, exponent: Any) -> Any:
+    """numpy's, but no number for an int with a negative exponent: it may be of no branch taken."""
+    integers = all(np.issubdtype(np.asarray(each).dtype, np.integer) for each in (base, exponent))
+    if not integers or not np.any(np.less(exponent, 0)):
+        return np.power(base, exponent)
+    return np.where(np.less(exponent, 0), np.nan, np.power(base, np.maximum(exponent, 0)))[()]
+
+
 _ONE_ARGUMENT: dict[str, Callable[..., Any]] = {
     "abs": np.abs,
     "sgn": _int(np.sign),
@@ -65,7 +74,7 @@ _TWO_ARGUMENTS: dict[str, Callable[..., Any]] = {
     "div": _int(np.floor_divide),
     "mod": _int(np.mod),
     "fmod": np.mod,
-    "pow": np.power,
+    "pow": _power,
     "log": lambda x, y: np.log(x) / np.log(y),
     "hypot": np.hypot,
 }
