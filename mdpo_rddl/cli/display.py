@@ -50,16 +50,22 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         _add_thinking(table, summary["thinking"])
     _add_hindsight(table, summary.get("hindsight"))
     if summary.get("mode") == "replan":
-        table.add_section()
-        table.add_row("decisions", f"{summary['decisions']:,}, {summary['lookahead']} steps ahead")
-        table.add_row("budget of a decision", f"{summary['decision_seconds']:g} s")
-        used = f"{summary['mean_seconds']:.2f} s (longest {summary['max_seconds']:.2f} s)"
-        table.add_row("used, on average", used)
-        table.add_row("iterations, on average", f"{summary['mean_iterations']:,.0f}")
-        table.add_row("compilation, before", f"{summary['compile_seconds']:.1f} s")
+        _add_replanning(table, summary)
     console.print(table)
     if where is not None:
         console.print(f"written to {where}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _add_replanning(table: Table, summary: Mapping[str, Any]) -> None:
+    """Adds how decisions were made, if there were any."""
+    table.add_section()
+    table.add_row("decisions", f"{summary['decisions']:,}, {summary['lookahead']} steps ahead")
+    table.add_row("budget of a decision", f"{summary['decision_seconds']:g} s")
+    if summary["decisions"]:
+        used = f"{summary['mean_seconds']:.2f} s (longest {summary['max_seconds']:.2f} s)"
+        table.add_row("used, on average", used)
+        table.add_row("iterations, on average", f"{summary['mean_iterations']:,.0f}")
+    table.add_row("compilation, before", f"{summary['compile_seconds']:.1f} s")
 
 
 def _add_race(table: Table, summary: Mapping[str, Any]) -> None:

@@ -18,6 +18,8 @@ from mdpo_rddl.planner.programs.stored import stored_jit
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.load import Problem
 
+# dictionaries of values by action fluent
+_BY_ACTION = (("Planner", "action_bounds"), ("Optimize", "policy_hyperparams"))
 # arguments of the compiled calls, or of the loop around them
 _NOT_COMPILED = {"key": 0, "epochs": 1, "train_seconds": 1.0}
 
@@ -84,6 +86,13 @@ def _arguments(problem: Problem, config: PlannerConfig) -> tuple[dict[str, Any],
     too_large = too_large_for(problem, config.sections)
     if too_large is not None:
         raise InputError(f"{config.source}: {too_large}")
+    for section, key in _BY_ACTION:
+        given = config.sections.get(section, {}).get(key)
+        for name in given if isinstance(given, dict) else ():
+            if name not in problem.model.action_fluents:
+                raise InputError(
+                    f"{config.source}: [{section}] {key}: there is no action fluent {name!r}"
+                )
     quiet = config.with_values("Compiler", print_warnings=False)
     planner_args, _, train_args = quiet.jaxplan_arguments()
     # the rest of the section is for JaxPlan's controllers

@@ -186,8 +186,10 @@ class CheckpointedLoop:
         """Leaves a checkpoint of the last iteration, unless it was the last one of all."""
         save = self._checkpoints.save
         if save is not None and self._latest is not None:
-            self._saved, self._latest = self._latest(), None
-            save(self._saved)
+            latest = self._latest()
+            save(latest)
+            # an interrupt in between leaves it to be saved
+            self._saved, self._latest = latest, None
         self._saved_at = time.monotonic()
 
 

@@ -28,6 +28,7 @@ _NUMBERS = (
     "lost_sensitivities",
     "flat",
     "sloped",
+    "callbacks",
 )
 
 
@@ -45,6 +46,7 @@ class Found:
       lost_sensitivities: those of a step that were not finite, in the iterations that callbacks
         are of; they count as zero.
       flat, sloped: iterations whose gradients were all zero, and the others.
+      callbacks: that were taken in: iterations, or calls of several.
     """
 
     def __init__(self, in_calls: bool) -> None:
@@ -59,7 +61,7 @@ class Found:
         self._every = 1
         self.not_finite, self.first_not_finite, self.lost_sensitivities = 0, 0, 0
         self.suspect: Any = None
-        self.flat = self.sloped = 0
+        self.flat = self.sloped = self.callbacks = 0
 
     @classmethod
     def resumed(
@@ -81,8 +83,10 @@ class Found:
           KeyError, ValueError: if something is missing or does not fit.
         """
         found = cls(in_calls)
-        # checkpoints of earlier versions do not count sensitivities
-        tensors = {"lost_sensitivities": np.asarray(0), **tensors}
+        # checkpoints of earlier versions do not count sensitivities, nor callbacks
+        recorded = tensors["every"].item() * len(tensors["kept/iteration"])
+        defaults = {"lost_sensitivities": np.asarray(0), "callbacks": np.asarray(recorded)}
+        tensors = {**defaults, **tensors}
         numbers = {name: tensors[name].item() for name in _NUMBERS}
         for name, value in numbers.items():
             setattr(found, name, value if name.endswith("_return") else int(value))
@@ -158,8 +162,9 @@ class Found:
             self.best_restart = self.restart
             self._best_params = partial(select_restart, callback["params"], self.restart)
         # how many iterations the seconds allow is not known before
-        if callback["iteration"] % self._every == 0:
+        if self.callbacks % self._every == 0:
             self._kept.append({name: callback[name] for name in _KEPT})
+        self.callbacks += 1
         if len(self._kept) > _RECORDS:
             self._kept, self._every = self._kept[::2], 2 * self._every
         self.callback = callback

@@ -252,7 +252,7 @@ class MDPOPlanner(CallingPlanner):
     def _with_noise(self, opt_aux: dict[str, Any], params: Any, state: Any) -> dict[str, Any]:
         """What the noisy update carries on, beside what JaxPlan's does."""
         opt_aux = {**opt_aux, "noise": (self._restarts.rules(self._broadcast_pytree), state)}
-        sensed = sensed_gradients(self.plan, self.noise)
+        sensed = sensed_gradients(self.plan, self.noise, self.action_specs)
         if sensed is None:
             return opt_aux
         return {**opt_aux, "sensed": jax.tree.map(jnp.zeros_like, sensed(params))}
@@ -279,7 +279,7 @@ class MDPOPlanner(CallingPlanner):
             update = noisy_update(
                 plain_update,
                 self.compile_analysis() if self.noise.analysis_samples else None,
-                sensed_gradients(self.plan, self.noise),
+                sensed_gradients(self.plan, self.noise, self.action_specs),
                 self._noise_shape(),
                 self.parallel_updates,
             )

@@ -159,6 +159,7 @@ class Training:
         self.budget, self._on_progress = budget or built.budget, on_progress
         self._loop = _loop(built, self.budget, checkpoints)
         self._resumed = None if checkpoints is None else checkpoints.resumed
+        self._earlier_seconds = 0.0 if self._resumed is None else self._resumed.seconds
         self._callbacks: Iterator[dict[str, Any]] | None = None
         self._sizes: tuple[int, int] | None = None
         self._status = "iter_budget_reached"
@@ -242,8 +243,7 @@ class Training:
             if self._advice is not None:
                 logger.warning("%s", self._advice)
         advice = self._advice if is_over else None
-        earlier = 0.0 if self._resumed is None else self._resumed.seconds
-        seconds = self.compile_seconds, self.train_seconds + earlier
+        seconds = self.compile_seconds, self.train_seconds + self._earlier_seconds
         return _result(found, self._status, seconds, advice)
 
     def diagnosis(self, **limits: float) -> str | None:
@@ -270,7 +270,8 @@ class Training:
         found.add(callback)
         self._loop.passed(callback)
         iteration = callback["iteration"]
-        done = max((iteration + 1) / budget.iterations, self.train_seconds / budget.seconds)
+        seconds = self.train_seconds + self._earlier_seconds
+        done = max((iteration + 1) / budget.iterations, seconds / budget.seconds)
         self._on_progress(Progress(min(1.0, done), iteration, found.test_return, found.best_return))
         if callback["status"].is_terminal():
             self._status = callback["status"].name.lower()

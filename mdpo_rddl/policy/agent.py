@@ -117,17 +117,20 @@ class PolicyAgent(BaseAgent):
           seed: of the episodes; if None 0, or none in an environment that is given.
 
         Raises:
-          InputError: if `verbose` or `render` is set without an environment.
+          InputError: if `verbose` or `render` is set without an environment, there is to be no
+            episode, or the seed is negative.
         """
-        if env is not None:
-            return self._evaluate_in(env, episodes or 1, verbose, render, seed)
-        if verbose or render:
-            raise InputError("verbose and render need an environment: give one as env")
-        fresh = make_environment(self.problem)
-        count = _EPISODES if episodes is None else episodes
+        usual = _EPISODES if env is None else 1
+        count = usual if episodes is None else episodes
         if count < 1:
             raise InputError(f"episodes must be at least 1, got {count}")
-        return evaluate(fresh, self, count, seed or 0)
+        if seed is not None and seed < 0:
+            raise InputError(f"seed must be at least 0, got {seed}")
+        if env is not None:
+            return self._evaluate_in(env, count, verbose, render, seed)
+        if verbose or render:
+            raise InputError("verbose and render need an environment: give one as env")
+        return evaluate(make_environment(self.problem), self, count, seed or 0)
 
     def _evaluate_in(
         self, env: RDDLEnv, episodes: int, verbose: bool, render: bool, seed: int | None

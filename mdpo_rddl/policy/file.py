@@ -239,7 +239,9 @@ def _source(metadata: Metadata) -> ProblemSource | None:
     _require(_is_count(source.horizon), "horizon")
     for name in ("domain", "instance", "label", "domain_text", "instance_text"):
         value = getattr(source, name)
-        _require(isinstance(value, str) and len(value) <= MOST_RDDL_BYTES, name)
+        # JSON may hold halves of characters, which no file of text does
+        is_text = isinstance(value, str) and value == value.encode(errors="replace").decode()
+        _require(is_text and len(value) <= MOST_RDDL_BYTES, name)
     return dataclasses.replace(
         source,
         domain=printable(source.domain),

@@ -47,7 +47,7 @@ class OnlinePolicy:
         Args:
           built: the planner.
           seed: of all decisions.
-          budget: of each decision, at least 2 iterations; as configured if None.
+          budget: of each decision; as configured if None.
         """
         self._controller = JaxOnlineController(
             built.planner,

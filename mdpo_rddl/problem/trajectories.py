@@ -166,9 +166,10 @@ class TrajectoriesRecorder:
     def result(self) -> Trajectories:
         """What was recorded so far."""
         values = {
-            key: self._stacked([e.values[key] for e in self._episodes]) for key in self._places
+            key: self._stacked([e.values[key] for e in self._episodes], (len(places),))
+            for key, places in self._places.items()
         }
-        rewards = self._stacked([e.rewards for e in self._episodes])
+        rewards = self._stacked([e.rewards for e in self._episodes], ())
         return Trajectories(self._fluents, self._steps, values, rewards)
 
     def numbers(self, key: tuple[str, str], value: Any) -> np.ndarray:
@@ -196,9 +197,8 @@ class TrajectoriesRecorder:
         """Whether a step is recorded."""
         return step % self._stride == 0
 
-    def _stacked(self, episodes: list[list[Any]]) -> np.ndarray:
-        """Episodes of unequal lengths as one array, filled up with NaN."""
-        shape = np.shape(episodes[0][0]) if episodes and episodes[0] else ()
+    def _stacked(self, episodes: list[list[Any]], shape: tuple[int, ...]) -> np.ndarray:
+        """Episodes of unequal lengths, of values [*shape], as one array, filled up with NaN."""
         stacked = np.full((len(episodes), len(self._steps), *shape), np.nan, np.float32)
         for number, episode in enumerate(episodes):
             if episode:

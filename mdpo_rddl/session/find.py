@@ -13,6 +13,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.checkpoints import Checkpoints
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import read_search
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
 from mdpo_rddl.policy.policy import Policy
@@ -52,6 +53,11 @@ def find_by_training(
     reporter.stage("compiling")
     built = build_planner(terms.problem, terms.config, terms.traced_cache)
     planner, seed = built.planner, terms.seed
+    if isinstance(planner.plan, GreedyPlan):
+        raise InputError(
+            f"{terms.config.source}: [Planner] method: GreedyPlan has no gradient, only the race "
+            "of the preset auto learns it"
+        )
     steps, horizon = planner.horizon, terms.problem.horizon
     if isinstance(planner.plan, JaxStraightLinePlan) and steps < horizon:
         message = "the plan has %d steps, its last action is repeated up to the horizon %d"
@@ -80,7 +86,7 @@ def find_by_training(
         "seconds": round(time.monotonic() - began, 3),
         "arm": "training",
         "candidate": f"iterate {result.best_iteration:,}",
-        "mean_return": max(record.test_return for record in result.history),
+        "mean_return": result.best_return,
         "error": None,
         "became_incumbent": True,
     }

@@ -71,9 +71,20 @@ class PlanOptions:
                 'config "replan" plans anew at every decision, where there is no policy to return: '
                 "use JaxOnlineController or mdpo-plan --replan"
             )
-        if not 0.0 <= self.decision_seconds < math.inf:
-            given = self.decision_seconds
-            raise InputError(f"decision_seconds must be a number of at least 0, got {given!r}")
+        seconds = self.decision_seconds
+        is_number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+        if not is_number or not 0.0 <= seconds < math.inf:
+            raise InputError(f"decision_seconds must be a number of at least 0, got {seconds!r}")
+        if self.preset is not None and not isinstance(self.preset, str):
+            raise InputError(f"preset must be a name, got {self.preset!r}")
+        if self.config is not None and not isinstance(self.config, (str, Path, PlannerConfig)):
+            raise InputError(
+                f"config must be a file, a name or a PlannerConfig, got {self.config!r}"
+            )
+        if self.cancel is not None and not hasattr(self.cancel, "is_set"):
+            raise InputError(f"cancel must be an event of threading's, got {self.cancel!r}")
+        if self.start_from is not None and not hasattr(self.start_from, "to_saved"):
+            raise InputError(f"start_from must be a policy, got {self.start_from!r}")
 
 
 @dataclass(frozen=True)
@@ -122,6 +133,8 @@ def plan(
     """
     chosen = PlanOptions(**options)
     _check(seconds, seed)
+    if on_progress is not None and not callable(on_progress):
+        raise InputError(f"on_progress must be a function, got {on_progress!r}")
     # rich draws in a notebook only with a package that not all have
     in_notebook = chosen.progress is not False and is_notebook()
     if in_notebook:

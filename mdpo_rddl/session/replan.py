@@ -2,6 +2,7 @@
 
 import csv
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ from mdpo_rddl.errors import InputError, note_heard, one_line_cause
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, Budget
+from mdpo_rddl.planner.config.budgets import DECISION_SECONDS
 from mdpo_rddl.policy.replanning import Decision, OnlinePolicy
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
@@ -61,15 +62,12 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         reporter.stage("compiling")
         built = build_planner(request.problem, request.config)
         planner, budget = built.planner, request.config.budget(seconds=DECISION_SECONDS)
-        # JaxPlan divides by epochs - 1
-        budget = Budget(max(2, budget.iterations), budget.seconds)
         policy = OnlinePolicy(built, request.seed, budget)
         state = make_environment(request.problem).reset(seed=request.seed)[0]
         compile_seconds = policy.compile(state)
         reporter.stage("replanning")
         observed, evaluator = Observed(request), Evaluator(request, reporter)
         end = _played(evaluator, policy, observed)
-        seconds = [decision.seconds for decision in policy.decisions]
         summary = {
             **identity(
                 request.problem,
@@ -84,9 +82,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "decision_seconds": budget.seconds,
             "decision_iterations": budget.iterations,
             "decisions": len(policy.decisions),
-            "mean_iterations": float(np.mean([d.iterations for d in policy.decisions])),
-            "mean_seconds": float(np.mean(seconds)),
-            "max_seconds": float(np.max(seconds)),
+            **_decision_figures(policy.decisions),
             "restarts": planner.restarts,
             "batch": planner.batch_size_train,
             "compile_seconds": compile_seconds,
@@ -113,6 +109,17 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
     if end is not None and end.status == "failed":
         raise InputError(f"{end.cause}; what was planned until then is in {folder.target}")
     return summary
+
+
+def _decision_figures(decisions: Sequence[Decision]) -> dict[str, float | None]:
+    """How long they took; None for all where the episodes ended before any."""
+    names = "mean_iterations", "mean_seconds", "max_seconds"
+    if not decisions:
+        return dict.fromkeys(names)
+    iterations = np.mean([decision.iterations for decision in decisions])
+    seconds = np.array([decision.seconds for decision in decisions])
+    figures = map(float, (iterations, seconds.mean(), seconds.max()))
+    return dict(zip(names, figures, strict=True))
 
 
 def _played(evaluator: Evaluator, policy: OnlinePolicy, observed: Observed) -> _End | None:

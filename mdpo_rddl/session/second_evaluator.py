@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
 from mdpo_rddl.machine.cores import usable_cores
 from mdpo_rddl.machine.jax_setup import kept_tables, leave_out_of_collections
@@ -54,7 +55,11 @@ class SecondEvaluator:
         is_alike = jax.default_backend() == "cpu"
         if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike or not sys.executable:
             return
-        self._child = Child(serve, on_cpu=True)
+        try:
+            self._child = Child(serve, on_cpu=True)
+        except OSError as error:  # no memory, or too many processes
+            logger.info("the second process: %s", error)
+            return
         self._ask(
             {
                 "problem": asdict(ProblemSource.of(request.problem)),
@@ -89,7 +94,11 @@ class SecondEvaluator:
             seed=request.seed,
         )
         path = self._child.folder / _POLICY
-        save_policy(path, saved)
+        try:
+            save_policy(path, saved)
+        except InputError as error:  # a full disk
+            logger.info("the second process: %s", error)
+            return
         self._ask(str(path))
         self._is_asked = True
 

@@ -247,3 +247,20 @@ def test_an_interrupt_asks_for_no_state_that_is_kept_nowhere(built, monkeypatch)
     training.advance()
     training.close()
     assert training.result().status == "interrupted"
+
+
+def test_an_interrupt_while_a_checkpoint_is_left_leaves_it_all_the_same(built):
+    saved = []
+
+    def save(state):
+        if not saved:
+            saved.append(None)
+            raise KeyboardInterrupt
+        saved.append(state)
+
+    training = Training(built, KEY, BUDGET, lambda progress: None, Checkpoints(0.0, save))
+    training.compile()
+    training.advance()
+    training.close()
+    assert training.result().status == "interrupted"
+    assert saved[-1].iterations == training.result().iterations

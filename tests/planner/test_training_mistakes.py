@@ -2,8 +2,9 @@
 
 import jax
 import numpy as np
+import pytest
 from helpers.mistakes import one_line
-from helpers.problems import assert_same_bits
+from helpers.problems import assert_same_bits, tiny_files
 from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper_config, trained
 
 from mdpo_rddl.planner.build import build_planner
@@ -122,3 +123,14 @@ def test_a_flat_problem_is_told(tmp_path):
     result, _ = trained(diverging(tmp_path, "x + 0.0 * push"), 3)
     assert result.advice is not None
     assert result.advice.startswith("all gradients were zero")
+
+
+@pytest.mark.parametrize(
+    ("section", "key"), [("Planner", "action_bounds"), ("Optimize", "policy_hyperparams")]
+)
+def test_values_by_action_name_actions(tmp_path, section, key):
+    problem = load_problem(*tiny_files(tmp_path))
+    given = {"pusch": 1.0} if section == "Optimize" else {"pusch": (0.0, 1.0)}
+    config = paper_config().with_values(section, **{key: given})
+    said = one_line(lambda: build_planner(problem, config))
+    assert said.endswith(f"[{section}] {key}: there is no action fluent 'pusch'")

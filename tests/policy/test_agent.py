@@ -66,7 +66,14 @@ def test_without_an_environment_it_is_our_evaluation(agent):
     np.testing.assert_array_equal(found.returns, theirs.returns)
     assert len(agent.evaluate().returns) == 50
     assert one_line(partial(agent.evaluate, render=True)).startswith("verbose and render need")
-    assert "at least 1, got 0" in one_line(partial(agent.evaluate, episodes=0))
+    env = make_environment(agent.problem)
+    for given in ({}, {"env": env}):
+        for episodes in (0, -1):
+            said = one_line(partial(agent.evaluate, episodes=episodes, **given))
+            assert said == f"episodes must be at least 1, got {episodes}"
+        assert (
+            one_line(partial(agent.evaluate, seed=-1, **given)) == "seed must be at least 0, got -1"
+        )
 
 
 def test_ground_fluents_in_and_out(agent):

@@ -282,6 +282,13 @@ def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:
     assert said.startswith(f"here: saved for {shown} ({shown}/{shown}), not for ")
 
 
+def test_a_text_that_no_file_can_hold_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    source = ProblemSource("d", "i", "// half of one: \ud800", "", "one", 5)
+    save_policy(path, dataclasses.replace(POLICY, source=source))
+    assert "domain_text" in refused(path)
+
+
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     assert refused(tmp_path / "policy.safetensors") == "no such policy"
     assert refused(tmp_path / "a" / "policy.safetensors") == "no such policy"

@@ -99,6 +99,23 @@ def test_the_command_replans_and_says_how(files, tmp_path, monkeypatch, capsys):
     assert printed["max_seconds"] == max(float(row["seconds"]) for row in rows)
 
 
+ENDED = """
+domain ended {
+    types { boat : object; };
+    pvariables {
+        x(boat) : { state-fluent, real, default = 0.0 };
+        pull(boat) : { action-fluent, real, default = 0.0 };
+    };
+    cpfs { x'(?b) = x(?b) + pull(?b); };
+    reward = sum_{?b : boat} [x(?b)];
+    action-preconditions { forall_{?b : boat} [pull(?b) >= -1.0 ^ pull(?b) <= 1.0]; };
+    termination { forall_{?b : boat} [x(?b) <= 0.0]; };
+}
+"""
+ENDED_INSTANCE = """
+non-fluents nf { domain = ended; objects { boat : {a, b}; }; }
+instance one { domain = ended; non-fluents = nf; horizon = 3; discount = 1.0; }
+"""
 REPLAN = "--replan --horizon 3 --lookahead 2 --seconds 0.01 --episodes 2 --json --quiet --out run"
 
 
@@ -206,3 +223,17 @@ def test_replanning_does_not_go_with_a_saved_policy(files, tmp_path, monkeypatch
     assert main([*files, "--replan", "--load", "nowhere"]) == 2
     message = "mdpo-plan: error: --replan does not go with --load, which plans nothing\n"
     assert capsys.readouterr().err == message
+
+
+def test_episodes_that_end_where_they_begin_have_a_page_and_no_decision(
+    tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "d.rddl").write_text(ENDED)
+    (tmp_path / "i.rddl").write_text(ENDED_INSTANCE)
+    monkeypatch.chdir(tmp_path)
+    assert main(["d.rddl", "i.rddl", *REPLAN.replace("--quiet ", "").split()]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert (summary["decisions"], summary["mean_return"]) == (0, 0.0)
+    for figure in ("mean_iterations", "mean_seconds", "max_seconds"):
+        assert summary[figure] is None
+    assert (tmp_path / "run" / "report.html").is_file()

@@ -94,7 +94,6 @@ def test_what_is_neither_a_box_nor_an_implication(tmp_path, rule):
         "forall_{?t : truck, ?u : truck} [tow(?t, ?u) <= MOST(?t) * ROPE(?u, ?t)]",
         "forall_{?u : truck, ?t : truck} [tow(?t, ?u) <= 2.0]",
         "forall_{?u : truck, ?t : truck} [tow(?t, ?u) <= ROPE(?u, ?t)]",
-        "forall_{?u : truck, ?t : truck} [push(?u) <= ROPE(?u, ?t)]",
         "exists_{?c : city} [open(?c)]",
     ],
 )

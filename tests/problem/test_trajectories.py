@@ -63,6 +63,14 @@ def test_states_are_those_before_the_actions_and_end_with_the_episode():
     np.testing.assert_array_equal(play.values["state", "near"][0, :4, 0], [0, 0, 0, 0])
 
 
+def test_an_episode_that_ends_where_it_begins_has_its_objects():
+    play = recorded(problem_from(TEXT.replace("place(?r) >= 3.0", "place(?r) >= 0.0")))
+    assert play.values["state", "near"].shape == (2, 6, 4)
+    assert play.values["state", "feels"].shape == (2, 6, 1)
+    assert np.isnan(play.values["action", "go"]).all()
+    assert play.rewards.shape == (2, 6)
+
+
 def test_little_memory_keeps_few_episodes_of_few_objects():
     problem = problem_from(TEXT)
     # two places, four neighbours, one feeling and two actions at six steps

@@ -4,16 +4,19 @@ import logging
 import threading
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
+from helpers.levers import lever_policy
 from helpers.mistakes import one_line
 from helpers.problems import tiny_files
 from pyRDDLGym import RDDLEnv
 
 import mdpo_rddl
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.session import in_python
 from mdpo_rddl.session.configuration import config_of_preset
@@ -133,9 +136,15 @@ def test_bad_input_is_told_in_a_line(files, quick):
         (partial(mdpo_rddl.plan, *files, preset="best"), "there is no preset 'best'"),
         (partial(mdpo_rddl.plan, *files, config="replan"), 'config "replan" plans anew'),
         (
-            partial(quick, *files, start_from=object()),
+            partial(quick, *files, start_from=SimpleNamespace(to_saved=None)),
             "a policy to start from goes with the preset",
         ),
+        (partial(quick, *files, decision_seconds="1"), "decision_seconds must be a number"),
+        (partial(quick, *files, on_progress=5), "on_progress must be a function, got 5"),
+        (partial(quick, *files, cancel=5), "cancel must be an event of threading's, got 5"),
+        (partial(mdpo_rddl.plan, *files, preset=["a"]), "preset must be a name, got ['a']"),
+        (partial(mdpo_rddl.plan, *files, config=5), "config must be a file, a name or a Planner"),
+        (partial(mdpo_rddl.plan, *files, start_from=5), "start_from must be a policy, got 5"),
         (partial(quick, files[0]), f"{files[0]}: which instance?"),
         (partial(quick, problem, "1"), "an instance does not go with a Problem"),
         (partial(quick, problem, horizon=3), "horizon goes with names or files"),
@@ -145,6 +154,14 @@ def test_bad_input_is_told_in_a_line(files, quick):
         assert one_line(given).startswith(said)
     with pytest.raises(TypeError, match="'second'"):
         quick(*files, second=5)
+
+
+def test_a_greedy_policy_is_not_trained_by_a_gradient():
+    problem = lever_policy().problem
+    config = PRESETS["paper"](problem.domain_name).with_section("Noise", {"method": "NoNoise"})
+    greedy = config.with_values("Planner", method="GreedyPlan", method_kwargs={})
+    said = one_line(lambda: mdpo_rddl.plan(problem, config=greedy))
+    assert said.endswith("GreedyPlan has no gradient, only the race of the preset auto learns it")
 
 
 def test_a_file_that_cannot_be_written_is_named(files, quick, tmp_path):

@@ -13,6 +13,7 @@ from helpers.problems import ROOT, shipped, tiny_files
 from helpers.processes import is_alive
 
 from mdpo_rddl.cli import plan
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.start import unit_hyperparams
@@ -44,6 +45,27 @@ def request_and_policy(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     params = jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype(leaf.dtype), structure)
     return request, planner, params, hyperparams
+
+
+def full(*_):
+    raise InputError("no space left")
+
+
+def no_process(*_, **__):
+    raise BlockingIOError("Resource temporarily unavailable")
+
+
+@pytest.mark.parametrize(("name", "failing"), [("Child", no_process), ("save_policy", full)])
+def test_without_the_second_process_the_first_plays(
+    request_and_policy, monkeypatch, caplog, name, failing
+):
+    caplog.set_level("INFO")
+    request, _, params, hyperparams = request_and_policy
+    monkeypatch.setattr(second_evaluator, name, failing)
+    with SecondEvaluator(request) as second:
+        second.begin(params, hyperparams)
+        assert second.result() is None
+    assert "the second process: " in caplog.text
 
 
 def test_both_processes_find_the_same_returns(request_and_policy, monkeypatch):

@@ -98,7 +98,11 @@ class Alternatives:
         self._child: Child | None = None
         if not wanted or usable_cores() < 2 or not sys.executable:
             return
-        self._child = Child(serve, on_cpu=True)
+        try:
+            self._child = Child(serve, on_cpu=True)
+        except OSError as error:  # no memory, or too many processes
+            logger.info("the second process: %s", error)
+            return
         source = asdict(ProblemSource.of(problem))
         folder = str(self._child.folder)
         request = ChildRequest(source, seed, seconds, folder, problem.raises)

@@ -40,7 +40,8 @@ _MOST = {
         "rollout_horizon": MOST_STEPS,
     },
     "Compiler": {"binomial_nbins": MOST_BINS, "poisson_nbins": MOST_BINS},
-    "Optimize": {"test_rolling_window": MOST_CALLS},
+    # JAX counts them in 32 bits
+    "Optimize": {"test_rolling_window": MOST_CALLS, "epochs": 2**31 - 1},
     "Noise": {"analysis_samples": MOST_ROLLOUTS},
     "MDPO": {"iterations_per_call": MOST_CALLS, "test_every": MOST_CALLS},
 }
@@ -50,6 +51,7 @@ _MOST_WITHIN = {
     "max_constraint_iter": 100_000,
     "max_linesearch_steps": 1_000,
     "memory_size": 1_000,
+    "samples": 1_000,
 }
 
 Sections = Mapping[str, Mapping[str, Any]]

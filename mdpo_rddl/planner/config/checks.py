@@ -50,6 +50,8 @@ _POSITIVE_INTEGERS = {
 _POSITIVE_NUMBERS = {"Planner": ("clip_grad",), "Optimize": ("train_seconds",)}
 _OPTIONAL = ("batch_size_test", "rollout_horizon", "clip_grad")
 _MAX_KEY = 2**31 - 1
+# of a feedback policy's shape: what is looked at before there is a problem
+_OF_SHAPE = ("squares", "distant", "lifted", "plan", "state_scales", "cut_feedback")
 
 
 def check_sections(sections: Mapping[str, Mapping[str, Any]], source: str) -> None:
@@ -108,7 +110,8 @@ class _Checks:
         if "method" not in values:
             raise self._error("[Planner] method is missing")
         plan_keys = self._plan_parameters(values["method"])
-        known = parameters(JaxBackpropPlanner) - {"rddl", "plan", "compiler_kwargs"}
+        # the relaxation is [Compiler]'s method
+        known = parameters(JaxBackpropPlanner) - {"rddl", "plan", "compiler", "compiler_kwargs"}
         extra = {"method", "method_kwargs", "pgpe_kwargs", "preprocessor_kwargs"}
         self._check_keys("Planner", known | extra)
         plan_values = values.get("method_kwargs", {})
@@ -123,13 +126,14 @@ class _Checks:
         modules = (planner.initializers, planner.nn.initializers)
         try:
             MemoryShape.of(plan_values.get("memory"))
-            FeedbackShape(lifted=plan_values.get("lifted", 0))
+            given = {key: plan_values[key] for key in _OF_SHAPE if key in plan_values}
+            FeedbackShape(**given)
         except ValueError as error:
             raise self._error(f"[Planner] method_kwargs: {error}") from error
         self._check_function("method_kwargs: initializer", plan_values.get("initializer"), modules)
         modules = (jax.nn, jax.numpy)
         self._check_function("method_kwargs: activation", plan_values.get("activation"), modules)
-        if values.get("optimizer") not in OPTIMIZERS:
+        if str(values.get("optimizer")) not in OPTIMIZERS:
             self._check_function("optimizer", values.get("optimizer"), (optax,))
         for key, base in (("pgpe", planner.PGPE), ("preprocessor", planner.Preprocessor)):
             name = values.get(key)
@@ -141,7 +145,7 @@ class _Checks:
             raise self._error(f"[Planner] utility: unknown name {utility!r}, known are {names}")
 
     def _plan_parameters(self, method: Any) -> set[str]:
-        if method in PLANS:
+        if isinstance(method, str) and method in PLANS:
             return PLANS[method].parameters | {"initializer_kwargs"}
         plan = concrete_class(planner, method, JaxPlan)
         if plan is None:

@@ -44,7 +44,8 @@ class FeedbackShape:
       memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
 
     Raises:
-      ValueError: if `lifted` is no such number.
+      ValueError: if `lifted` is no such number, a switch is neither True nor False, or a scale is
+        not above 0.
     """
 
     topology: Sequence[int] | None = (64, 64)
@@ -63,6 +64,14 @@ class FeedbackShape:
             raise ValueError(
                 f"lifted: must be a whole number from 0 to {_MOST_UNITS}, got {self.lifted!r}"
             )
+        for name in ("squares", "distant", "plan", "cut_feedback"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name}: must be True or False, got {getattr(self, name)!r}")
+        for fluent, pair in (self.state_scales or {}).items():
+            if len(pair) != 2 or not (math.isfinite(pair[0]) and 0.0 < pair[1] < math.inf):
+                raise ValueError(
+                    f"state_scales: {fluent} must have a centre and a scale above 0, got {pair!r}"
+                )
 
     @property
     def layers(self) -> tuple[int, ...]:

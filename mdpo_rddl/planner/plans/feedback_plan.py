@@ -71,10 +71,12 @@ class FeedbackPlan(JaxPlan):
         """Compiles the policy, as JaxPlan asks its plans to.
 
         Raises:
-          ValueError: if there is a preprocessor: the policy scales the states itself.
+          ValueError: if there is a preprocessor: the policy scales the states itself; or for a
+            unit or scale of a fluent that is none, or a unit that is not above 0.
         """
         if preprocessor is not None:
             raise ValueError("FeedbackPlan scales the states itself: preprocessor must be None")
+        self._check_names(compiled.rddl)
         ranges = compiled.rddl.variable_ranges
         _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
         values = compiled.init_values
@@ -197,6 +199,18 @@ class FeedbackPlan(JaxPlan):
             bias = own[name]["bias"] + shifts[name] / _BOOL_SCALE
             own[name] = {**own[name], "bias": bias}
         return {**params, "own": own}
+
+    def _check_names(self, rddl: Any) -> None:
+        given = {"units": self._given_units, "state_scales": self._shape.state_scales or {}}
+        known = {"units": set(rddl.action_fluents), "state_scales": set(rddl.variable_params)}
+        for key, values in given.items():
+            for name in values:
+                if name not in known[key]:
+                    kind = "action fluent" if key == "units" else "fluent"
+                    raise ValueError(f"{key}: there is no {kind} {name!r}")
+        for name, unit in self._given_units.items():
+            if not np.all(np.asarray(unit) > 0.0):
+                raise ValueError(f"units: that of {name} must be above 0, got {unit!r}")
 
     def _unit(self, compiled: Any, name: str) -> np.ndarray:
         """What a raw value of 1 means, for one action fluent [*shape]."""

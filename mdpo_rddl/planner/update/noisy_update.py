@@ -1,11 +1,14 @@
 """One iteration of MDPO: analyse, draw the noise, and let JaxPlan's update follow it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
+import numpy as np
 from jax import Array, random
 
 from mdpo_rddl.noise import ActionNoise
+from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.draws import draw_perturbation
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
@@ -78,11 +81,31 @@ def noisy_update(
     return update
 
 
-def sensed_gradients(plan: JaxPlan, noise: ActionNoise) -> Callable | None:
+def sensed_gradients(
+    plan: JaxPlan, noise: ActionNoise, specs: Mapping[str, ActionSpec]
+) -> Callable | None:
     """What takes the raw actions' gradients from the parameters', for a rule without an analysis.
+
+    They are in the noise's unit, as those of an analysis are.
 
     Args:
       plan: the compiled plan; most have no such function.
       noise: the rule.
+      specs: the fluents that take noise, with its unit.
     """
-    return None if noise.analysis_samples else open_plan(plan).action_gradients
+    opened = open_plan(plan)
+    gradients = opened.action_gradients
+    if noise.analysis_samples or gradients is None:
+        return None
+    ratios = {
+        name: np.asarray(spec.unit) / opened.units[name]
+        for name, spec in specs.items()
+        if name in opened.units
+    }
+
+    def sensed(gradient: Any) -> dict[str, Array]:
+        found = gradients(gradient)
+        scaled = {name: found[name] * ratio for name, ratio in ratios.items() if np.any(ratio != 1)}
+        return {**found, **{n: value.astype(found[n].dtype) for n, value in scaled.items()}}
+
+    return sensed

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pyRDDLGym import RDDLEnv
 
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.episode import Episode, Policy
 from mdpo_rddl.problem.evaluation import episode_seeds
@@ -160,5 +161,10 @@ class _Finder:
 
     def _play(self, policy: Policy, seed: int) -> float:
         episode = Episode(self._env, policy, Referee(self._env))
-        episode.play(self._env.reset(seed=seed)[0])
+        try:
+            episode.play(self._env.reset(seed=seed)[0])
+        except MissingDrawError:
+            raise
+        except Exception as error:  # of the environment's, in play or under a plan
+            raise NotLinearError(f"an episode ends in an error: {one_line_cause(error)}") from error
         return episode.total

@@ -165,7 +165,7 @@ class Program:
           relaxed: whether integers may be any numbers within their bounds.
         """
         if not isinstance(objective, Affine):
-            return Optimum(float(objective), np.array(self._lower))
+            return Optimum(float(objective), np.clip(0.0, self._lower, self._upper))
         from scipy.optimize import Bounds, LinearConstraint, milp  # takes long to import
         from scipy.sparse import csr_array
 

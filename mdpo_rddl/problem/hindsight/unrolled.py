@@ -18,6 +18,7 @@ from mdpo_rddl.problem.hindsight.program import Affine, NotLinearError, Program,
 from mdpo_rddl.problem.legality import action_box
 
 _KINDS = {"bool", "int", "real"}
+_END = "an end of the episode that may depend on the actions"
 
 
 @dataclass(frozen=True)
@@ -87,10 +88,17 @@ def unroll(
             if isinstance(values.value(node), Affine):
                 raise NotLinearError("a draw whose law depends on the actions")
         if any(values.value(node) is not False for node in step.ends):
-            raise NotLinearError("an end of the episode that may depend on the actions")
+            raise NotLinearError(_END)
         objective = objective + weight * values.value(step.reward)
         weight *= env.discount
         state = {ground: program.named(values.value(n)) for ground, n in step.following.items()}
+    if 0 < len(draws) < env.horizon:
+        # other actions may not have ended it there
+        leaves = {Kind.STATE: state, Kind.ACTION: actions[-1]}
+        last = _Values(step, program, leaves, draws[-1])
+        last.compute(nodes)
+        if not any(last.value(node) is True for node in step.ends):
+            raise NotLinearError(_END)
     return Unrolled(program, objective, tuple(actions))
 
 

@@ -51,8 +51,8 @@ def draw_noise(path: Path, sigma: np.ndarray, iterations: Sequence[int], title: 
 
     Args:
       path: the picture's file.
-      sigma: scale of the noise per recorded iteration and step [recorded, H], in the unit
-        of the raw action.
+      sigma: scale of the noise per recorded iteration and step [recorded, H], in the
+        unit of its rule.
       iterations: the recorded iterations [recorded].
       title: the picture's title.
     """
@@ -72,7 +72,7 @@ def draw_noise(path: Path, sigma: np.ndarray, iterations: Sequence[int], title: 
     edges = [*iterations, iterations[-1] + 1]
     mesh = heat.pcolormesh(edges, np.arange(sigma.shape[1] + 1), sigma.T, cmap="viridis", vmin=0.0)
     heat.set(xlabel="iteration", ylabel="time step", title="noise per step and iteration")
-    figure.colorbar(mesh, ax=heat, label="sigma (action units)")
+    figure.colorbar(mesh, ax=heat, label="sigma (unit of the noise)")
     figure.suptitle(title, parse_math=False)
     _save(figure, path)
 

@@ -207,12 +207,16 @@ def test_restarts_can_start_from_different_policies(tmp_path):
     np.testing.assert_allclose(bias, [[0.0, 0.0], [0.3, 0.3]], atol=1e-6)
 
 
+def logs_of(planner, epochs):
+    generator = planner.optimize_generator(
+        key=KEY, epochs=epochs, print_summary=False, print_progress=False, print_hyperparams=False
+    )
+    return [callback["train_log"] for callback in generator]
+
+
 def test_the_last_update_stands_in_for_the_analysis(tmp_path):
     planner = make(tmp_path, noise=FROM_UPDATES, plan=True)
-    generator = planner.optimize_generator(
-        key=KEY, epochs=3, print_summary=False, print_progress=False, print_hyperparams=False
-    )
-    logs = [callback["train_log"] for callback in generator]
+    logs = logs_of(planner, epochs=3)
     # nothing is known before the first update, and so nothing is perturbed
     np.testing.assert_array_equal(logs[0]["sensitivity"], np.zeros((1, 3)))
     np.testing.assert_array_equal(logs[0]["sigma"], np.zeros((1, 3)))
@@ -221,6 +225,34 @@ def test_the_last_update_stands_in_for_the_analysis(tmp_path):
         expected = step_sensitivity(gradients)
         np.testing.assert_allclose(after["sensitivity"][0], expected, rtol=1e-5)
     assert np.max(logs[-1]["sigma"]) > 0.09
+
+
+def test_what_updates_sense_is_in_the_unit_of_the_noise(tmp_path):
+    """As an analysis has it, in boxes of other widths than the plan's units."""
+    sensed = {}
+    for samples in (0, 1):
+        noise = AdaptiveNoise(0.0, 1e-6, analysis_samples=samples, unit="range")
+        planner = make(tmp_path, noise=noise, plan=True, units={"push": 0.25, "count": 20.0})
+        logs = logs_of(planner, epochs=2)
+        sensed[samples] = [log["sensitivity"][0] for log in logs]
+    # an update senses for the next one what an analysis does for its own
+    assert np.all(sensed[1][0][:2] > 0.0)
+    np.testing.assert_allclose(sensed[0][1], sensed[1][0], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"units": {"pull": 1.0}}, "units: there is no action fluent 'pull'"),
+        ({"units": {"push": 0.0}}, "units: that of push must be above 0, got 0.0"),
+        ({"state_scales": {"y": (0.0, 1.0)}}, "state_scales: there is no fluent 'y'"),
+        ({"state_scales": {"x": (0.0, 0.0)}}, "state_scales: x must have a centre and a scale"),
+        ({"plan": "no"}, "plan: must be True or False, got 'no'"),
+    ],
+)
+def test_what_names_no_fluent_or_is_no_size_is_told(tmp_path, arguments, said):
+    with pytest.raises(ValueError, match=said):
+        make(tmp_path, **arguments)
 
 
 def test_a_plan_that_cannot_say_needs_rollouts(tmp_path):

@@ -193,3 +193,53 @@ def test_random_numbers_are_kept_and_played_again():
     assert evaluate(env, noop, 1, seed=8).returns[0] != expected[1]
     with pytest.raises(TypeError, match="RDDLSimulator"):
         draws_of(plain)
+
+
+ENDING = """
+domain ending {
+    pvariables {
+        s : { state-fluent, real, default = 2.0 };
+        over : { state-fluent, bool, default = false };
+        quit : { action-fluent, bool, default = false };
+        g : { action-fluent, real, default = 0.0 };
+        n : { action-fluent, int, default = 0 };
+    };
+    cpfs { s' = NEXT; over' = quit; };
+    reward = REWARD;
+    action-preconditions { g >= 0; g <= 1; };
+    END
+}
+non-fluents nf { domain = ending; }
+instance one { domain = ending; non-fluents = nf; horizon = 5; discount = 1.0; }
+"""
+
+
+def ending(following="s - g", reward="g + 0.5 * quit", end=""):
+    words = {"NEXT": following, "REWARD": reward, "END": end}
+    text = ENDING
+    for word, value in words.items():
+        text = text.replace(word, value)
+    return problem_from(text)
+
+
+@pytest.mark.parametrize("end", ["termination { over; };", "state-invariants { ~over; };"])
+def test_an_episode_that_the_policy_has_ended_bounds_no_longer_one(end):
+    quits = {"quit": True, "g": 1.0}
+    found = bounds_of(ending(end=end), policy=lambda step, state: quits)
+    assert found.episodes == ()
+    assert found.reason == "an end of the episode that may depend on the actions"
+    # one that ends whatever is done has a bound
+    found = bounds_of(ending("s - 1", "g", "termination { s < 0.5; };"))
+    assert [each.bound for each in found.episodes] == pytest.approx([2.0, 2.0])
+
+
+def test_a_return_that_no_action_changes_is_its_own_bound():
+    found = bounds_of(ending("s + 1", "s"))
+    assert [each.bound for each in found.episodes] == [2.0 + 3.0 + 4.0 + 5.0 + 6.0] * 2
+
+
+def test_an_error_of_the_environment_is_the_reason_why_there_is_no_bound():
+    found = bounds_of(ending("s + 1 + 0.001 * Normal(0.0, 3.5 - s)", "s"))
+    assert found.episodes == ()
+    assert found.reason.startswith("an episode ends in an error: ")
+    assert "\n" not in found.reason
