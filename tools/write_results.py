@@ -161,6 +161,7 @@ PIECES: dict[str, Callable[[], str]] = {
     "index": index,
     "published": plain("published"),
     "published_thinking": plain("published_thinking"),
+    "ippc2014": plain("ippc2014"),
     "anytime": plain("anytime"),
     "ablation": plain("ablation"),
     "ablation_settings": plain("ablation_settings"),

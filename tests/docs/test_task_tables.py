@@ -8,6 +8,7 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.ablation import ablation_table
 from mdpo_rddl.bench.tasks.anytime import anytime_table, read_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table
+from mdpo_rddl.bench.tasks.ippc2014 import ippc2014_table
 from mdpo_rddl.bench.tasks.published import Task, published, published_table, read_published, score
 from mdpo_rddl.bench.tasks.sharing import read_sharing, sharing_table
 from mdpo_rddl.bench.tasks.thinking import thinking_table
@@ -27,6 +28,7 @@ TABLES = {
     "ablation_settings": lambda folder: ablation_table(rows(folder)),
     "anytime": lambda folder: anytime_table(read_anytime(folder)),
     "everywhere": lambda folder: everywhere_table(rows(folder)),
+    "ippc2014": lambda folder: ippc2014_table(rows(folder)),
     "published": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_hundred": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_thinking": lambda folder: published_table(read_published(folder / "rows.csv")),
