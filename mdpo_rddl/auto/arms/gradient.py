@@ -122,8 +122,9 @@ class GradientArm(TrainedArm):
         if self.phases:
             log.records, log.iterations = tuple(records), done
             log.sigma = np.concatenate([phase.result.sigma for phase in self.phases])
-            summaries = [self._summary(phase) for phase in self.phases]
-            log.details = {**log.details, "phases": summaries}
+        # what an earlier process has told stays until there is a phase of this one
+        told = log.details.get("phases", []) if not self.phases else map(self._summary, self.phases)
+        log.details = {**log.details, "phases": list(told)}
         return log
 
     def _work(self, until: float) -> None:
