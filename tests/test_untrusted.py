@@ -48,6 +48,7 @@ def test_files_from_anybody_are_read_through_the_one_door():
     # its own resources, a child's log, the tables and the programs of the user's own cache
     own = {
         "mdpo_rddl.bench.speed.growth",
+        "mdpo_rddl.bench.tasks.ippc2014",
         "mdpo_rddl.bench.tasks.published",
         "mdpo_rddl.machine.child",
         "mdpo_rddl.machine.files",

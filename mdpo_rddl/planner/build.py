@@ -86,6 +86,8 @@ def _arguments(problem: Problem, config: PlannerConfig) -> tuple[dict[str, Any],
     too_large = too_large_for(problem, config.sections)
     if too_large is not None:
         raise InputError(f"{config.source}: {too_large}")
+    if not problem.model.action_fluents:
+        raise InputError(f"{problem.domain_path}: it has no action fluent, nothing to plan")
     for section, key in _BY_ACTION:
         given = config.sections.get(section, {}).get(key)
         for name in given if isinstance(given, dict) else ():

@@ -134,3 +134,10 @@ def test_values_by_action_name_actions(tmp_path, section, key):
     config = paper_config().with_values(section, **{key: given})
     said = one_line(lambda: build_planner(problem, config))
     assert said.endswith(f"[{section}] {key}: there is no action fluent 'pusch'")
+
+
+def test_a_problem_without_actions_is_told(tmp_path):
+    found = load_problem(*tiny_files(tmp_path))
+    found.model.action_fluents.clear()
+    said = one_line(lambda: build_planner(found, paper_config()))
+    assert said == f"{found.domain_path}: it has no action fluent, nothing to plan"

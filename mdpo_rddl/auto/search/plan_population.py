@@ -29,6 +29,9 @@ from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 
+PLAN = "plan"
+"""The label of a policy whose plan was found from the no-op."""
+
 _ROLLOUTS = 4
 
 
