@@ -86,7 +86,8 @@ class RaceOutcome:
     @property
     def late_gain(self) -> float | None:
         """As `curve.late_gain`; None of a proven optimum."""
-        known = [each for each in (self.noop_return, self.random_return) if each is not None]
+        floors = map(finite_or_none, (self.noop_return, self.random_return))
+        known = [floor for floor in floors if floor is not None]
         floor = max(known) if known and self.optimum is None else None
         return late_gain(self.curve, self.seconds, floor)
 
