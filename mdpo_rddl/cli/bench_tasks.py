@@ -1,6 +1,7 @@
 """The commands of `mdpo-bench` that try planners on many tasks."""
 
 import argparse
+from typing import Any
 
 from mdpo_rddl.bench.tasks.ablation import ablation_table, run_ablation
 from mdpo_rddl.bench.tasks.anytime import anytime_table, named_tasks, read_anytime, run_anytime
@@ -49,14 +50,14 @@ def _everywhere(options: argparse.Namespace) -> str:
     return everywhere_table(records)
 
 
+def _asked(options: argparse.Namespace) -> tuple[Any, ...]:
+    """Which problems are to be measured, how, and where to."""
+    what = options.out, options.problems, options.seeds
+    return *what, _conditions(options), _shard(options)
+
+
 def _published(options: argparse.Namespace) -> str:
-    records = run_published(
-        options.out,
-        options.problems,
-        options.seeds,
-        _conditions(options),
-        _shard(options),
-    )
+    records = run_published(*_asked(options))
     draw_published(options.out / PUBLISHED_PICTURE, records)
     return published_table(records)
 
@@ -68,14 +69,7 @@ def _published_report(options: argparse.Namespace) -> str:
 
 
 def _ippc2014(options: argparse.Namespace) -> str:
-    records = run_ippc2014(
-        options.out,
-        options.problems,
-        options.seeds,
-        _conditions(options),
-        _shard(options),
-    )
-    return ippc2014_table(records)
+    return ippc2014_table(run_ippc2014(*_asked(options)))
 
 
 def _anytime(options: argparse.Namespace) -> str:
