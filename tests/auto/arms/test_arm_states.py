@@ -3,15 +3,13 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.lakes import preset, write_lake
+from helpers.lake_arenas import FOREVER, begun, in_arena, lake_arena, shared
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto import RaceOptions, race
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms import gradient
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
@@ -19,40 +17,23 @@ from mdpo_rddl.auto.arms.gradient import GradientArm
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
-from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.candidate import NOOP
-from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.search import plan_population
-from mdpo_rddl.auto.search.weights import flat_vector, simple_weights, weights_of
+from mdpo_rddl.auto.search.weights import simple_weights, weights_of
 from mdpo_rddl.auto.state import UNFIT, State
-from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.checkpoints import TrainingState
-
-FOREVER = 300.0
 
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    lake = write_lake(tmp_path_factory.mktemp("lake"))
-    options = RaceOptions(most_iterations=100_000)
-    return race._arena(lake, preset(FOREVER), 0, time.monotonic(), options)
+    return lake_arena(tmp_path_factory.mktemp("lake"))
 
 
 @pytest.fixture
 def arena(compiled):
     return in_arena(compiled)
-
-
-def in_arena(compiled: Arena, pulse: Callable[[], None] = lambda: None) -> Arena:
-    """One whose judge knows the no-op only."""
-    judge = Judge(128, 0, time.monotonic, compiled.began)
-    judge._players = compiled.judge._players
-    arena = replace(compiled, judge=judge, pulse=pulse)
-    arena.__dict__.update(population=compiled.population, plain=compiled.plain)
-    judge.record(arena.candidate("", NOOP, arena.noop))
-    return arena
 
 
 class StoppedError(Exception):
@@ -83,10 +64,6 @@ def worked(arm, seconds: float = 0.0):
     """Its candidates after a slice that is over at once."""
     arm.work(time.monotonic() + seconds)
     return arm.take_candidates()
-
-
-def shared(arena: Arena) -> SharedWeightsArm:
-    return SharedWeightsArm(arena, NOOP)
 
 
 def test_shared_weights_go_on_in_the_middle_of_a_slice(compiled, arena):
@@ -128,62 +105,6 @@ def test_own_weights_go_on_around_the_policy_that_they_began_with(compiled, aren
     assert_same_bits(candidate.params["own"], other._arena.incumbent.params["own"])
 
 
-def polishing(arena: Arena) -> OwnWeightsArm:
-    return OwnWeightsArm("own weights", arena, Around())
-
-
-def evolving(arena: Arena) -> PlanArm:
-    return PlanArm("plan", arena, Evolving())
-
-
-@pytest.mark.parametrize("pulses", [0, 5])
-@pytest.mark.parametrize("make", [shared, polishing, evolving, ExplorationArm])
-def test_what_was_found_before_an_interruption_is_handed_in(compiled, make, pulses, monkeypatch):
-    # or the exploration ends at once
-    monkeypatch.setattr(plan_population, "return_to_beat_by_luck", lambda noop, rollouts: np.inf)
-    left, states = iter(range(pulses)), []
-
-    def pulse() -> None:
-        if next(left, None) is None:
-            states.append(arm.state())
-            raise Cancelled
-
-    arena = in_arena(compiled, pulse)
-    arm = make(arena)
-    with pytest.raises(Cancelled):
-        arm.work(time.monotonic() + FOREVER)
-    found = arm.take_candidates()
-    is_evolved = make in (evolving, ExplorationArm)
-    # plans call it after an iteration, adaptations before
-    assert len(found) == (pulses > 0 or is_evolved)
-    if not found:
-        return
-    params = found[0].params
-    assert not np.array_equal(flat_vector(params), flat_vector(arena.noop))
-    if is_evolved:
-        best = states[0].tensors["elites"][0]
-        np.testing.assert_array_equal(arena.plans.plan_of(params), best)
-
-
-def test_parameter_exploration_hands_in_its_mean_if_the_judge_can_play_it(arena):
-    arm = begun(ParameterExplorationArm(arena))
-    run = arm._exploration.run
-
-    def interrupted(evaluate, until):
-        run(evaluate, 0.0)
-        raise Cancelled
-
-    arm._exploration.run = interrupted
-    for can_be_played in (False, True):
-        arm._is_judged = can_be_played
-        with pytest.raises(Cancelled):
-            arm.work(time.monotonic())
-        found = arm.take_candidates()
-        assert len(found) == can_be_played
-    mean = arm._params(arm._exploration.mean)
-    assert_same_bits(found[0].params, mean)
-
-
 def own_bias(arena: Arena, mean: np.ndarray) -> np.ndarray:
     weights = weights_of(arena.noop, ["shared", "own"])
     return np.asarray(weights.to_params(mean)["own"]["pump"]["bias"])
@@ -221,11 +142,6 @@ def test_a_rule_is_offered_once_more(arena):
     labels = {candidate.label: candidate for candidate in worked(second)}
     assert_same_bits(labels[RANDOM_RULE].params, rule.params)
     assert {NOOP, RANDOM_RULE} < set(labels)
-
-
-def begun(arm):
-    arm.begin(time.monotonic() + FOREVER)
-    return arm
 
 
 def make_gradient(arena: Arena) -> GradientArm:
