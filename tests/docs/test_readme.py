@@ -56,6 +56,18 @@ def test_the_first_figures_are_those_of_the_published_tasks():
     assert f"on {reached} of {of} public tasks, with a mean score of {float(mean):.2f}." in flowing
 
 
+def test_the_figures_of_the_competition_of_2014_are_those_of_its_table():
+    table = (ROOT / "results" / "ippc2014" / "table.md").read_text(encoding="utf-8")
+    reached, of = re.search(r"or above: (\d+) of (\d+)\.", table).groups()
+    said = f"ours is at 0.99 of PROST, the winner, or above on {reached}."
+    assert of == "40"
+    assert said in " ".join(README.split())
+    traffic = re.findall(r"\| Traffic_\S+ \| \d+ \| (\S+) \| *\| \S+ \| (\S+) \|", table)
+    ours, theirs = (sum(map(float, column)) / 5 for column in zip(*traffic, strict=True))
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    assert f"in the mean over Traffic it is level ({ours:.1f} and {theirs:.1f})." in page
+
+
 def test_the_noise_s_figures_are_the_paper_run_s():
     cells = json.loads((ROOT / "results" / "paper" / "table.json").read_text())["cells"]
     tested = [cell["adaptive_p"] for cell in cells if cell["method"] == "deterministic"]
