@@ -16,7 +16,7 @@ from mdpo_rddl.auto.arms.shooting import SHOOTING, ShootingArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.plain import METHODS, STRAIGHT_LINE
-from mdpo_rddl.planner.plans.greedy_plan import can_be_greedy
+from mdpo_rddl.planner.plans.single_changes import SingleChanges
 
 logger = logging.getLogger(__name__)
 
@@ -55,15 +55,23 @@ class Entrants:
         return self._tries_changes and self._affording.value(share)
 
     @property
+    def decides_numbers(self) -> bool:
+        """Whether some action is no bool."""
+        rddl = self._arena.planner.rddl
+        return any(rddl.variable_ranges[name] != "bool" for name in rddl.action_fluents)
+
+    @property
     def _tries_changes(self) -> bool:
-        """Whether each bool's change alone can be tried at a decision, and the states be kept."""
+        """Whether each single change can be tried at a decision, and the states be kept."""
         planner = self._arena.planner
-        rddl, known = planner.rddl, planner.test_compiled.init_values
-        if GREEDY in self._without or not can_be_greedy(rddl):
+        rddl, exact = planner.rddl, planner.test_compiled
+        if GREEDY in self._without or rddl.observ_fluents:
             return False
-        changes = sum(np.size(known[name]) for name in rddl.action_fluents)
-        state = sum(np.asarray(known[name]).nbytes for name in rddl.state_fluents)
-        return changes <= _MOST_CHANGES and state * planner.horizon <= _MOST_BYTES
+        changes = SingleChanges.of(exact)
+        if changes is None or changes.size > _MOST_CHANGES:
+            return False
+        state = sum(np.asarray(exact.init_values[name]).nbytes for name in rddl.state_fluents)
+        return state * planner.horizon <= _MOST_BYTES
 
     def exploration(self, share: float = EXPLORING_FIRST) -> CompilingArm | None:
         """The one that explores the parameters of a net.

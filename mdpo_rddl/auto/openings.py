@@ -19,6 +19,8 @@ LESS_GREEDY_SHARE = 0.6
 """Of the time left, for greedy, where no reward was found yet, or after others."""
 # where one was found, while slices gain; and in any case, for its first iterations tell little
 _GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.4
+# the same where some action is a number or an object, for which rules and plans often do as well
+_NUMBERS_SHARE, _NUMBERS_AT_LEAST = 0.6, 0.2
 # of the time left, that others' programs may take where one of these leads: where greedy does;
 # where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
@@ -62,7 +64,9 @@ class Openings(Slices):
         if judge.incumbent is not None:
             return False
         until = arena.until(self._shares.rounds_until)
-        if not (self._entrants.may_be_greedy(_GREEDY_SHARE) or self._entrants.may_shoot(until)):
+        if not (
+            self._entrants.may_be_greedy(self._greedy_share) or self._entrants.may_shoot(until)
+        ):
             return False
         noop, constant = known_by_probing(arena)
         if not constant.known_mean > return_to_beat(noop.known_mean, 0.0):
@@ -73,7 +77,7 @@ class Openings(Slices):
 
     def _open_alone(self) -> bool:
         """Their slices; whether one leads and there is too little time for others' programs."""
-        self._learn_value(_GREEDY_SHARE)
+        self._learn_value(self._greedy_share)
         self._climb()
         leader, affording = self._best.arm, self._affording
         if leader == GREEDY:
@@ -88,7 +92,7 @@ class Openings(Slices):
         if not self._marks.decided("learns first", self._finds_reward):
             self._learn_value(LESS_GREEDY_SHARE, is_rare=True)
         else:
-            self._learn_value(_GREEDY_SHARE)
+            self._learn_value(self._greedy_share)
 
     def _climb_first(self) -> None:
         """Slices for straight-line plans, where a constant is better than the no-op."""
@@ -110,6 +114,10 @@ class Openings(Slices):
         has_stalled = self._marks.decided(_STALLED, lambda: False)
         return _STALLED_SHARE if has_stalled else _RISING_SHARE
 
+    @property
+    def _greedy_share(self) -> float:
+        return _NUMBERS_SHARE if self._entrants.decides_numbers else _GREEDY_SHARE
+
     def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.
 
@@ -120,6 +128,7 @@ class Openings(Slices):
         if not self._entrants.may_be_greedy(share):
             return  # its part may begin later
         arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
-        least = 0.0 if is_rare else _GREEDY_AT_LEAST
+        least = _NUMBERS_AT_LEAST if self._entrants.decides_numbers else _GREEDY_AT_LEAST
+        least = 0.0 if is_rare else least
         terms = Terms(share, at_least=least, by_policies=is_rare)
         self._begin_with(_GREEDY_FIRST, arm, terms)

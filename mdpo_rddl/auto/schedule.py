@@ -4,7 +4,7 @@ Where all states can be enumerated, the optimum is known before any of this begi
 can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
-2. The arms begin in the order of what they cost: `greedy`, where all actions are bools;
+2. The arms begin in the order of what they cost: `greedy`, where all actions have few values;
    `shooting`, where all are real and chance plays no part; `pgpe`; the weights that all objects
    share; an open-loop plan, or each object's own weights; and those that need the model's gradient.
    The first two need not wait for the judge's program (`openings.py`).

@@ -30,20 +30,30 @@ class Generous:
 
 
 def entrants(
-    *refused, without=(), deterministic=True, kind="real", seen=(), memory=(), bools=(2, 3), state=9
+    *refused,
+    without=(),
+    deterministic=True,
+    kind="real",
+    seen=(),
+    memory=(),
+    bools=(2, 3),
+    state=9,
+    values=5,
 ):
     noop = {"a": np.zeros(bools), "b": np.zeros(()), "s": np.zeros(state, bool)}
-    kinds = {"a": kind, "b": kind if kind == "bool" else "real"}
+    kinds = {"a": kind, "b": kind}
     rddl = SimpleNamespace(
         action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen, state_fluents=["s"]
+    )
+    boxes = dict.fromkeys("ab", (np.zeros(()), np.array(values - 1.0)))
+    exact = SimpleNamespace(
+        rddl=rddl, init_values=noop, constraints=SimpleNamespace(bounds=boxes), INT=np.int32
     )
     arena = SimpleNamespace(
         clock=lambda: 0.0,
         seed=0,
         incumbent=None,
-        planner=SimpleNamespace(
-            rddl=rddl, test_compiled=SimpleNamespace(init_values=noop), horizon=40
-        ),
+        planner=SimpleNamespace(rddl=rddl, test_compiled=exact, horizon=40),
         config=auto_preset(""),
         plan=SimpleNamespace(memory=SimpleNamespace(initial=memory)),
         probe=SimpleNamespace(deterministic=deterministic),
@@ -112,16 +122,25 @@ def test_an_arm_that_trains_is_found_by_its_name():
         ({"kind": "bool", "bools": (5, 51)}, True),
         ({"kind": "bool", "bools": (16, 16)}, False),
         ({"kind": "bool", "state": 7000}, False),
-        ({"kind": "int"}, False),
+        ({"kind": "int"}, True),
+        ({"kind": "int", "values": np.inf}, False),
+        # 7 components, of 37 other values each
+        ({"kind": "int", "values": 38}, False),
+        ({"kind": "real"}, False),
         ({"kind": "bool", "seen": ["noise"]}, False),
         ({"kind": "bool", "without": ["greedy"]}, False),
     ],
 )
-def test_few_bools_are_changed_one_by_one_where_the_state_is_seen(case, comes):
+def test_few_changes_are_tried_one_by_one_where_the_state_is_seen(case, comes):
     found = entrants(**case)
     arm = found.greedy(60.0, 0.5)
     assert (arm is not None) == comes
     assert arm is None or arm.name == "greedy"
+
+
+@pytest.mark.parametrize(("kind", "decides"), [("bool", False), ("int", True), ("real", True)])
+def test_it_is_known_whether_numbers_are_decided(kind, decides):
+    assert entrants(kind=kind).decides_numbers == decides
 
 
 def test_what_has_no_time_to_be_compiled_does_not_learn():

@@ -31,6 +31,7 @@ def openings(compiled):
         may_be_greedy=lambda share: False,
         may_shoot=lambda until: True,
         greedy=lambda until, share: None,
+        decides_numbers=False,
         straight_line=lambda until: None,
     )
     return found

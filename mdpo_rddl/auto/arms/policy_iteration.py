@@ -85,7 +85,7 @@ class PolicyIterationArm(CompilingArm):
         """Compiles nothing yet.
 
         Args:
-          arena: what all arms have in common; all actions are bools, the state is observed.
+          arena: what all arms have in common; all actions have few values, the state is observed.
           until: when the first part ends, by the clock.
         """
         super().__init__(GREEDY, arena)

@@ -28,7 +28,7 @@ def _feedback_plan(units: Any = None, **shape: Any) -> FeedbackPlan:
     return FeedbackPlan(FeedbackShape(**shape), units)
 
 
-def _greedy_plan(samples: int = 1, **shape: Any) -> GreedyPlan:
+def _greedy_plan(samples: int | None = None, **shape: Any) -> GreedyPlan:
     return GreedyPlan(ValueShape(**shape), samples)
 
 

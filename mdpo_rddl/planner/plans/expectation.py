@@ -23,6 +23,7 @@ class Expectation:
 
     Attributes:
       names: the state fluents whose laws are read.
+      is_whole: whether nothing else is drawn in a step.
     """
 
     def __init__(self, compiled: Any) -> None:
@@ -43,6 +44,9 @@ class Expectation:
             if chance is not None:
                 self._chances[name] = chance
         self.names = list(self._chances)
+        read = {rddl.next_state[name] for name in self.names}
+        others = [cpf for name, (_, cpf) in rddl.cpfs.items() if name not in read]
+        self.is_whole = not draws([*others, rddl.reward])
 
     def __call__(self, fluents: Fluents) -> dict[str, Array]:
         """Per fluent of `names` its probability of true after the step [*shape].

@@ -53,6 +53,7 @@ class FeedbackPlan(JaxPlan):
         self.probabilities: Callable[..., dict[str, Array]] = _not_compiled
         # between 0 and 1 as these, in the order of the log-odds: for whoever ranks proposals
         self.preferences: Callable[..., dict[str, Array]] = _not_compiled
+        self._relaxed: Callable[..., dict[str, Array]] = _not_compiled
         # the policies' last argument has its entries
         self.memory: PlanMemory = NO_MEMORY
         # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
@@ -133,6 +134,7 @@ class FeedbackPlan(JaxPlan):
             return {**actions, **true, **rounded}
 
         self.train_policy, self.test_policy = train_policy, test_policy
+        self._relaxed = relaxed
         self.probabilities, self.preferences = probabilities, preferences
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
         if self._shape.plan:
@@ -155,10 +157,18 @@ class FeedbackPlan(JaxPlan):
         """
         return self.feedback.initial(np.random.default_rng(seed))
 
-    def log_odds(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
-        """Per bool fluent the log-odds of not being at the no-op [*shape]."""
-        raw = self.feedback.raw(params, {**self.memory.initial, **state}, step)
-        return {name: _BOOL_SCALE * raw[name] for name in raw if name not in self.units}
+    def proposed(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
+        """Numbers in their box, not rounded, and of bools the log-odds of not being at the no-op.
+
+        Args:
+          params: of the policy.
+          state: per state fluent [*shape].
+          step: of the rollout, from 0.
+
+        Raises:
+          RuntimeError: before the plan is compiled.
+        """
+        return self._relaxed(params, step, state, {}, squash=lambda log_odds: log_odds)
 
     def _compile_memory(self, noop: Mapping[str, np.ndarray]) -> PlanMemory:
         """The policy's memory, told of actions as they are played."""

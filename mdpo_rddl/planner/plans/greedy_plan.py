@@ -1,6 +1,5 @@
 """The greedy policy of a value: one step of the exact model, and what it is worth to be there."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, random
+from jax import Array, lax, random
 
 from mdpo_rddl.planner.plans.effects import Effects
 from mdpo_rddl.planner.plans.expectation import Expectation
@@ -16,6 +15,7 @@ from mdpo_rddl.planner.plans.feedback_plan import concurrency_limits, in_order
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.plans.limited_bools import Shift
 from mdpo_rddl.planner.plans.limits import choose_within_limits
+from mdpo_rddl.planner.plans.single_changes import SingleChanges
 from mdpo_rddl.planner.plans.state_values import StateValues, ValueShape, Weights
 from mdpo_rddl.planner.programs.dependence import dependence
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory
@@ -26,20 +26,13 @@ Actions = dict[str, Array]
 _TINY = 1e-30
 # of what v reads, that one change affects: then it is worth while to compute the others once
 _FEW_AFFECTED = 4
-
-
-def can_be_greedy(rddl: Any) -> bool:
-    """Whether there is such a policy: all actions are bools, and the state is observed.
-
-    Args:
-      rddl: pyRDDLGym's lifted model.
-    """
-    kinds = {rddl.variable_ranges[name] for name in rddl.action_fluents}
-    return kinds == {"bool"} and not rddl.observ_fluents
+# of a step of which not all that is drawn is read as probabilities
+_SAMPLES = 4
 
 
 class GreedyPlan(JaxPlan):
-    """Leaves the no-op with each bool whose change alone gains, the best ones within the limits.
+    """Leaves the no-op with each component of the action whose change alone gains, to the value
+    that gains most, the best ones within the limits.
 
     The gain of a change d is estimated from s by one step of the exact model, with random numbers
     that are the same for all changes,
@@ -50,7 +43,8 @@ class GreedyPlan(JaxPlan):
     the model states how likely a bool is in s', v reads that, which is exact for what is linear in
     it, a mean field for the rest. The model tells what an action does where a state's own features
     do not: a policy of these would need products of them. Joint gains are taken for the sums of
-    single ones.
+    single ones; where some action is no bool, and `max-nondef-actions` allows all to change, the
+    components are decided in turn instead, each beside what was decided before it.
 
     The parameters are v's weights and the levels of the steps. The initial policy is greedy for the
     reward of one step.
@@ -59,7 +53,8 @@ class GreedyPlan(JaxPlan):
       exact: the exact model as JaxPlan compiles it; whoever compiles the plan sets it first.
       is_legal: its actions are: whoever plays it need not see to that.
       values: v, once the plan is compiled.
-      size: number of bools D.
+      size: number of single changes D, of bools one each.
+      samples: of the step of the model, once the plan is compiled.
     """
 
     history_dependent = False
@@ -71,48 +66,55 @@ class GreedyPlan(JaxPlan):
     memory: PlanMemory = NO_MEMORY
     action_gradients: Callable[[Any], dict[str, Array]] | None = None
 
-    def __init__(self, shape: ValueShape | None = None, samples: int = 1) -> None:
+    def __init__(self, shape: ValueShape | None = None, samples: int | None = None) -> None:
         """Describes the policy.
 
         Args:
           shape: what the value is made of; `ValueShape()` if None.
-          samples: of the step of the model, for each change.
+          samples: of the step of the model, for each change; if None 1 where all that is drawn is
+            read as probabilities, and 4 elsewhere.
 
         Raises:
           ValueError: if there is no sample.
         """
         super().__init__()
         is_count = isinstance(samples, int) and not isinstance(samples, bool)
-        if not (is_count and samples >= 1):
+        if samples is not None and not (is_count and samples >= 1):
             raise ValueError(f"samples: must be a whole number of at least 1, got {samples!r}")
         self._shape, self._samples = shape or ValueShape(), samples
         self.exact: Any = None
+        self.samples = 0
         self.probabilities: Callable[..., Actions] = _not_compiled
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
         """Compiles the policy, as JaxPlan asks its plans to.
 
         Raises:
-          ValueError: if there is a preprocessor, if an action is no bool, or if the state is not
-            observed.
+          ValueError: if there is a preprocessor, if an action has many values, or if the state is
+            not observed.
         """
         rddl, exact = compiled.rddl, self.exact
-        if preprocessor is not None or not can_be_greedy(rddl):
+        changes = None if rddl.observ_fluents else SingleChanges.of(exact)
+        if preprocessor is not None or changes is None:
             raise ValueError(
-                "GreedyPlan needs actions that are bools and an observed state, "
+                "GreedyPlan needs actions of few values each and an observed state, "
                 "and scales it itself: preprocessor must be None"
             )
         _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
         known = exact.init_values
-        self._noop = {name: np.asarray(known[name]).astype(bool) for name in rddl.action_fluents}
-        self.size = sum(math.prod(value.shape) for value in self._noop.values())
+        self.changes, self.size = changes, changes.size
         self._fluents, self._nonfluents = exact.split_fluent_nonfluent(known)
         self._states, self._discount = list(rddl.state_fluents), float(rddl.discount)
-        shapes = {name: value.shape for name, value in self._noop.items()}
-        self._limits = group_limits(rddl)[0]
+        shapes = {name: value.shape for name, value in changes.noop.items()}
+        components = sum(value.size for value in changes.noop.values())
+        self._limits, self._at_most = group_limits(rddl)[0], None
+        if changes.numbers:
+            few = rddl.max_allowed_actions < components
+            self._at_most = max(1, int(rddl.max_allowed_actions)) if few else None
         # where a no-op is true, changing few is not having few true
-        if not any(np.any(value) for value in self._noop.values()):
+        elif not any(np.any(value) for value in changes.noop.values()):
             self._limits += concurrency_limits(rddl, shapes)
+        self._is_in_turn = bool(changes.numbers) and components > 1 and self._at_most is None
         self._legal = LegalActions(exact, self._limits)
         self.values = StateValues(rddl, known, self._shape, horizon, exact.REAL)
         transition = exact.compile_transition(check_constraints=True, cache_path_info=False)
@@ -125,6 +127,7 @@ class GreedyPlan(JaxPlan):
         self._after = after
         self.__dict__.pop("_effects", None)  # of what was compiled before
         self._expectation = Expectation(exact)
+        self.samples = self._samples or (1 if self._expectation.is_whole else _SAMPLES)
 
         def policy(key, params, hyperparams, step, state, history):
             del hyperparams, history
@@ -142,7 +145,7 @@ class GreedyPlan(JaxPlan):
         )
 
     def gains(self, params: Weights, key: Array, state: Mapping[str, Array], step: Any) -> Array:
-        """What each bool's change alone gains over the no-op [D].
+        """What each change gains over the no-op [D], alone or beside what is decided before it.
 
         Args:
           params: weights of the value.
@@ -150,7 +153,9 @@ class GreedyPlan(JaxPlan):
           state: per state fluent [*shape].
           step: of the rollout, from 0.
         """
-        fluents, keys = self._complete(state), random.split(key, self._samples)
+        fluents, keys = self._complete(state), random.split(key, self.samples)
+        if self._is_in_turn:
+            return self._gains_in_turn(params, keys, fluents, step)
         # the no-op, then a change each
         alone = jnp.eye(1 + self.size, self.size, -1, dtype=bool)
 
@@ -177,16 +182,42 @@ class GreedyPlan(JaxPlan):
         totals = jnp.mean(jax.vmap(sample)(keys), axis=0)
         return totals[1:] - totals[0]
 
+    def _gains_in_turn(self, params: Weights, keys: Array, fluents: Any, step: Any) -> Array:
+        """Gains [D] of which each component's are over the best of what comes before it."""
+        after = jax.vmap(lambda key, leaving: self._step(key, leaving, fluents), in_axes=(0, None))
+
+        def total(leaving: Array) -> Array:
+            inputs, rewards, ended = after(keys, leaving)
+            worth = jax.vmap(lambda one: self.values.value(params, one, step + 1))(inputs)
+            level = self.values.level(params, step + 1)
+            return jnp.mean(rewards + self._discount * jnp.where(ended, -level, worth))
+
+        def decide(carried: tuple[Array, Array], places: Array) -> tuple[Any, Array]:
+            leaving, so_far = carried
+            changes = jax.nn.one_hot(places, self.size, dtype=bool)
+            gains = jax.vmap(total)(leaving | changes) - so_far
+            best = jnp.argmax(gains)
+            gained = jnp.maximum(gains[best], 0.0)
+            leaving |= changes[best] & (gains[best] > 0.0)
+            return (leaving, so_far + gained), gains
+
+        none = jnp.zeros(self.size, bool)
+        places = self.changes.places
+        _, gains = lax.scan(decide, (none, total(none)), jnp.asarray(places))
+        return jnp.zeros(self.size, gains.dtype).at[places].set(gains, mode="drop")
+
     @property
     def tried(self) -> int:
         """How many actions a decision tries for what they lead to."""
+        if self._is_in_turn:
+            return self.changes.places.size
         return self.size if self._effects is None else len(self._effects.together)
 
     def _step(
         self, key: Array, leaving: Array, fluents: Mapping[str, Array]
     ) -> tuple[Array, Array, Array]:
         """What v reads after a step, the reward, and whether the episode is over."""
-        found, reward, ended = self._after(key, self._left(leaving), fluents)
+        found, reward, ended = self._after(key, self.changes.made(leaving), fluents)
         following = {name: found[name] for name in self._states}
         before = {name: fluents[name] for name in self._states}
         following |= self._expectation({**found, **before})
@@ -213,31 +244,39 @@ class GreedyPlan(JaxPlan):
           gains: of the changes [D], or what is in their order and has their signs.
           state: per state fluent [*shape].
         """
-        true, left = self._preferred(gains)
-        action = {name: left[name] ^ self._noop[name] for name in self._noop}
+        true, action = self._preferred(gains)
         grouped = {name for limit in self._limits for name in limit.groups}
         if grouped:
             action |= choose_within_limits({name: true[name] for name in grouped}, self._limits)
         return self._legal(action, true, state) if self._legal.is_needed else action
 
     def _preferred(self, gains: Array) -> tuple[Actions, Actions]:
-        """Per bool a number in the order of what true gains, 0.5 for 0, and whether it changes."""
-        leaving = in_order(gains / (jnp.max(jnp.abs(gains)) + _TINY))
-        true, left = {}, self._tree(gains > 0.0)
-        for name, value in self._tree(leaving).items():
-            true[name] = jnp.where(self._noop[name], 1.0 - value, value)
-        return true, left
+        """Per bool a number in the order of what true gains, 0.5 for 0, and the changes that gain.
 
-    def _left(self, leaving: Array) -> Actions:
-        return {name: left ^ self._noop[name] for name, left in self._tree(leaving).items()}
+        Of numbers and objects no more than `max-nondef-actions` allows are changed; bools have
+        their limits afterwards.
+        """
+        most, values = self.changes.best(gains)
+        if self._at_most is not None:
+            most = self._with_few(most, self._at_most)
+        largest, true, action = jnp.max(jnp.abs(gains)) + _TINY, {}, {}
+        for name, noop in self.changes.noop.items():
+            action[name] = jnp.where(most[name] > 0.0, values[name], noop)
+            if name not in self.changes.numbers:
+                leaving = in_order(most[name] / largest)
+                true[name] = jnp.where(noop, 1.0 - leaving, leaving)
+        return true, action
 
-    def _tree(self, flat: Array) -> Actions:
-        tree, start = {}, 0
-        for name, noop in self._noop.items():
-            end = start + math.prod(noop.shape)
-            tree[name] = jnp.reshape(flat[start:end], noop.shape)
+    def _with_few(self, most: Actions, count: int) -> Actions:
+        """What each component gains, so many at most not below 0."""
+        ranked = jnp.concatenate([jnp.ravel(each) for each in most.values()])
+        largest = lax.top_k(ranked, count)[1][:, jnp.newaxis] == np.arange(len(ranked))
+        kept, few, start = jnp.any(largest, axis=0), {}, 0
+        for name, each in most.items():
+            end = start + each.size
+            few[name] = jnp.where(jnp.reshape(kept[start:end], each.shape), each, -1.0)
             start = end
-        return tree
+        return few
 
     def _complete(self, state: Mapping[str, Array]) -> dict[str, Array]:
         """All fluents, in the exact model's types: those of the state, and what is computed."""

@@ -48,8 +48,9 @@ class StateValues:
 
         v(x, l) = x . (w + l w') + relu(x H + b + l b') . (o + l o').
 
-    x are the ground state fluents and the products of two of them that are about the same objects,
-    f(a) g(a, b): where something is and what is there as well. What is left of the horizon matters
+    x are the ground state fluents, for those whose values are objects whether it is each of these,
+    and the products of two of them that are about the same objects, f(a) g(a, b): where something
+    is and what is there as well. What is left of the horizon matters
     for those that end it, as l times the others does not tell.
 
     Attributes:
@@ -74,7 +75,14 @@ class StateValues:
         given = dict(shape.state_scales or {})
         numbers = [name for name in self._shapes if rddl.variable_ranges[name] != "bool"]
         self._scales = {name: given[name] for name in numbers if name in given}
+        objects = {name: rddl.variable_ranges[name] for name in numbers}
+        self._objects = {
+            name: len(rddl.type_to_objects[kind])
+            for name, kind in objects.items()
+            if kind in rddl.enum_types
+        }
         singles = sum(math.prod(size) for size in self._shapes.values())
+        singles += sum(math.prod(self._shapes[n]) * count for n, count in self._objects.items())
         self._products = _products(rddl, self._shapes)
         pairs = sum(math.prod(self._shapes[wide]) for _, wide, _ in self._products)
         if singles + pairs > _MOST_INPUTS:
@@ -135,7 +143,12 @@ class StateValues:
         """
         known = {name: self._scaled(name, state[name]) for name in self._shapes}
         products = [jnp.reshape(known[a], sizes) * known[b] for a, b, sizes in self._products]
-        return jnp.concatenate([jnp.ravel(part) for part in (*known.values(), *products)])
+        objects = [
+            jnp.reshape(state[name], self._shapes[name])[..., jnp.newaxis] == np.arange(count)
+            for name, count in self._objects.items()
+        ]
+        parts = (*known.values(), *objects, *products)
+        return jnp.concatenate([jnp.ravel(part).astype(self._dtype) for part in parts])
 
     def value(self, weights: Weights, inputs: Array, step: Any) -> Array:
         """The return that is expected from a step on; 0 at the end of the horizon."""

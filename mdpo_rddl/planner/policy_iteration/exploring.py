@@ -14,7 +14,7 @@ from mdpo_rddl.planner.rollouts.termination import steps_alive
 from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
 
 # of what is tried, with which it goes on at the next step: what leads somewhere takes several; and
-# with which a bool leaves the no-op rather than staying there
+# with which a component leaves the no-op rather than staying there
 _LASTS, _LEAVES = 0.75, 0.75
 _TINY = 1e-6
 
@@ -24,7 +24,7 @@ class Trying(NamedTuple):
 
     Attributes:
       is_guided: whether the other policy plays, for each rollout [B].
-      share: of the steps at which one bool is decided at random, for each rollout [B].
+      share: of the steps at which one change is decided at random, for each rollout [B].
     """
 
     is_guided: Array
@@ -38,7 +38,7 @@ class Explored(NamedTuple):
       states: per state fluent its values before each step [B, H, *shape].
       rewards: of each step, zero after the end of the episode [B, H].
       alive: 1 up to the step that ends the episode, 0 after it [B, H].
-      is_tried: whether one bool was decided at random at a step [B, H].
+      is_tried: whether one change was decided at random at a step [B, H].
     """
 
     states: dict[str, Array]
@@ -68,8 +68,7 @@ def compile_exploring(
         del hyperparams
         weights, guiding = params
         given = rest[-1]
-        odds = guide.log_odds(guiding, state, step)
-        other = jnp.concatenate([jnp.ravel(odds[name]) for name in planner.rddl.action_fluents])
+        other = plan.changes.like(guide.proposed(guiding, state, step))
         gains = jnp.where(given["guided"], other, plan.gains(weights, key, state, step))
         tried = _with_one_forced(gains, given["place"], given["leaves"])
         return plan.choose(jnp.where(given["tried"], tried, gains), state)

@@ -36,7 +36,7 @@ class Learning:
 
     Attributes:
       rollouts: of an iteration; the first half of them is the greedy policy's.
-      tried: share of the steps of the second half at which a bool is decided at random.
+      tried: share of the steps of the second half at which a change is decided at random.
       trace: lambda of the returns.
       kept: iterations whose rollouts are learnt from.
       updates: of the value, in an iteration.

@@ -35,6 +35,7 @@ _COMPUTED: dict[str, Callable[..., Any]] = {
     "max": np.maximum,
     "min": np.minimum,
 }
+_LOOKED_AT = frozenset([*_COMPUTED, "and", "or", "not", "convert_element_type", "select_n"])
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,8 @@ class Known:
 def known_result(equation: Any, given: Sequence[Known]) -> Known | None:
     """What is known of an elementwise operation's result; None if it is none that is looked at."""
     name, result = equation.primitive.name, equation.outvars[0].aval
-    if not given or not isinstance(result.dtype, np.dtype):
+    # the operands of others, as of a concatenation, need not have one shape
+    if not given or name not in _LOOKED_AT or not isinstance(result.dtype, np.dtype):
         return None
     is_truth = equation.invars[0].aval.dtype == np.bool_
     all_known = given[0].where

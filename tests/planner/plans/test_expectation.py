@@ -98,6 +98,18 @@ def test_what_is_certain_or_of_another_kind_is_left_to_the_sample(compiled):
     assert set(names) == {"on", "chosen", "negated", "either", "both", "after"}
 
 
+def test_it_is_known_whether_more_is_drawn(compiled):
+    assert not Expectation(compiled).is_whole  # whether it is lucky
+    certain = DOMAIN.replace("lucky = Bernoulli(0.5);", "lucky = fixed;")
+    config = auto_preset("laws").without_section("Search")
+    readable = certain.replace("exists_{?x : thing} [Bernoulli(CHANCE(?x))]", "lucky")
+    found = [
+        Expectation(build_planner(problem_from(text), config).planner.test_compiled).is_whole
+        for text in (certain, readable)
+    ]
+    assert found == [False, True]
+
+
 def test_it_is_compiled_for_many_steps_at_once(compiled):
     step = {name: np.stack([value] * 3) for name, value in compiled.init_values.items()}
     step["press"] = np.array([[False, False], [True, False], [True, True]])

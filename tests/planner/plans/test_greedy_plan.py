@@ -129,9 +129,50 @@ def test_it_says_that_its_actions_are_legal(planner):
     assert plan.guess_next_epoch({"direct": 1}) == {"direct": 1}
 
 
-def test_it_needs_actions_that_are_bools():
-    with pytest.raises(InputError, match="GreedyPlan needs actions that are bools"):
+def test_it_needs_actions_of_few_values():
+    with pytest.raises(InputError, match="GreedyPlan needs actions of few values each"):
         build_planner(load_problem("Reservoir_ippc2023", "1"), CONFIG)
+
+
+def dials(largest="4", most="pos-inf"):
+    words = {"LEAST": "0", "LARGEST": largest, "MOST": most}
+    return build_planner(toy("dials", **words), CONFIG).planner
+
+
+def turned(planner):
+    noop = planner.plan.initializer(KEY, {}, None)
+    return action(planner, noop, {"seen": jnp.array(1)})
+
+
+@pytest.mark.parametrize(
+    ("largest", "turns"),
+    [
+        ("4", [3, 0]),
+        # what the first dial leaves is the second's
+        ("2", [2, 1]),
+    ],
+)
+def test_numbers_and_objects_are_decided_in_turn(largest, turns):
+    planner = dials(largest)
+    assert turned(planner) == {"turn": turns, "paint": 2, "ring": False}
+    assert planner.plan.tried == 4 * int(largest)
+
+
+@pytest.mark.parametrize(
+    ("most", "turns", "paint"),
+    # of the single changes blue gains 5, as many turns as are right 3
+    [("1", [0, 0], 2), ("2", [3, 0], 2)],
+)
+def test_few_of_them_may_leave_the_noop(most, turns, paint):
+    assert turned(dials(most=most)) == {"turn": turns, "paint": paint, "ring": False}
+
+
+@pytest.mark.parametrize(
+    ("name", "instance", "samples"), [("Traffic_MDP_ippc2014", "1", 1), ("Elevators", "0", 4)]
+)
+def test_more_is_sampled_where_not_all_that_is_drawn_is_read(name, instance, samples):
+    problem = load_problem(name, instance)
+    assert build_planner(problem, CONFIG).planner.plan.samples == samples
 
 
 @pytest.mark.parametrize("samples", [0, -1, 1.5, True, "2"])

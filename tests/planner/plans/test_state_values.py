@@ -17,9 +17,11 @@ PARAMS = {
     "key": [],
     "speed": [],
     "other": ["door"],
+    "facing": ["row"],
 }
-RANGES = {name: "real" if name == "speed" else "bool" for name in PARAMS}
+RANGES = dict.fromkeys(PARAMS, "bool") | {"speed": "real", "facing": "side"}
 SIZES = {"row": 2, "column": 3, "door": 1}
+SIDES = {"side": ["@left", "@right", "@up"]}
 VALUES = {name: np.zeros([SIZES[kind] for kind in kinds]) for name, kinds in PARAMS.items()}
 STATE = {
     "at": jnp.array([[0, 1, 0], [0, 0, 0]], bool),
@@ -28,11 +30,18 @@ STATE = {
     "key": jnp.array(True),
     "speed": jnp.array(7.0),
     "other": jnp.array([True]),
+    "facing": jnp.array([2, 0]),
 }
 
 
 def values_of(*names: str, **shape) -> StateValues:
-    rddl = SimpleNamespace(state_fluents=names, variable_params=PARAMS, variable_ranges=RANGES)
+    rddl = SimpleNamespace(
+        state_fluents=names,
+        variable_params=PARAMS,
+        variable_ranges=RANGES,
+        enum_types=set(SIDES),
+        type_to_objects=SIDES,
+    )
     return StateValues(rddl, VALUES, ValueShape(**shape), 4, jnp.float32)
 
 
@@ -57,6 +66,14 @@ def test_those_of_different_objects_are_not_multiplied():
 def test_numbers_are_read_in_their_units_and_cut_off():
     assert inputs_of("speed", state_scales={"speed": [1.0, 4.0]}) == [1.5]
     assert inputs_of("speed") == [5.0]
+
+
+def test_of_an_object_it_is_read_which_it_is():
+    values = values_of("key", "facing", state_scales={"facing": [1.0, 0.5]})
+    inputs = np.asarray(values.inputs(STATE)).tolist()
+    # the key, the places in the order, which object each is, and what is there with the key
+    assert inputs == [1, 2, -2, *(0, 0, 1), *(1, 0, 0), 2, -2]
+    assert values.size == len(inputs)
 
 
 def test_products_that_are_too_many_are_left_out(monkeypatch):

@@ -56,11 +56,14 @@ PROGRAMS = {
     "used twice": lambda: (RELATED & pairs(ON, 1), jnp.any(RELATED & pairs(ON, 1), axis=1)),
     "a matrix of the state": lambda: jnp.any(RELATED & jnp.outer(OFF, ON), axis=1),
     "nested": lambda: jax.jit(lambda on: jnp.any(RELATED & pairs(on, 1), axis=1))(ON),
+    "side by side": lambda: jnp.any(
+        jnp.concatenate([RELATED & pairs(ON, 1), FIRST[:, :20] & pairs(ON[:20], 1, (N, 20))], 1), 1
+    ),
     "two at once": lambda: jax.vmap(lambda on: jnp.any(RELATED & pairs(on, 1) & pairs(OFF, 0), 1))(
         BATCH
     ),
 }
-LARGE = {"all related", "used twice"}
+LARGE = {"all related", "used twice", "side by side"}
 
 
 def traced(name):
