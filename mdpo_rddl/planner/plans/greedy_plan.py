@@ -26,8 +26,8 @@ Actions = dict[str, Array]
 _TINY = 1e-30
 # of what v reads, that one change affects: then it is worth while to compute the others once
 _FEW_AFFECTED = 4
-# of a step of which not all that is drawn is read as probabilities
-_SAMPLES = 4
+# of a step of which not all that is drawn is read as probabilities; and of all that are tried
+_MOST_SAMPLES, _MOST_STEPS = 4, 64
 
 
 class GreedyPlan(JaxPlan):
@@ -54,7 +54,6 @@ class GreedyPlan(JaxPlan):
       is_legal: its actions are: whoever plays it need not see to that.
       values: v, once the plan is compiled.
       size: number of single changes D, of bools one each.
-      samples: of the step of the model, once the plan is compiled.
     """
 
     history_dependent = False
@@ -72,7 +71,7 @@ class GreedyPlan(JaxPlan):
         Args:
           shape: what the value is made of; `ValueShape()` if None.
           samples: of the step of the model, for each change; if None 1 where all that is drawn is
-            read as probabilities, and 4 elsewhere.
+            read as probabilities, elsewhere 4, or fewer where many changes are tried.
 
         Raises:
           ValueError: if there is no sample.
@@ -83,7 +82,6 @@ class GreedyPlan(JaxPlan):
             raise ValueError(f"samples: must be a whole number of at least 1, got {samples!r}")
         self._shape, self._samples = shape or ValueShape(), samples
         self.exact: Any = None
-        self.samples = 0
         self.probabilities: Callable[..., Actions] = _not_compiled
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
@@ -125,9 +123,9 @@ class GreedyPlan(JaxPlan):
             return found, log["reward"], log["termination"] | ~log["invariant"]
 
         self._after = after
-        self.__dict__.pop("_effects", None)  # of what was compiled before
+        for name in ("_effects", "samples"):
+            self.__dict__.pop(name, None)  # of what was compiled before
         self._expectation = Expectation(exact)
-        self.samples = self._samples or (1 if self._expectation.is_whole else _SAMPLES)
 
         def policy(key, params, hyperparams, step, state, history):
             del hyperparams, history
@@ -205,6 +203,15 @@ class GreedyPlan(JaxPlan):
         places = self.changes.places
         _, gains = lax.scan(decide, (none, total(none)), jnp.asarray(places))
         return jnp.zeros(self.size, gains.dtype).at[places].set(gains, mode="drop")
+
+    @cached_property
+    def samples(self) -> int:
+        """Of the step of the model, for each action that is tried, once the plan is compiled."""
+        if self._samples is not None:
+            return self._samples
+        if self._expectation.is_whole:
+            return 1
+        return max(1, min(_MOST_SAMPLES, _MOST_STEPS // self.tried))
 
     @property
     def tried(self) -> int:

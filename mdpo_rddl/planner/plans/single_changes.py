@@ -117,7 +117,7 @@ class SingleChanges:
         if noop.dtype == bool:
             return left[..., 0] ^ noop
         moved = jnp.sum(jnp.where(left, others - noop[..., np.newaxis], 0), axis=-1)
-        return (noop + moved).astype(noop.dtype)
+        return jnp.asarray(noop + moved, noop.dtype)
 
 
 def _choice(compiled: Any, name: str) -> Choice | None:
