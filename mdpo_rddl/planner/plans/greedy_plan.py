@@ -27,7 +27,7 @@ _TINY = 1e-30
 # of what v reads, that one change affects: then it is worth while to compute the others once
 _FEW_AFFECTED = 4
 # of a step of which not all that is drawn is read as probabilities; and of all that are tried
-_MOST_SAMPLES, _MOST_STEPS = 4, 64
+_MOST_SAMPLES, _MOST_STEPS = 8, 256
 
 
 class GreedyPlan(JaxPlan):
@@ -70,8 +70,9 @@ class GreedyPlan(JaxPlan):
 
         Args:
           shape: what the value is made of; `ValueShape()` if None.
-          samples: of the step of the model, for each change; if None 1 where all that is drawn is
-            read as probabilities, elsewhere 4, or fewer where many changes are tried.
+          samples: of the step of the model, for each change, as it is played; if None 1 where all
+            that is drawn is read as probabilities, elsewhere 8, or fewer where many changes are
+            tried.
 
         Raises:
           ValueError: if there is no sample.
@@ -142,7 +143,14 @@ class GreedyPlan(JaxPlan):
             self.values.initial(key)
         )
 
-    def gains(self, params: Weights, key: Array, state: Mapping[str, Array], step: Any) -> Array:
+    def gains(
+        self,
+        params: Weights,
+        key: Array,
+        state: Mapping[str, Array],
+        step: Any,
+        samples: int | None = None,
+    ) -> Array:
         """What each change gains over the no-op [D], alone or beside what is decided before it.
 
         Args:
@@ -150,8 +158,9 @@ class GreedyPlan(JaxPlan):
           key: of the samples.
           state: per state fluent [*shape].
           step: of the rollout, from 0.
+          samples: of the step of the model; the policy's if None.
         """
-        fluents, keys = self._complete(state), random.split(key, self.samples)
+        fluents, keys = self._complete(state), random.split(key, samples or self.samples)
         if self._is_in_turn:
             return self._gains_in_turn(params, keys, fluents, step)
         # the no-op, then a change each
@@ -206,7 +215,7 @@ class GreedyPlan(JaxPlan):
 
     @cached_property
     def samples(self) -> int:
-        """Of the step of the model, for each action that is tried, once the plan is compiled."""
+        """Of the step of the model, for each action that the policy tries; once it is compiled."""
         if self._samples is not None:
             return self._samples
         if self._expectation.is_whole:

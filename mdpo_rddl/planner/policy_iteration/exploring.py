@@ -69,7 +69,9 @@ def compile_exploring(
         weights, guiding = params
         given = rest[-1]
         other = plan.changes.like(guide.proposed(guiding, state, step))
-        gains = jnp.where(given["guided"], other, plan.gains(weights, key, state, step))
+        # more iterations are worth more than more samples
+        own = plan.gains(weights, key, state, step, samples=1)
+        gains = jnp.where(given["guided"], other, own)
         tried = _with_one_forced(gains, given["place"], given["leaves"])
         return plan.choose(jnp.where(given["tried"], tried, gains), state)
 
