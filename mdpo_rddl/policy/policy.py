@@ -16,6 +16,7 @@ from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.start import unit_hyperparams, with_preprocessor
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import (
@@ -114,8 +115,9 @@ class Policy(PolicyAgent):
 
     @property
     def rollout_policy(self) -> Callable[..., Any]:
-        """What plays in compiled rollouts."""
-        return self.planner.legal_policy
+        """What plays in compiled rollouts: a greedy policy with one sample, for there are many."""
+        plan = self.planner.plan
+        return plan.rollout_policy if isinstance(plan, GreedyPlan) else self.planner.legal_policy
 
     @cached_property
     def underlying(self) -> "Policy | TablePolicy | None":

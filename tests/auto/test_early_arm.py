@@ -171,8 +171,11 @@ def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
 
 
-@pytest.mark.parametrize(("tells", "share"), [(set(), 0.85), ({"rare"}, 0.6)])
-def test_a_value_that_finds_no_reward_has_less_time(tells, share):
+@pytest.mark.parametrize(
+    ("tells", "share", "at_least"),
+    [(set(), 0.85, 0.4), ({"rare"}, 0.6, 0.0), ({"numbers"}, 0.6, 0.2)],
+)
+def test_a_value_that_finds_no_reward_or_decides_numbers_has_less_time(tells, share, at_least):
     clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     arena = raced_arena(judge, clock)
@@ -186,7 +189,11 @@ def test_a_value_that_finds_no_reward_has_less_time(tells, share):
         return named("greedy", Planned(clock, [1.0]))
 
     has_time = [False, True]
-    schedule._entrants = SimpleNamespace(greedy=greedy, may_be_greedy=lambda share: has_time.pop(0))
+    schedule._entrants = SimpleNamespace(
+        greedy=greedy,
+        may_be_greedy=lambda share: has_time.pop(0),
+        decides_numbers="numbers" in tells,
+    )
     schedule._learn_first()
     assert not schedule.arms
     # a part that did not begin has no end yet
@@ -194,6 +201,8 @@ def test_a_value_that_finds_no_reward_has_less_time(tells, share):
     schedule._learn_first()
     assert [arm.name for arm in schedule.arms] == ["greedy"]
     assert asked == [(160.0 * share, share)]
+    # how long it goes on although it gains nothing; its slices are a few seconds long
+    assert at_least <= schedule.arms[0].log.seconds / 160.0 < at_least + 0.19
 
 
 def named(name, arm):

@@ -52,6 +52,7 @@ class GreedyPlan(JaxPlan):
     Attributes:
       exact: the exact model as JaxPlan compiles it; whoever compiles the plan sets it first.
       is_legal: its actions are: whoever plays it need not see to that.
+      rollout_policy: the policy with one sample, once the plan is compiled.
       values: v, once the plan is compiled.
       size: number of single changes D, of bools one each.
     """
@@ -84,6 +85,7 @@ class GreedyPlan(JaxPlan):
         self._shape, self._samples = shape or ValueShape(), samples
         self.exact: Any = None
         self.probabilities: Callable[..., Actions] = _not_compiled
+        self.rollout_policy: Callable[..., Actions] = _not_compiled
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
         """Compiles the policy, as JaxPlan asks its plans to.
@@ -132,11 +134,16 @@ class GreedyPlan(JaxPlan):
             del hyperparams, history
             return self.choose(self.gains(params, key, state, step), state)
 
+        def rollout_policy(key, params, hyperparams, step, state, history):
+            del hyperparams, history
+            return self.choose(self.gains(params, key, state, step, samples=1), state)
+
         def probabilities(key, params, hyperparams, step, state, history):
             del hyperparams, history
             return self._preferred(self.gains(params, key, state, step))[0]
 
         self.train_policy = self.test_policy = policy
+        self.rollout_policy = rollout_policy
         self.probabilities = probabilities
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
         self.initializer = lambda key, hyperparams, state: self.values.with_levels(

@@ -37,11 +37,12 @@ def noop(planner):
     return planner.plan.initializer(KEY, {}, None)
 
 
-def gains_of(planner, weights, keys=KEY):
+def gains_of(planner, weights, keys=KEY, samples=None):
     """Those of a state in which nothing was pulled, for one random key or many."""
     gains = jax.jit(
         jnp.vectorize(
-            lambda key: planner.plan.gains(weights, key, NOT_PULLED, 0), signature="(k)->(d)"
+            lambda key: planner.plan.gains(weights, key, NOT_PULLED, 0, samples),
+            signature="(k)->(d)",
         )
     )
     return np.asarray(gains(keys))
@@ -79,6 +80,15 @@ def test_the_value_reads_how_likely_a_bool_is():
     gains = gains_of(chance, weights, jax.random.split(KEY, 30))
     # the reward is that of the sample
     assert set(np.round(gains[:, 0] - 0.5 * 0.25 * 100.0, 3)) == {0.0, 1.0}
+
+
+def test_gains_are_the_mean_of_the_samples(noop):
+    chance = lever(LIKELIHOOD="0.5")
+    keys = jax.random.split(KEY, 40)
+    one, four = (gains_of(chance, noop, keys, samples)[:, 0] for samples in (None, 4))
+    assert set(one) == {0.0, 1.0}
+    assert set(four) >= {0.25, 0.5, 0.75}
+    assert np.std(four) < 0.7 * np.std(one)
 
 
 def test_the_best_changes_are_chosen_within_the_limits(noop):
