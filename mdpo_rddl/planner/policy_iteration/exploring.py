@@ -109,12 +109,12 @@ def compile_exploring(
 
 
 def _with_one_forced(gains: Array, place: Array, leaves: Array) -> Array:
-    """Gains [D] of which one says that its bool leaves the no-op or stays there, whatever it gains.
+    """Gains [D] of which one says that its change is made or not, whatever it gains.
 
     Args:
       gains: of all changes [D].
-      place: the number of that one, from 1; 0 for the no-op, at which all stay.
-      leaves: whether it leaves.
+      place: the number of that one, from 1; 0 for the no-op, of which no change is made.
+      leaves: whether it is made.
     """
     most = 2.0 * jnp.max(jnp.abs(gains)) + _TINY
     forced = gains.at[place - 1].set(jnp.where(leaves, most, -most))
