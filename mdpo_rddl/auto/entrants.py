@@ -67,6 +67,8 @@ class Entrants:
         rddl, exact = planner.rddl, planner.test_compiled
         if GREEDY in self._without or rddl.observ_fluents:
             return False
+        if self.decides_numbers and self._arena.probe.deterministic:
+            return False  # a plan is as good as a policy then, and found sooner
         changes = SingleChanges.of(exact)
         if changes is None or changes.size > _MOST_CHANGES:
             return False

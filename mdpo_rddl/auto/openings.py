@@ -19,7 +19,7 @@ LESS_GREEDY_SHARE = 0.6
 """Of the time left, for greedy, where no reward was found yet, or after others."""
 # where one was found, while slices gain; and in any case, for its first iterations tell little
 _GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.4
-# the same where some action is a number or an object, for which rules and plans often do as well
+# the same where some action is a number or an object, for which rules often do as well
 _NUMBERS_SHARE, _NUMBERS_AT_LEAST = 0.6, 0.2
 # of the time left, that others' programs may take where one of these leads: where greedy does;
 # where a plan does which gains no more, and where it still does

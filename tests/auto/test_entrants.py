@@ -122,10 +122,12 @@ def test_an_arm_that_trains_is_found_by_its_name():
         ({"kind": "bool", "bools": (5, 51)}, True),
         ({"kind": "bool", "bools": (16, 16)}, False),
         ({"kind": "bool", "state": 7000}, False),
-        ({"kind": "int"}, True),
-        ({"kind": "int", "values": np.inf}, False),
+        ({"kind": "int", "deterministic": False}, True),
+        # a plan is found sooner
+        ({"kind": "int"}, False),
+        ({"kind": "int", "deterministic": False, "values": np.inf}, False),
         # 7 components, of 37 other values each
-        ({"kind": "int", "values": 38}, False),
+        ({"kind": "int", "deterministic": False, "values": 38}, False),
         ({"kind": "real"}, False),
         ({"kind": "bool", "seen": ["noise"]}, False),
         ({"kind": "bool", "without": ["greedy"]}, False),
