@@ -23,6 +23,7 @@ def rows(folder, columns=COLUMNS):
 
 TABLES = {
     "ablation": lambda folder: ablation_table(rows(folder)),
+    "ablation_objects": lambda folder: ablation_table(rows(folder)),
     "ablation_own": lambda folder: ablation_table(rows(folder)),
     "ablation_ppo": lambda folder: ablation_table(rows(folder)),
     "ablation_settings": lambda folder: ablation_table(rows(folder)),
