@@ -194,7 +194,7 @@ class GreedyPlan(JaxPlan):
             return rewards + self._discount * jnp.where(ended, -level, worth)
 
         totals = jnp.mean(jax.vmap(sample)(keys), axis=0)
-        return totals[1:] - totals[0]
+        return _known(totals[1:] - totals[0])
 
     def _gains_in_turn(self, params: Weights, keys: Array, fluents: Any, step: Any) -> Array:
         """Gains [D] of which each component's are over the best of what comes before it."""
@@ -209,7 +209,7 @@ class GreedyPlan(JaxPlan):
         def decide(carried: tuple[Array, Array], places: Array) -> tuple[Any, Array]:
             leaving, so_far = carried
             changes = jax.nn.one_hot(places, self.size, dtype=bool)
-            gains = jax.vmap(total)(leaving | changes) - so_far
+            gains = _known(jax.vmap(total)(leaving | changes) - so_far)
             best = jnp.argmax(gains)
             gained = jnp.maximum(gains[best], 0.0)
             leaving |= changes[best] & (gains[best] > 0.0)
@@ -317,6 +317,11 @@ class GreedyPlan(JaxPlan):
         """Noise on the actions has no place in a choice: nothing is shifted."""
         del names
         return lambda params, hyperparams, step, perturbation: (params, step)
+
+
+def _known(gains: Array) -> Array:
+    """Gains, of which those that are not a number are none: they must not hide the others."""
+    return jnp.where(jnp.isnan(gains), 0.0, gains)
 
 
 def _not_compiled(*_: Any) -> Any:

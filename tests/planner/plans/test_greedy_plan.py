@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers.toys import toy
+from helpers.toys import FOLDER, problem_from, toy
 
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.errors import InputError
@@ -166,6 +166,17 @@ def test_numbers_and_objects_are_decided_in_turn(largest, turns):
     planner = dials(largest)
     assert turned(planner) == {"turn": turns, "paint": 2, "ring": False}
     assert planner.plan.tried == 4 * int(largest)
+
+
+@pytest.mark.parametrize(("most", "paint"), [("pos-inf", 2), ("1", 1)])
+def test_what_is_no_number_does_not_hide_what_gains(most, paint):
+    text = (FOLDER / "dials.rddl").read_text()
+    for word, value in {"LEAST": "0", "LARGEST": "4", "MOST": most}.items():
+        text = text.replace(word, value)
+    # three turns and more have none
+    text = text.replace("-abs[RIGHT", "sqrt[2.5 - (sum_{?d : dial} [turn(?d)])] - 9 * abs[RIGHT")
+    planner = build_planner(problem_from(text), CONFIG).planner
+    assert turned(planner) == {"turn": [2, 0], "paint": paint, "ring": False}
 
 
 @pytest.mark.parametrize(
