@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
 
-# with LONG_PART=1/10 also the second tenth of what `make test-long` runs
+# with LONG_PART=1/20 also the second twentieth of what `make test-long` runs
 test: $(VENV)/.installed lint
 	$(BIN)/pytest -n 2 --dist worksteal --durations=30 \
 	  -m "not slow and not wheel$(if $(LONG_PART),, and not long)"

@@ -36,7 +36,7 @@ def sampling():
 
 def pulled(policy, play):
     state = {"pulled": jnp.zeros(3, bool)}
-    played = jax.vmap(lambda key: play(key, policy.params, {}, 0, state, {})["pull"])
+    played = jax.jit(jax.vmap(lambda key: play(key, policy.params, {}, 0, state, {})["pull"]))
     return np.asarray(played(jax.random.split(KEY, 40)))[:, 0]
 
 
