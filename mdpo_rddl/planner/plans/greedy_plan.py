@@ -14,7 +14,7 @@ from mdpo_rddl.planner.plans.expectation import Expectation
 from mdpo_rddl.planner.plans.feedback_plan import concurrency_limits, in_order
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.plans.limited_bools import Shift
-from mdpo_rddl.planner.plans.limits import choose_within_limits
+from mdpo_rddl.planner.plans.limits import are_largest, choose_within_limits
 from mdpo_rddl.planner.plans.single_changes import SingleChanges
 from mdpo_rddl.planner.plans.state_values import StateValues, ValueShape, Weights
 from mdpo_rddl.planner.programs.dependence import dependence
@@ -293,8 +293,8 @@ class GreedyPlan(JaxPlan):
     def _with_few(self, most: Actions, count: int) -> Actions:
         """What each component gains, so many at most not below 0."""
         ranked = jnp.concatenate([jnp.ravel(each) for each in most.values()])
-        largest = lax.top_k(ranked, count)[1][:, jnp.newaxis] == np.arange(len(ranked))
-        kept, few, start = jnp.any(largest, axis=0), {}, 0
+        kept = are_largest(ranked, np.zeros(len(ranked), int), np.array([count]))
+        few, start = {}, 0
         for name, each in most.items():
             end = start + each.size
             few[name] = jnp.where(jnp.reshape(kept[start:end], each.shape), each, -1.0)

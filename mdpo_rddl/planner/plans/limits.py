@@ -51,7 +51,7 @@ def choose_within_limits(
         )
         candidates = free & (picked | (limit.exact & (group >= 0)))
         # what is no candidate ranks last, so that it takes no place
-        within = _are_largest(jnp.where(candidates, values, -1.0), group, limit.limits)
+        within = are_largest(jnp.where(candidates, values, -1.0), group, limit.limits)
         picked, free = candidates & within, free & within
         start = 0
         for name in names:
@@ -68,10 +68,15 @@ def _group_sums(values: Array, group: np.ndarray, count: int) -> Array:
     return jax.ops.segment_sum(jnp.ravel(values), np.ravel(ids), count + 1)[:count]
 
 
-def _are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
+def are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
     """Whether each value is among the `limit` largest of its group [n]; ties by position.
 
     Values in no group are.
+
+    Args:
+      values: [n].
+      group: of each value, below 0 of those in none [n].
+      limits: of the groups.
     """
     members = _members(group, len(limits))
     places = int(np.clip(np.max(limits), 1, members.shape[1]))

@@ -69,7 +69,7 @@ def compile_exploring(
         weights, guiding = params
         given = rest[-1]
         other = plan.changes.like(guide.proposed(guiding, state, step))
-        # more iterations are worth more than more samples
+        # more samples would leave fewer iterations
         own = plan.gains(weights, key, state, step, samples=1)
         gains = jnp.where(given["guided"], other, own)
         tried = _with_one_forced(gains, given["place"], given["leaves"])
