@@ -68,7 +68,7 @@ class Entrants:
         if GREEDY in self._without or rddl.observ_fluents:
             return False
         if self.decides_numbers and self._arena.probe.deterministic:
-            return False  # a plan is as good as a policy then, and found sooner
+            return False  # no policy returns more than the best plan then
         changes = SingleChanges.of(exact)
         if changes is None or changes.size > _MOST_CHANGES:
             return False

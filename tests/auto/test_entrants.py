@@ -123,7 +123,7 @@ def test_an_arm_that_trains_is_found_by_its_name():
         ({"kind": "bool", "bools": (16, 16)}, False),
         ({"kind": "bool", "state": 7000}, False),
         ({"kind": "int", "deterministic": False}, True),
-        # a plan is found sooner
+        # no policy returns more than the best plan
         ({"kind": "int"}, False),
         ({"kind": "int", "deterministic": False, "values": np.inf}, False),
         # 7 components, of 37 other values each
