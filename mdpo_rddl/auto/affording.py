@@ -2,12 +2,13 @@
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.gradient import GRADIENT
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.plain import REACTIVE, STRAIGHT_LINE
 from mdpo_rddl.auto.search.one_by_one import POLICIES
 from mdpo_rddl.auto.search.population import PROGRAMS as POPULATION_PROGRAMS
 from mdpo_rddl.machine.cores import usable_cores
-from mdpo_rddl.planner.programs.quick import QUICK, is_short
+from mdpo_rddl.planner.programs.quick import QUICK, Jit, is_short, light_jit, quick_jit
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
@@ -23,10 +24,12 @@ _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 _EXPLORATION_PROGRAMS = 4.0
 # of the time left, that the program of plans may take beside feedback policies that work
 _PLANS_SHARE = 0.15
-# of what learns a value: its program beside the judge's, which may come from the cache; an
-# iteration takes about so many times as long as the judge's rollouts of a candidate, and so many
-# seconds; the fewest that find anything
+# of what learns a value: its program beside the judge's, which may come from the cache, at most so
+# many of these, else so many seconds and so many of these; it is of the quick kind where less than
+# so many times its seconds are left; an iteration takes about so many times as long as the judge's
+# rollouts of a candidate, and so many seconds; the fewest that find anything
 _VALUE_PROGRAMS, _LEAST_VALUE_SECONDS = 4.0, 8.0
+_VALUE_FIXED_SECONDS, _LATER_VALUE_PROGRAMS, _QUICK_VALUE_PROGRAMS = 6.0, 1.5, 3.0
 _VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 4.0, 0.03, 30
 EXPLORING_FIRST, LATER = 0.4, 0.25
 """Shares of the time left that the compilation of what explores a net's parameters may take: before
@@ -82,10 +85,17 @@ class Affording:
           share: of the time left, that its compilation and its first iterations may take.
         """
         left = self._arena.deadline - self._arena.clock()
-        compilation = max(_LEAST_VALUE_SECONDS, _VALUE_PROGRAMS * self._usual_seconds)
         iteration = _VALUE_EVALUATIONS * self._rollout_seconds + _FITTING_SECONDS
-        needed = compilation + _VALUE_ITERATIONS * iteration
+        needed = self.usual_seconds(GREEDY) + _VALUE_ITERATIONS * iteration
         return not self._is_large and needed <= share * left
+
+    def value_jit(self) -> Jit:
+        """What compiles what learns a value: of the quick kind where little time is left.
+
+        Such a program takes half the time to compile, and its iterations take 1.3 times as long.
+        """
+        left = self._arena.deadline - self._arena.clock()
+        return quick_jit if left < _QUICK_VALUE_PROGRAMS * self._value_seconds else light_jit
 
     def exploration(self, share: float) -> bool:
         """Whether there is time for a net whose parameters are explored.
@@ -96,7 +106,10 @@ class Affording:
         return not self._is_large and self._is_ready_in_time(_EXPLORATION_PROGRAMS / share)
 
     def usual_seconds(self, name: str) -> float:
-        """How long the program of an arm with a gradient is likely to take to compile."""
+        """How long the program of an arm that must compile is likely to take."""
+        if name == GREEDY:
+            kind = QUICK if self.value_jit() is quick_jit else 1.0
+            return kind * self._value_seconds
         # those of slp and drp, which make thousands of iterations, are never of the quick kind
         if name == SHOOTING:
             # it comes before the population
@@ -140,6 +153,13 @@ class Affording:
         """Whether so many programs like the judge's are compiled before the race is over."""
         left = self._arena.deadline - self._arena.clock()
         return left > programs * self._usual_seconds
+
+    @property
+    def _value_seconds(self) -> float:
+        """How long what learns a value is likely to take to compile, not of the quick kind."""
+        usual = self._usual_seconds
+        later = _VALUE_FIXED_SECONDS + _LATER_VALUE_PROGRAMS * usual
+        return max(_LEAST_VALUE_SECONDS, min(_VALUE_PROGRAMS * usual, later))
 
     @property
     def _usual_seconds(self) -> float:

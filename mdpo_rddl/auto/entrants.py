@@ -48,7 +48,9 @@ class Entrants:
         """
         if not self.may_be_greedy(share):
             return None
-        return PolicyIterationArm(self._arena, until)
+        affording = self._affording
+        usual = affording.usual_seconds(GREEDY)
+        return PolicyIterationArm(self._arena, until, usual, affording.value_jit())
 
     def may_be_greedy(self, share: float) -> bool:
         """Whether there is such an arm, and time for it; the argument is that of `greedy`."""

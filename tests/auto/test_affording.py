@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
+from mdpo_rddl.planner.programs.quick import light_jit, quick_jit
 
 
 def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None):
@@ -28,12 +29,35 @@ def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, la
         # 8.4 s for a program four times the judge's, and 7.5 s; 8.8 and 7.5 are too much
         ({"rollout_seconds": 0.055, "usual": 2.1}, True),
         ({"rollout_seconds": 0.055, "usual": 2.2}, False),
-        ({"rollout_seconds": 0.001, "left": 19.0}, False),
+        # 15 s, and 1 s; 18 s, of which 0.6 are less than is left of 40
+        ({"rollout_seconds": 0.001, "usual": 6.0, "left": 46.0}, True),
+        ({"rollout_seconds": 0.001, "usual": 8.0, "left": 46.0}, True),
+        # a program of the quick kind, 4.8 s
+        ({"rollout_seconds": 0.001, "left": 16.0}, True),
+        ({"rollout_seconds": 0.001, "left": 14.0}, False),
         ({"rollout_seconds": 0.001, "large": 1.0}, False),
     ],
 )
 def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expected):
     assert affording(**case).value(0.4) == expected
+
+
+@pytest.mark.parametrize(
+    ("usual", "left", "seconds", "jit"),
+    [
+        # 8 and 15 s otherwise
+        (2.0, 25.0, 8.0, light_jit),
+        (2.0, 23.0, 4.8, quick_jit),
+        (6.0, 46.0, 15.0, light_jit),
+        (6.0, 44.0, 9.0, quick_jit),
+    ],
+)
+def test_the_program_of_what_learns_a_value_is_quick_where_little_time_is_left(
+    usual, left, seconds, jit
+):
+    asked = affording(0.001, left, usual)
+    assert asked.usual_seconds("greedy") == pytest.approx(seconds)
+    assert asked.value_jit() is jit
 
 
 @pytest.mark.parametrize(

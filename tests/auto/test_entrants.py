@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mdpo_rddl.auto.entrants import Entrants
+from mdpo_rddl.planner.programs.quick import Jit, light_jit
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 
 
@@ -18,6 +19,9 @@ class Generous:
 
     def value(self, share: float) -> bool:
         return "greedy" not in self.refused
+
+    def value_jit(self) -> Jit:
+        return light_jit
 
     def exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused

@@ -20,6 +20,7 @@ from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Shown
+from mdpo_rddl.planner.programs.quick import Jit, light_jit
 
 GREEDY = "greedy"
 # what another process needs of the learner: all but the rollouts
@@ -81,14 +82,19 @@ class PolicyIterationArm(CompilingArm):
     finite, or what is learnt from them, counts as lost.
     """
 
-    def __init__(self, arena: Arena, until: float) -> None:
+    def __init__(
+        self, arena: Arena, until: float, usual_seconds: float = 0.0, jit: Jit = light_jit
+    ) -> None:
         """Compiles nothing yet.
 
         Args:
           arena: what all arms have in common; all actions have few values, the state is observed.
           until: when the first part ends, by the clock.
+          usual_seconds: what its program is likely to take to compile.
+          jit: compiles it.
         """
-        super().__init__(GREEDY, arena)
+        super().__init__(GREEDY, arena, usual_seconds)
+        self._jit = jit
         keys = jax.random.split(key_for(Draws.GREEDY, arena.seed))
         self._iteration_key, self._trial_key = keys
         self._judged_key = jax.random.fold_in(self._trial_key, 1)
@@ -142,7 +148,8 @@ class PolicyIterationArm(CompilingArm):
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
         rollouts = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
-        self._iteration = PolicyIteration(self._planner, arena.plan, Learning(rollouts=rollouts))
+        learning = Learning(rollouts=rollouts)
+        self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
         return begun

@@ -9,6 +9,7 @@ from jax import Array, lax, random
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import steps_alive
 from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
@@ -49,7 +50,7 @@ class Explored(NamedTuple):
 
 def compile_exploring(
     planner: MDPOPlanner, guide: FeedbackPlan, rollouts: int
-) -> Callable[[Array, Any, Any, Trying], Explored]:
+) -> Callable[[tuple[Array, Array], Any, Any, Trying], Explored]:
     """Compiles rollouts under the exact environment's rules.
 
     Args:
@@ -58,8 +59,8 @@ def compile_exploring(
       rollouts: how many, B.
 
     Returns:
-      A function of a random key, weights of the value, parameters of the feedback policy, and what
-      is tried.
+      A function of two random keys, of the rollouts and of what is tried; weights of the value;
+      parameters of the feedback policy; and what is tried.
     """
     plan, horizon = planner.plan, planner.horizon
     assert isinstance(plan, GreedyPlan)
@@ -83,17 +84,18 @@ def compile_exploring(
     model, hyperparams = compiled.model_aux["params"], unit_hyperparams(planner)
     shape = rollouts, horizon
 
-    def play(key: Array, weights: Any, guiding: Any, trying: Trying) -> Explored:
-        playing, deciding, renewing, drawing, signing = random.split(key, 5)
-        is_tried = random.uniform(deciding, shape) < trying.share[:, jnp.newaxis]
-        last = _last_renewals(random.uniform(renewing, shape) >= _LASTS)
-        drawn = random.randint(drawing, shape, 0, plan.size + 1), random.uniform(signing, shape)
-        place, sign = (jnp.take_along_axis(each, last, axis=1) for each in drawn)
+    def play(keys: tuple[Array, Array], weights: Any, guiding: Any, trying: Trying) -> Explored:
+        playing, drawing = keys
+        # one draw: each would be a program of its own
+        drawn = with_fast_random_numbers(lambda key: random.uniform(key, (4, *shape)))(drawing)
+        deciding, renewing = drawn[:2]
+        last = _last_renewals(renewing >= _LASTS)
+        place, sign = jnp.take_along_axis(drawn[2:], last[jnp.newaxis], axis=2)
         given = {
             "guided": jnp.broadcast_to(trying.is_guided[:, jnp.newaxis], shape),
             "leaves": sign < _LEAVES,
-            "place": place,
-            "tried": is_tried,
+            "place": jnp.asarray(place * (plan.size + 1), int),
+            "tried": deciding < trying.share[:, jnp.newaxis],
         }
         perturbed = PerturbedModel(model, given)
         log, _ = rollout(playing, (weights, guiding), hyperparams, start, nonfluents, perturbed)
@@ -103,7 +105,7 @@ def compile_exploring(
             name: jnp.concatenate([start[name][:, jnp.newaxis], log["fluents"][name][:, :-1]], 1)
             for name in planner.rddl.state_fluents
         }
-        return Explored(states, jnp.where(alive > 0.0, log["reward"], 0.0), alive, is_tried)
+        return Explored(states, jnp.where(alive > 0.0, log["reward"], 0.0), alive, given["tried"])
 
     return play
 

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax import Array, lax, random
+from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
@@ -22,7 +23,8 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.state_values import Weights
 from mdpo_rddl.planner.policy_iteration.exploring import Explored, Trying, compile_exploring
 from mdpo_rddl.planner.policy_iteration.targets import Decay, lambda_returns
-from mdpo_rddl.planner.programs.quick import light_jit
+from mdpo_rddl.planner.programs.quick import Jit, light_jit
+from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.start import initial_values
 
 # of the scale of the targets: what an iteration changes
@@ -71,14 +73,14 @@ class Learner(NamedTuple):
     """All that an iteration changes.
 
     Attributes:
-      weights: of the value, in units of `scale`.
+      weights: of the value, in units of `scale`, all in a row [W].
       moments: of Adam.
       times: mean target of each step [H].
       scale: of the targets.
       kept: of the latest iterations.
     """
 
-    weights: Weights
+    weights: Array
     moments: Any
     times: Array
     scale: Array
@@ -108,14 +110,14 @@ class PolicyIteration:
 
     Attributes:
       rollouts: of an iteration.
-      iterate: of a learner, a random key, parameters of the guide, Adam's step size, and whether
-        it is the first iteration, in which half of the rollouts are the guide's and the others
-        random: the next learner, and what has been shown; compiled. With a step size of 0 nothing
-        is learnt or tried: all rollouts are the greedy policy's.
     """
 
     def __init__(
-        self, planner: MDPOPlanner, guide: FeedbackPlan, learning: Learning | None = None
+        self,
+        planner: MDPOPlanner,
+        guide: FeedbackPlan,
+        learning: Learning | None = None,
+        jit: Jit = light_jit,
     ) -> None:
         """Compiles nothing yet.
 
@@ -123,6 +125,7 @@ class PolicyIteration:
           planner: compiled, with a `GreedyPlan`.
           guide: a compiled feedback policy of the same problem.
           learning: how it is learnt.
+          jit: compiles an iteration.
         """
         assert isinstance(planner.plan, GreedyPlan)
         self._learning = learning = learning or Learning()
@@ -133,7 +136,10 @@ class PolicyIteration:
         self._play = compile_exploring(planner, guide, learning.rollouts)
         # the step size is given to each iteration
         self._optimizer = optax.scale_by_adam()
-        self.iterate: Callable[..., tuple[Learner, Shown]] = light_jit(self._iterate)
+        self._compiled: Callable[..., tuple[Learner, Shown]] = jit(self._iterated)
+        # an update of all weights at once is one small program, of each for itself one for each
+        weights = self._values.initial(np.random.default_rng(0))
+        self._of_row: Callable[[Array], Weights] = ravel_pytree(weights)[1]
 
     def begin(self, generator: np.random.Generator) -> Learner:
         """A learner that knows nothing; nothing is compiled for it but the optimizer's zeros.
@@ -141,8 +147,9 @@ class PolicyIteration:
         Args:
           generator: draws the value's weights.
         """
-        weights = self._values.initial(generator)
-        real = weights["bias"].dtype
+        initial = jax.tree.leaves(self._values.initial(generator))
+        weights = jax.device_put(np.concatenate([np.ravel(leaf) for leaf in initial]))
+        real = weights.dtype
         size = self._learning.kept, self._learning.rollouts, self._planner.horizon
         start, _ = initial_values(self._planner).test
         names = self._planner.rddl.state_fluents
@@ -153,22 +160,38 @@ class PolicyIteration:
 
     def policy(self, learner: Learner) -> Weights:
         """Parameters of the learner's greedy policy, in the units of the rewards."""
-        weights = self._values.rescaled(learner.weights, learner.scale)
+        weights = self._values.rescaled(self._of_row(learner.weights), learner.scale)
         return self._values.with_levels(weights, learner.times)
 
-    def _iterate(
+    def iterate(
         self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Array
     ) -> tuple[Learner, Shown]:
-        playing, fitting = random.split(key)
+        """The next learner, and what has been shown; the same one if what is learnt is not finite.
+
+        Args:
+          learner: what is known.
+          key: of the rollouts and the updates.
+          guiding: parameters of the guide.
+          step: Adam's step size; with 0 nothing is learnt or tried: all rollouts are the greedy
+            policy's.
+          is_first: whether it is the first iteration, in which half of the rollouts are the guide's
+            and the others random.
+        """
+        learnt, shown = self._compiled(learner, key, guiding, step, is_first)
+        return (learnt if bool(shown.is_finite) else learner), shown
+
+    def _iterated(
+        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Array
+    ) -> tuple[Learner, Shown]:
+        playing, deciding, fitting = random.split(key, 3)
         learns = jnp.asarray(step) > 0.0
         half = jnp.arange(self._learning.rollouts) < self._learning.rollouts // 2
         tried = jnp.where(is_first, 1.0, self._learning.tried)
         trying = Trying(half & is_first, jnp.where(half | ~learns, 0.0, tried))
-        played = self._play(playing, self.policy(learner), guiding, trying)
+        played = self._play((playing, deciding), self.policy(learner), guiding, trying)
         seen = self._observed(learner, played, is_first)
-        learnt = self._fitted(seen, fitting, step, is_first)
-        is_finite = _is_finite((learnt.weights, learnt.moments, learnt.kept.targets))
-        learner = jax.tree.map(lambda new, old: jnp.where(is_finite, new, old), learnt, learner)
+        learner = self._fitted(seen, fitting, step, is_first)
+        is_finite = _is_finite((learner.weights, learner.moments, learner.kept.targets))
         returns = jnp.sum(played.rewards * self._discount**self._steps, axis=1)
         return learner, Shown(returns, is_finite)
 
@@ -192,32 +215,34 @@ class PolicyIteration:
     def _fitted(self, learner: Learner, key: Array, step: Any, is_first: Array) -> Learner:
         """The learner after so many updates of the value."""
         kept, learning = learner.kept, self._learning
+        # ahead of the updates: in their midst each kernel would draw what it reads
+        shape = learning.first_updates * learning.updates, 3, learning.minibatch
+        drawn = with_fast_random_numbers(lambda key: random.uniform(key, shape))(key)
+        drawn = jnp.asarray(drawn * np.array(kept.counts.shape)[:, np.newaxis], int)
 
-        def update(number: Any, fitted: tuple[Weights, Any]) -> tuple[Weights, Any]:
+        def update(number: Any, fitted: tuple[Array, Any]) -> tuple[Array, Any]:
             weights, moments = fitted
-            own = random.fold_in(key, number)
-            sizes = jnp.array(kept.counts.shape)[:, jnp.newaxis]
-            places = tuple(random.randint(own, (3, learning.minibatch), 0, sizes))
+            places = tuple(drawn[number])
             batch = jax.tree.map(lambda leaf: leaf[places], kept)
             gradient = jax.grad(self._loss)(weights, batch, places[2], learner.scale)
             moves, moments = self._optimizer.update(gradient, moments)
-            return jax.tree.map(lambda w, move: w - step * move, weights, moves), moments
+            return weights - step * moves, moments
 
         count = jnp.where(is_first, learning.first_updates, 1) * learning.updates
         count = jnp.where(jnp.asarray(step) > 0.0, count, 0)
         fitted = lax.fori_loop(0, count, update, (learner.weights, learner.moments))
         return learner._replace(weights=fitted[0], moments=fitted[1])
 
-    def _loss(self, weights: Weights, batch: Kept, steps: Array, scale: Array) -> Array:
-        inputs = jax.vmap(self._values.inputs)(batch.states)
+    def _loss(self, row: Array, batch: Kept, steps: Array, scale: Array) -> Array:
+        inputs, weights = jax.vmap(self._values.inputs)(batch.states), self._of_row(row)
         found = jax.vmap(functools.partial(self._values.value, weights))(inputs, steps)
         errors = (found - batch.targets / scale) ** 2
         return jnp.sum(batch.counts * errors) / (jnp.sum(batch.counts) + _TINY)
 
-    def _each(self, weights: Weights, states: dict[str, Array]) -> Array:
+    def _each(self, row: Array, states: dict[str, Array]) -> Array:
         """The scaled value of each state of each rollout [B, H]."""
         inputs = jax.vmap(jax.vmap(self._values.inputs))(states)
-        one = functools.partial(self._values.value, weights)
+        one = functools.partial(self._values.value, self._of_row(row))
         return jax.vmap(jax.vmap(one), in_axes=(0, None))(inputs, self._steps)
 
 

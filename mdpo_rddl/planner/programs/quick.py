@@ -8,8 +8,7 @@ Training programs that are compiled in half the time are slower: they are for se
 There XLA's newer code for fused loops takes longer to compile than it saves there: on HVAC 4 of
 IPC 2023 the calls of JaxPlan's deep reactive policy are compiled in half the time without it, and
 make two thirds of the iterations a second; on HVAC 2, in a minute, the gradient of the feedback
-policy came too late with it. An iteration of greedy would run half as long again. Other devices
-have no such options.
+policy came too late with it. Other devices have no such options.
 """
 
 import functools
