@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mdpo_rddl.auto.entrants import Entrants
-from mdpo_rddl.planner.programs.quick import Jit, light_jit
 from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.planner.programs.quick import Jit, light_jit
 
 
 class Generous:

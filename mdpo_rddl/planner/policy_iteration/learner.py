@@ -164,7 +164,7 @@ class PolicyIteration:
         return self._values.with_levels(weights, learner.times)
 
     def iterate(
-        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Array
+        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Any
     ) -> tuple[Learner, Shown]:
         """The next learner, and what has been shown; the same one if what is learnt is not finite.
 
@@ -181,7 +181,7 @@ class PolicyIteration:
         return (learnt if bool(shown.is_finite) else learner), shown
 
     def _iterated(
-        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Array
+        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Any
     ) -> tuple[Learner, Shown]:
         playing, deciding, fitting = random.split(key, 3)
         learns = jnp.asarray(step) > 0.0
