@@ -54,10 +54,10 @@ class ActingPlanner(JaxBackpropPlanner):
         policy_hyperparams: Any = None,
         memories: Entries | None = None,
     ) -> dict[str, Any]:
-        """`get_action` for many states in one call, all with the same key.
+        """`get_action` for many states in one call.
 
         Args:
-          key: JAX random key.
+          key: JAX random key for all of them [2], or one for each [batch, 2].
           params: parameters of one policy.
           step: number of decisions before.
           states: per fluent its values [batch, *shape]: numbers, bools or objects' names.
@@ -71,12 +71,15 @@ class ActingPlanner(JaxBackpropPlanner):
         numbers = {name: self.numbers(name, values) for name, values in states.items()}
         with self._precision():
             given = key, params, hyperparams, step, numbers, memories or {}
-            actions = self._batched_policy(*given)
+            actions = self._batched_policies[np.ndim(key) > 1](*given)
         return self._clipped({name: np.asarray(values) for name, values in actions.items()})
 
     @cached_property
-    def _batched_policy(self) -> Callable[..., Mapping[str, Array]]:
-        return jax.jit(jax.vmap(self.test_policy, in_axes=(None, None, None, None, 0, 0)))
+    def _batched_policies(self) -> list[Callable[..., Mapping[str, Array]]]:
+        """With one key for all states, and with one for each."""
+        given = None, None, None, 0, 0
+        axes = (None, *given), (0, *given)
+        return [jax.jit(jax.vmap(self.test_policy, in_axes=each)) for each in axes]
 
     @property
     def memory(self) -> PlanMemory:

@@ -1,5 +1,6 @@
 """A policy as it is played: from a step and an observation to an action."""
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,7 +27,7 @@ class Playable:
           planner: the planner that the parameters belong to.
           params: parameters of one policy.
           policy_hyperparams: JaxPlan's policy hyperparameters.
-          seed: of a policy that draws random numbers; step t uses the t-th key.
+          seed: of a policy that draws random numbers, see `decision_key`.
         """
         self._planner, self._params = planner, params
         self._hyperparams = dict(policy_hyperparams)
@@ -38,11 +39,13 @@ class Playable:
     def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action tensor per fluent at a step, for an observation per fluent."""
         memory = self.memory_at(step)
-        given = self._keys[step], self._params, step, dict(state), self._hyperparams
+        each = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
+        seen = self._one.shown(step, each, 1)
+        key = decision_key(self._planner, self._keys[step], seen, 0)
+        given = key, self._params, step, dict(state), self._hyperparams
         actions = self._planner.get_action(*given, *([memory] if memory else []))
         if memory:
-            seen = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
-            self._seen = self._one.shown(step, seen, 1)
+            self._seen = seen
             self._note(actions)
         return actions
 
@@ -79,7 +82,9 @@ class Playable:
         """
         count = len(next(iter(observations.values())))
         memories, seen = self._many.at(step, count), self._many.shown(step, observations, count)
-        given = self._keys[step], self._params, step, seen, self._hyperparams
+        key = self._keys[step]
+        keys = np.stack([decision_key(self._planner, key, seen, number) for number in range(count)])
+        given = keys, self._params, step, seen, self._hyperparams
         actions = self._planner.get_actions(*given, memories)
         self._many.note(seen, actions)
         return actions
@@ -96,6 +101,28 @@ def playable(
 ) -> Playable:
     """`Playable` with these arguments."""
     return Playable(planner, params, policy_hyperparams, seed)
+
+
+def decision_key(
+    planner: MDPOPlanner, key: np.ndarray, observations: Mapping[str, Any], number: int
+) -> np.ndarray:
+    """The random key of a decision [2]: the step's, changed by what is observed.
+
+    A policy that draws decides alike where it sees the same at the same step, and draws anew in
+    each other episode.
+
+    Args:
+      planner: whose policy is played.
+      key: of the step [2].
+      observations: per fluent its values in several episodes [batch, *shape].
+      number: which of these.
+    """
+    digest = hashlib.blake2b(digest_size=key.nbytes)
+    for name in sorted(observations):
+        # a fluent may be shown in another type after a step than after a reset
+        values = planner.numbers(name, np.asarray(observations[name])[number])
+        digest.update(np.asarray(values, np.float64).tobytes())
+    return key ^ np.frombuffer(digest.digest(), key.dtype)
 
 
 def step_keys(planner: MDPOPlanner, seed: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from mdpo_rddl.planner.filtering import Filtered, ParticleFilter, Particles
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 from mdpo_rddl.policy.lookahead.base import Prepared, Tabled
-from mdpo_rddl.policy.playable import step_keys
+from mdpo_rddl.policy.playable import decision_key, step_keys
 from mdpo_rddl.policy.recall import Recall
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.load import Problem
@@ -148,7 +148,9 @@ class Believer:
             # of the same types at each step, so that nothing is compiled twice
             known, memory = dict(observation.root.observed), dict(observation.root.memory)
         own = self.policy
-        given = self._keys[step], own.params, step, known, own.policy_hyperparams
+        seen = {name: np.asarray(value)[np.newaxis] for name, value in known.items()}
+        key = decision_key(self.planner, self._keys[step], seen, 0)
+        given = key, own.params, step, known, own.policy_hyperparams
         return self.planner.get_action(*given, *([memory] if memory else []))
 
     def continued_by(self, policy: Prepared) -> "Believer":
