@@ -79,8 +79,12 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     )
     thinking.add_argument("--decision-seconds", type=number(above=0), default=0.2)
     thinking.set_defaults(run="thinking", out=Path("results/thinking_hidden"))
-    for command in (everywhere, published, ippc2014):
-        command.add_argument("--problems", nargs="+", metavar="NAME", help="(default: all)")
+    for command, form in (
+        (everywhere, "NAME[:INSTANCE]"),
+        (published, "NAME"),
+        (ippc2014, "NAME"),
+    ):
+        command.add_argument("--problems", nargs="+", metavar=form, help="(default: all)")
     for command, seconds, episodes in (
         (everywhere, 30.0, 20),
         (published, 60.0, 20),

@@ -113,6 +113,8 @@ def test_thinking_has_a_folder_of_its_own(monkeypatch, tmp_path):
 def test_unknown_names_are_told_before_anything_is_run(tmp_path):
     with pytest.raises(InputError, match="rddlrepository has no problem 'Nowhere'"):
         run_everywhere(tmp_path, ["Nowhere"], ["noop"], 1, QUICK)
+    with pytest.raises(InputError, match="rddlrepository has no instance '7' of Elevators"):
+        run_everywhere(tmp_path, ["Elevators:7"], ["noop"], 1, QUICK)
     with pytest.raises(InputError, match="unknown planner 'nobody'"):
         run_tasks(tmp_path, [Task("Elevators", "0")], ["nobody"], 1, QUICK)
     assert list(tmp_path.iterdir()) == []

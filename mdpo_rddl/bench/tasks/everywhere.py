@@ -34,27 +34,35 @@ def run_everywhere(
     conditions: Conditions,
     shard: tuple[int, int] = (0, 1),
 ) -> Records:
-    """Tries the first instance of each problem; rows that are there already are skipped.
+    """Tries an instance of each problem; rows that are there already are skipped.
 
     Args:
       out: results folder.
-      problems: names of rddlrepository; all of it if None.
+      problems: "Problem", for its first instance, or "Problem:instance" of rddlrepository; all of
+        it if None.
       planners: out of `PLANNERS`.
       seeds: of the preparation.
       conditions: of all trials.
       shard: (i, n): only every n-th problem, from the i-th on.
 
     Raises:
-      InputError: for an unknown problem.
+      InputError: for an unknown problem or instance.
     """
     known = domains()
-    names = known if problems is None else list(problems)
-    unknown = sorted(set(names) - set(known))
-    if unknown:
-        raise InputError(f"rddlrepository has no problem {unknown[0]!r}")
-    tasks = [Task(name, first_instance(name)) for name in names]
+    tasks = [_task(name, known) for name in (known if problems is None else problems)]
     number, count = shard
     return run_tasks(out, tasks[number::count], planners, seeds, conditions)
+
+
+def _task(name: str, known: Sequence[str]) -> Task:
+    problem, colon, instance = name.partition(":")
+    if problem not in known:
+        raise InputError(f"rddlrepository has no problem {problem!r}")
+    if not colon:
+        return Task(problem, first_instance(problem))
+    if instance not in map(str, rddl_repository().get_problem(problem).list_instances()):
+        raise InputError(f"rddlrepository has no instance {instance!r} of {problem}")
+    return Task(problem, instance)
 
 
 def everywhere_table(records: Records) -> str:
