@@ -182,6 +182,28 @@ class Judge:
         play(params)
         self._players.append((planner, Timed(play, self._clock)))
 
+    def correct(self, candidate: Candidate, returns: np.ndarray) -> None:
+        """Takes other rollouts for what a candidate returns that probing knew by few of its own.
+
+        The best of many constants was lucky in these; nobody would be better for certain.
+
+        Args:
+          candidate: that was judged.
+          returns: of rollouts of the exact model [N].
+        """
+        mean, error = mean_and_error(returns)
+        is_known = candidate.returns is not None or candidate.error > 0.0
+        if is_known or not (np.isfinite(mean) and np.isfinite(error)):
+            return
+        known = dataclasses.replace(candidate, mean=mean, error=error)
+        self.judged = [
+            dataclasses.replace(one, candidate=known) if one.candidate is candidate else one
+            for one in self.judged
+        ]
+        if self.incumbent is candidate:
+            found = [one.candidate for one in self.judged]
+            self.incumbent = max(found, key=lambda each: (each.known_mean, each is known))
+
     def best_of(self, planner: MDPOPlanner) -> Candidate | None:
         """The best candidate of one planner, the first of equals; None if there is none."""
         own = [j.candidate for j in self.judged if j.candidate.planner is planner]

@@ -90,6 +90,35 @@ def rolled(label: str, returns: list[float]) -> Candidate:
     return dataclasses.replace(one, returns=np.array(returns))
 
 
+def test_what_was_known_by_few_rollouts_is_corrected_and_loses_its_lead():
+    one = judge()
+    noop, lucky, exact = known("no-op", 1.0, 0.0), known("lucky", 9.0, 0.0), known("exact", 2.0)
+    for candidate in (noop, exact, lucky):
+        one.record(candidate)
+    noop, exact, lucky = (each.candidate for each in one.judged)
+    assert one.incumbent is lucky
+    one.correct(lucky, np.array([2.5, np.nan]))
+    one.correct(exact, np.array([90.0, 92.0]))
+    assert (one.incumbent, exact.mean) == (lucky, 2.0)
+    one.correct(lucky, np.array([2.5, 3.5]))
+    corrected = one.incumbent
+    assert (corrected.label, corrected.mean, corrected.error) == ("lucky", 3.0, 0.5)
+    # more is known of it by now
+    one.correct(corrected, np.array([0.0, 1.0]))
+    assert one.incumbent is corrected
+    one.correct(noop, np.array([4.0, 5.0]))
+    assert one.incumbent is corrected
+    assert [each.candidate.mean for each in one.judged] == [4.5, 2.0, 3.0]
+
+
+def test_another_one_leads_where_the_incumbent_was_lucky():
+    one = judge()
+    for candidate in (known("no-op", 1.0, 0.0), known("lucky", 9.0, 0.0)):
+        one.record(candidate)
+    one.correct(one.incumbent, np.array([-2.0, -1.0]))
+    assert one.incumbent.label == "no-op"
+
+
 def test_how_many_rollouts_are_lost_decides_before_any_error():
     all_lost, one_lost = [LOST] * 4, [3.0, LOST, 1.0, 9.0]
     assert difference_error(rolled("a", all_lost), rolled("b", [0.0] * 4)) == 0.0

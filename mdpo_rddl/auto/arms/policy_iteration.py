@@ -206,10 +206,11 @@ class PolicyIterationArm(CompilingArm):
         self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))
         begun = self._begun()
         # the next iteration is timed
-        self._learner, _ = jax.block_until_ready(
+        self._learner, shown = jax.block_until_ready(
             self._iterated(begun, self._trial_key, _STEP, is_first=True)
         )
         self._log.iterations += 1
+        self._arena.judge.correct(guide, np.asarray(shown.of_policy))
 
     def _learn(self, until: float) -> None:
         self._means = []

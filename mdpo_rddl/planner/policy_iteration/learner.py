@@ -100,9 +100,14 @@ class Shown(NamedTuple):
     is_finite: Array
 
     @property
+    def of_policy(self) -> Array:
+        """The first half of the returns [B / 2]."""
+        return self.returns[: len(self.returns) // 2]
+
+    @property
     def mean_return(self) -> Array:
         """Of the first half of the returns."""
-        return jnp.mean(self.returns[: len(self.returns) // 2])
+        return jnp.mean(self.of_policy)
 
 
 class PolicyIteration:

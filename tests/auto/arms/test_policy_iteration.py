@@ -83,6 +83,15 @@ def test_another_process_does_without_the_rollouts_that_it_was_fitted_to(arena, 
     assert not np.any(later._learner.kept.counts)
 
 
+def test_the_guide_is_known_by_the_first_iteration(arena, make):
+    arena.judge.record(replace(known(arena), mean=10.0 * BEST, error=0.0))
+    make().work(arena.clock.now + 1.0)
+    incumbent = arena.judge.incumbent
+    assert incumbent.label == "known"
+    assert incumbent.mean == pytest.approx(BEST, rel=0.1)
+    assert incumbent.error > 0.0
+
+
 def test_where_nothing_was_learnt_nothing_is_offered(arena, make, monkeypatch):
     arm, broken = make(), Shown(np.full(2, np.nan, np.float32), np.array(True))
     monkeypatch.setattr(arm, "_iterated", lambda learner, *_, **__: (learner, broken))
