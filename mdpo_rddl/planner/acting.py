@@ -26,7 +26,7 @@ class ActingPlanner(JaxBackpropPlanner):
 
     def get_action(
         self,
-        key: Array,
+        key: Array | np.ndarray,
         params: Any,
         step: int,
         state: Mapping[str, Any],
@@ -47,7 +47,7 @@ class ActingPlanner(JaxBackpropPlanner):
 
     def get_actions(
         self,
-        key: Array,
+        key: Array | np.ndarray,
         params: Any,
         step: int,
         states: Mapping[str, Any],
