@@ -221,13 +221,14 @@ class PolicyIteration:
         """The learner after so many updates of the value."""
         kept, learning = learner.kept, self._learning
         # ahead of the updates: in their midst each kernel would draw what it reads
-        shape = learning.first_updates * learning.updates, 3, learning.minibatch
+        shape = learning.updates, 3, learning.minibatch
         drawn = with_fast_random_numbers(lambda key: random.uniform(key, shape))(key)
         drawn = jnp.asarray(drawn * np.array(kept.counts.shape)[:, np.newaxis], int)
 
         def update(number: Any, fitted: tuple[Array, Any]) -> tuple[Array, Any]:
             weights, moments = fitted
-            places = tuple(drawn[number])
+            # the first iteration meets each minibatch several times
+            places = tuple(drawn[number % learning.updates])
             batch = jax.tree.map(lambda leaf: leaf[places], kept)
             gradient = jax.grad(self._loss)(weights, batch, places[2], learner.scale)
             moves, moments = self._optimizer.update(gradient, moments)
