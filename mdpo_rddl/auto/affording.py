@@ -90,12 +90,8 @@ class Affording:
         return not self._is_large and needed <= share * left
 
     def value_jit(self) -> Jit:
-        """What compiles what learns a value: of the quick kind where little time is left.
-
-        Such a program takes half the time to compile, and its iterations take 1.3 times as long.
-        """
-        left = self._arena.deadline - self._arena.clock()
-        return quick_jit if left < _QUICK_VALUE_PROGRAMS * self._value_seconds else light_jit
+        """What compiles what learns a value: of the quick kind where little time is left."""
+        return quick_jit if self._is_value_quick else light_jit
 
     def exploration(self, share: float) -> bool:
         """Whether there is time for a net whose parameters are explored.
@@ -108,7 +104,7 @@ class Affording:
     def usual_seconds(self, name: str) -> float:
         """How long the program of an arm that must compile is likely to take."""
         if name == GREEDY:
-            kind = QUICK if self.value_jit() is quick_jit else 1.0
+            kind = QUICK if self._is_value_quick else 1.0
             return kind * self._value_seconds
         # those of slp and drp, which make thousands of iterations, are never of the quick kind
         if name == SHOOTING:
@@ -153,6 +149,11 @@ class Affording:
         """Whether so many programs like the judge's are compiled before the race is over."""
         left = self._arena.deadline - self._arena.clock()
         return left > programs * self._usual_seconds
+
+    @property
+    def _is_value_quick(self) -> bool:
+        left = self._arena.deadline - self._arena.clock()
+        return left < _QUICK_VALUE_PROGRAMS * self._value_seconds
 
     @property
     def _value_seconds(self) -> float:

@@ -183,9 +183,11 @@ class Judge:
         self._players.append((planner, Timed(play, self._clock)))
 
     def correct(self, candidate: Candidate, returns: np.ndarray) -> None:
-        """Takes other rollouts for what a candidate returns that probing knew by few of its own.
+        """Replaces what probing has said of a candidate, which has no standard error.
 
-        The best of many constants was lucky in these; nobody would be better for certain.
+        The best of many constants may have been lucky there; others that return more would have to
+        exceed that. One whose error or returns are known stays as it is. Where the incumbent loses
+        its lead, the best of all that were judged has it.
 
         Args:
           candidate: that was judged.

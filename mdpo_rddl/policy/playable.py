@@ -41,7 +41,7 @@ class Playable:
         memory = self.memory_at(step)
         each = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
         seen = self._one.shown(step, each, 1)
-        key = decision_key(self._planner, self._keys[step], seen, 0)
+        key = decision_key(self._planner, self._keys[step], _of_one(seen, 0))
         given = key, self._params, step, dict(state), self._hyperparams
         actions = self._planner.get_action(*given, *([memory] if memory else []))
         if memory:
@@ -82,8 +82,8 @@ class Playable:
         """
         count = len(next(iter(observations.values())))
         memories, seen = self._many.at(step, count), self._many.shown(step, observations, count)
-        key = self._keys[step]
-        keys = np.stack([decision_key(self._planner, key, seen, number) for number in range(count)])
+        key, each = self._keys[step], (_of_one(seen, number) for number in range(count))
+        keys = np.stack([decision_key(self._planner, key, one) for one in each])
         given = keys, self._params, step, seen, self._hyperparams
         actions = self._planner.get_actions(*given, memories)
         self._many.note(seen, actions)
@@ -104,25 +104,29 @@ def playable(
 
 
 def decision_key(
-    planner: MDPOPlanner, key: np.ndarray, observations: Mapping[str, Any], number: int
+    planner: MDPOPlanner, key: np.ndarray, observation: Mapping[str, Any]
 ) -> np.ndarray:
     """The random key of a decision [2]: the step's, changed by what is observed.
 
-    A policy that draws decides alike where it sees the same at the same step, and draws anew in
-    each other episode.
+    A policy that draws decides alike where it sees the same at the same step, in all episodes, and
+    otherwise independently of what it drew there.
 
     Args:
       planner: whose policy is played.
       key: of the step [2].
-      observations: per fluent its values in several episodes [batch, *shape].
-      number: which of these.
+      observation: per fluent its values [*shape].
     """
     digest = hashlib.blake2b(digest_size=key.nbytes)
-    for name in sorted(observations):
+    for name in sorted(observation):
         # a fluent may be shown in another type after a step than after a reset
-        values = planner.numbers(name, np.asarray(observations[name])[number])
+        values = planner.numbers(name, observation[name])
         digest.update(np.asarray(values, np.float64).tobytes())
     return key ^ np.frombuffer(digest.digest(), key.dtype)
+
+
+def _of_one(observations: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """What is observed in one of several episodes."""
+    return {name: values[number] for name, values in observations.items()}
 
 
 def step_keys(planner: MDPOPlanner, seed: int) -> np.ndarray:

@@ -29,7 +29,7 @@ def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, la
         # 8.4 s for a program four times the judge's, and 7.5 s; 8.8 and 7.5 are too much
         ({"rollout_seconds": 0.055, "usual": 2.1}, True),
         ({"rollout_seconds": 0.055, "usual": 2.2}, False),
-        # 15 s, and 1 s; 18 s, of which 0.6 are less than is left of 40
+        # 15 s, and 1 s; 0.6 of 18 s, of the quick kind, and 1 s; of 18.4 s
         ({"rollout_seconds": 0.001, "usual": 6.0, "left": 46.0}, True),
         ({"rollout_seconds": 0.001, "usual": 8.0, "left": 46.0}, True),
         # a program of the quick kind, 4.8 s

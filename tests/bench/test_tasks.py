@@ -25,6 +25,7 @@ from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
+from mdpo_rddl.problem.repository import named_instance
 
 QUICK = Conditions(seconds=1.0, episodes=3, memory_gb=4.0)
 
@@ -188,7 +189,8 @@ def test_jobs_share_the_problems(tmp_path):
 
 
 def test_the_first_instance_is_rddlrepositorys():
-    assert everywhere.first_instance("UAV_ippc2023") == "1"
+    assert named_instance("UAV_ippc2023") == ("UAV_ippc2023", "1")
+    assert named_instance("UAV_ippc2023:5") == ("UAV_ippc2023", "5")
     assert len(everywhere.domains()) == 90
 
 

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import MOST_BYTES, read_bounded
-from mdpo_rddl.problem.repository import rddl_repository
+from mdpo_rddl.problem.repository import named_instance, rddl_repository
 
 INSTANCES_2023 = ("1", "2", "3", "4", "5")
 
@@ -28,20 +27,14 @@ def with_instances(names: list[str] | None) -> list[tuple[str, str]]:
         the same files as another problem (2014's competition used some of 2011's again).
 
     Raises:
-      InputError: for an unknown problem.
+      InputError: for an unknown problem or instance.
     """
-    from_repository = repository()
     pairs = []
-    for name in from_repository if names is None else names:
-        problem, colon, instance = name.partition(":")
-        if problem not in from_repository:
-            raise InputError(f"rddlrepository has no problem {problem!r}")
-        if colon:
-            pairs.append((problem, instance))
-        elif problem in IPPC2023:
-            pairs += [(problem, number) for number in INSTANCES_2023]
+    for name in repository() if names is None else names:
+        if name in IPPC2023:
+            pairs += [(name, number) for number in INSTANCES_2023]
         else:
-            pairs.append((problem, rddl_repository().get_problem(problem).list_instances()[0]))
+            pairs.append(named_instance(name))
     return pairs if names is not None else _without_repetitions(pairs)
 
 

@@ -11,19 +11,13 @@ from mdpo_rddl.bench.common.markdown import rounded
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, PLANNERS
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem.evaluation import mean_interval
-from mdpo_rddl.problem.repository import rddl_repository
+from mdpo_rddl.problem.repository import named_instance, rddl_repository
 
 
 def domains() -> list[str]:
     """The names of all problems of rddlrepository."""
     return sorted(rddl_repository().list_problems())
-
-
-def first_instance(problem: str) -> str:
-    """The first instance that rddlrepository lists of a problem."""
-    return str(rddl_repository().get_problem(problem).list_instances()[0])
 
 
 def run_everywhere(
@@ -48,21 +42,10 @@ def run_everywhere(
     Raises:
       InputError: for an unknown problem or instance.
     """
-    known = domains()
-    tasks = [_task(name, known) for name in (known if problems is None else problems)]
+    names = domains() if problems is None else problems
+    tasks = [Task(*named_instance(name)) for name in names]
     number, count = shard
     return run_tasks(out, tasks[number::count], planners, seeds, conditions)
-
-
-def _task(name: str, known: Sequence[str]) -> Task:
-    problem, colon, instance = name.partition(":")
-    if problem not in known:
-        raise InputError(f"rddlrepository has no problem {problem!r}")
-    if not colon:
-        return Task(problem, first_instance(problem))
-    if instance not in map(str, rddl_repository().get_problem(problem).list_instances()):
-        raise InputError(f"rddlrepository has no instance {instance!r} of {problem}")
-    return Task(problem, instance)
 
 
 def everywhere_table(records: Records) -> str:

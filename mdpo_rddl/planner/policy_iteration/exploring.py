@@ -86,7 +86,7 @@ def compile_exploring(
 
     def play(keys: tuple[Array, Array], weights: Any, guiding: Any, trying: Trying) -> Explored:
         playing, drawing = keys
-        # one draw: each would be a program of its own
+        # one draw: each would have kernels of its own, which take long to compile
         drawn = with_fast_random_numbers(lambda key: random.uniform(key, (4, *shape)))(drawing)
         deciding, renewing = drawn[:2]
         last = _last_renewals(renewing >= _LASTS)

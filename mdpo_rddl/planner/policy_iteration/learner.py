@@ -124,7 +124,7 @@ class PolicyIteration:
         learning: Learning | None = None,
         jit: Jit = light_jit,
     ) -> None:
-        """Compiles nothing yet.
+        """Compiles nothing yet but what puts weights in a row.
 
         Args:
           planner: compiled, with a `GreedyPlan`.
@@ -142,18 +142,17 @@ class PolicyIteration:
         # the step size is given to each iteration
         self._optimizer = optax.scale_by_adam()
         self._compiled: Callable[..., tuple[Learner, Shown]] = jit(self._iterated)
-        # an update of all weights at once is one small program, of each for itself one for each
+        # in a row, all weights are updated by the same few kernels, which take long to compile
         weights = self._values.initial(np.random.default_rng(0))
         self._of_row: Callable[[Array], Weights] = ravel_pytree(weights)[1]
 
     def begin(self, generator: np.random.Generator) -> Learner:
-        """A learner that knows nothing; nothing is compiled for it but the optimizer's zeros.
+        """A learner that knows nothing; what is compiled for it takes no time to speak of.
 
         Args:
           generator: draws the value's weights.
         """
-        initial = jax.tree.leaves(self._values.initial(generator))
-        weights = jax.device_put(np.concatenate([np.ravel(leaf) for leaf in initial]))
+        weights, _ = ravel_pytree(self._values.initial(generator))
         real = weights.dtype
         size = self._learning.kept, self._learning.rollouts, self._planner.horizon
         start, _ = initial_values(self._planner).test

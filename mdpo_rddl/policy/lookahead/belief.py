@@ -148,8 +148,7 @@ class Believer:
             # of the same types at each step, so that nothing is compiled twice
             known, memory = dict(observation.root.observed), dict(observation.root.memory)
         own = self.policy
-        seen = {name: np.asarray(value)[np.newaxis] for name, value in known.items()}
-        key = decision_key(self.planner, self._keys[step], seen, 0)
+        key = decision_key(self.planner, self._keys[step], known)
         given = key, own.params, step, known, own.policy_hyperparams
         return self.planner.get_action(*given, *([memory] if memory else []))
 
