@@ -14,6 +14,7 @@ from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.plan_memory import Entries, PlanMemory
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+from mdpo_rddl.problem.observation import as_numbers
 
 try:
     from jax import enable_x64
@@ -110,12 +111,8 @@ class ActingPlanner(JaxBackpropPlanner):
         return jax.jit(jax.vmap(self.memory.update, in_axes=(0, None, 0, 0)))
 
     def numbers(self, name: str, values: Any) -> np.ndarray:
-        """What an environment shows of a fluent as numbers: places of objects for their names."""
-        values = np.asarray(values)
-        if values.dtype.kind != "U":
-            return values
-        kind = self.rddl.variable_ranges[name]
-        return np.asarray(self.rddl.object_string_to_index_array(kind, values))
+        """`as_numbers` of the planner's problem."""
+        return as_numbers(self.rddl, name, values)
 
     def _precision(self) -> Any:
         """JAX's precision as the planner was compiled, whatever it is elsewhere by now."""

@@ -6,10 +6,12 @@ from typing import Any
 
 import jax
 import numpy as np
+from pyRDDLGym.core.compiler.model import RDDLLiftedModel
 
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 from mdpo_rddl.policy.recall import Recall
+from mdpo_rddl.problem.observation import as_numbers
 
 
 class Playable:
@@ -41,7 +43,7 @@ class Playable:
         memory = self.memory_at(step)
         each = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
         seen = self._one.shown(step, each, 1)
-        key = decision_key(self._planner, self._keys[step], _of_one(seen, 0))
+        key = decision_key(self._planner.rddl, self._keys[step], _of_one(seen, 0))
         given = key, self._params, step, dict(state), self._hyperparams
         actions = self._planner.get_action(*given, *([memory] if memory else []))
         if memory:
@@ -83,7 +85,7 @@ class Playable:
         count = len(next(iter(observations.values())))
         memories, seen = self._many.at(step, count), self._many.shown(step, observations, count)
         key, each = self._keys[step], (_of_one(seen, number) for number in range(count))
-        keys = np.stack([decision_key(self._planner, key, one) for one in each])
+        keys = np.stack([decision_key(self._planner.rddl, key, one) for one in each])
         given = keys, self._params, step, seen, self._hyperparams
         actions = self._planner.get_actions(*given, memories)
         self._many.note(seen, actions)
@@ -104,7 +106,7 @@ def playable(
 
 
 def decision_key(
-    planner: MDPOPlanner, key: np.ndarray, observation: Mapping[str, Any]
+    model: RDDLLiftedModel, key: np.ndarray, observation: Mapping[str, Any]
 ) -> np.ndarray:
     """The random key of a decision [2]: the step's, changed by what is observed.
 
@@ -112,14 +114,14 @@ def decision_key(
     otherwise independently of what it drew there.
 
     Args:
-      planner: whose policy is played.
+      model: of the problem, lifted.
       key: of the step [2].
       observation: per fluent its values [*shape].
     """
     digest = hashlib.blake2b(digest_size=key.nbytes)
     for name in sorted(observation):
         # a fluent may be shown in another type after a step than after a reset
-        values = planner.numbers(name, observation[name])
+        values = as_numbers(model, name, observation[name])
         digest.update(np.asarray(values, np.float64).tobytes())
     return key ^ np.frombuffer(digest.digest(), key.dtype)
 

@@ -8,7 +8,7 @@ import numpy as np
 from mdpo_rddl.problem.episode import Verdict
 from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.load import Problem, make_environment
-from mdpo_rddl.problem.observation import is_observed
+from mdpo_rddl.problem.observation import as_numbers, is_observed
 
 
 class LegalMoves:
@@ -33,8 +33,6 @@ class LegalMoves:
         for name, value in state.items():
             if not is_observed(value):
                 continue
-            if np.asarray(value).dtype.kind == "U":  # names of objects
-                kind = model.variable_ranges[name]
-                value = model.object_string_to_index_array(kind, np.asarray(value))
-            subs[name] = np.reshape(value, np.shape(subs[name]))
+            numbers = as_numbers(model, name, value)
+            subs[name] = np.reshape(numbers, np.shape(subs[name]))
         return self._referee.rule(proposal)

@@ -25,9 +25,6 @@ class Planner:
 
     get_actions = get_action
 
-    def numbers(self, name: str, values: Any) -> np.ndarray:
-        return np.asarray(values)
-
 
 def key_of(policy: Playable, planner: Planner, step: int, value: Any) -> list[int]:
     policy(step, {"x": np.array([value])})

@@ -148,7 +148,7 @@ class Believer:
             # of the same types at each step, so that nothing is compiled twice
             known, memory = dict(observation.root.observed), dict(observation.root.memory)
         own = self.policy
-        key = decision_key(self.planner, self._keys[step], known)
+        key = decision_key(self.planner.rddl, self._keys[step], known)
         given = key, own.params, step, known, own.policy_hyperparams
         return self.planner.get_action(*given, *([memory] if memory else []))
 
