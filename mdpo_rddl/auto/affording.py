@@ -16,6 +16,8 @@ PATIENCE = 0.3
 _FEWEST_POLICIES = 60
 # the judge's program takes a little longer to compile than what plays constants
 _LIKE_PROBING = 1.2
+# of a candidate that is judged; fewer where they take long
+_USUAL_ROLLOUTS = 128
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
 _COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
@@ -169,5 +171,7 @@ class Affording:
 
     @property
     def _rollout_seconds(self) -> float:
-        """What the judge's rollouts of a candidate took, or as many of constants in probing."""
-        return self._arena.judge.rollout_seconds or self._arena.probe.batch_seconds
+        """What 128 of the judge's rollouts took, or as many of constants in probing."""
+        judge = self._arena.judge
+        known = judge.rollout_seconds * _USUAL_ROLLOUTS / judge.rollouts
+        return known or self._arena.probe.batch_seconds

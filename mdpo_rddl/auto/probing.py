@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdpo_rddl.auto.constants import Constants
-from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large
+from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large, judge_rollouts
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -31,6 +31,8 @@ _AGAIN = 4
 # and in which chance must play no part
 _CONFIRMING = 8
 _WIDE_UNITS = 1.5
+# of the time left: what one candidate's rollouts may take, and on large problems
+_SLOW, _SLOW_ONE = 0.05, 0.01
 # of the box of each other action
 _HALF = 0.5
 
@@ -50,7 +52,7 @@ class Probe:
       certain: whether the states were the same in each rollout, too.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
       compile_seconds: of what plays constants.
-      batch_seconds: that playing a batch of them takes; 0 if there was one only.
+      batch_seconds: that 128 of their rollouts take; 0 if one batch was played only.
     """
 
     units: dict[str, float]
@@ -63,6 +65,19 @@ class Probe:
     policy_seconds: float | None
     compile_seconds: float = 0.0
     batch_seconds: float = 0.0
+
+    def judge_rollouts(self, most: int, left: float) -> int:
+        """Rollouts of each candidate that is judged.
+
+        Args:
+          most: number of them, a power of two.
+          left: seconds of the race.
+        """
+        if self.policy_seconds is None:
+            return judge_rollouts(most, self.batch_seconds / (_STARTS * _ROLLOUTS), _SLOW * left)
+        # without chance few rollouts are as good
+        limit = 0.0 if self.deterministic else _SLOW_ONE * left
+        return judge_rollouts(most, self.policy_seconds, limit)
 
     def state(self) -> State:
         """All of it, for another process."""
@@ -178,7 +193,7 @@ def probe(
         certain=bool(not draws or (shown and plays.saw_alike)),
         policy_seconds=seconds if large else None,
         compile_seconds=plays.compile_seconds,
-        batch_seconds=plays.batch_seconds,
+        batch_seconds=plays.batch_seconds * _STARTS * _ROLLOUTS / (size.at_once * size.rollouts),
     )
     if found.deterministic or large or best == 0:
         return found

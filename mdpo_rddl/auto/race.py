@@ -27,7 +27,7 @@ from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
-from mdpo_rddl.auto.sizes import judge_rollouts, plans_fit
+from mdpo_rddl.auto.sizes import plans_fit
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.auto.unjudged import (
     NothingPlayedError,
@@ -299,10 +299,8 @@ def _arena(
         config = with_single_rollouts(config)
     jit = jit_for(deadline - began)
     planner = build_planner(problem, config, options.traced_cache, jit=jit).planner
-    # without chance few rollouts are as good
-    left = 0.0 if seen.deterministic else deadline - clock()
     wanted = _MANY_ROLLOUTS if problem.raises else _ROLLOUTS
-    rollouts = judge_rollouts(wanted, seen.policy_seconds, left)
+    rollouts = seen.judge_rollouts(wanted, deadline - clock())
     judge = Judge(rollouts, seed, clock, began, options.on_judged, deadline)
     judge.program_seconds = seen.compile_seconds
     return Arena(

@@ -13,8 +13,8 @@ _AT_ONCE_BYTES = 10**7
 _PLANS_BYTES = 10**8
 VISITS_BYTES = 2 * 10**8
 """What the states that rollouts have seen, at every step, may take."""
-# of a candidate; and of the time left, what one candidate's may take
-_FEWEST_ROLLOUTS, _JUDGE_SHARE = 2, 0.01
+# of a candidate
+_FEWEST_ROLLOUTS = 2
 
 PLANS = 128
 """Rollouts of open-loop plans in one iteration of the search for them."""
@@ -100,16 +100,15 @@ def fitting_batches(planner: MDPOPlanner, constants: int, rollouts: int) -> Batc
     return Batches(constants, rollouts, min(constants, max(1, most // rollouts)))
 
 
-def judge_rollouts(most: int, policy_seconds: float | None, seconds: float) -> int:
+def judge_rollouts(most: int, rollout_seconds: float, seconds: float) -> int:
     """Rollouts of each candidate: all but where they take too long.
 
     Args:
       most: number of them, a power of two.
-      policy_seconds: that one rollout takes where the problem is large; None elsewhere.
-      seconds: that are left.
+      rollout_seconds: that one takes.
+      seconds: that all of a candidate's may take.
     """
     count = most
-    if policy_seconds is not None:
-        while count > _FEWEST_ROLLOUTS and count * policy_seconds > _JUDGE_SHARE * seconds:
-            count //= 2
+    while count > _FEWEST_ROLLOUTS and count * rollout_seconds > seconds:
+        count //= 2
     return count

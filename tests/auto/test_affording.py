@@ -14,7 +14,9 @@ def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, la
             clock=lambda: 20.0,
             deadline=20.0 + left,
             probe=SimpleNamespace(policy_seconds=large),
-            judge=SimpleNamespace(usual_seconds=usual, rollout_seconds=rollout_seconds),
+            judge=SimpleNamespace(
+                usual_seconds=usual, rollout_seconds=rollout_seconds, rollouts=128
+            ),
         )
     )
 

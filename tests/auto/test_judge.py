@@ -14,7 +14,6 @@ from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.judge import Judge, difference_error, mean_and_error
-from mdpo_rddl.auto.sizes import judge_rollouts
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import LOST, compile_exact_returns
 
@@ -197,11 +196,3 @@ def test_in_few_rollouts_a_candidate_must_be_better_by_the_error_of_the_differen
 def test_errors_are_those_of_a_sample():
     assert mean_and_error(np.array([0.0, 2.0])) == (1.0, 1.0)
     assert mean_and_error(np.array([3.0])) == (3.0, math.inf)
-
-
-def test_where_rollouts_take_long_there_are_as_many_as_there_is_time_for():
-    assert judge_rollouts(128, None, 60.0) == 128
-    # each may take a hundredth of the time
-    assert judge_rollouts(128, 0.05, 60.0) == 8
-    assert judge_rollouts(128, 1e-6, 60.0) == 128
-    assert judge_rollouts(128, 5.0, 60.0) == 2

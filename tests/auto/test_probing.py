@@ -1,5 +1,7 @@
 """What constant actions on the exact model show."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -108,3 +110,16 @@ def test_the_same_seed_starts_the_same_search(tmp_path):
     )
     assert one.state_scales == two.state_scales
     jax.tree.map(np.testing.assert_array_equal, one.start, two.start)
+
+
+def test_where_rollouts_take_long_there_are_as_many_as_there_is_time_for():
+    one = probing.Probe({}, {}, 0.0, {}, 0.0, False, False, None)
+    assert one.judge_rollouts(128, 60.0) == 128
+    # a twentieth of the time may be one candidate's
+    assert dataclasses.replace(one, batch_seconds=2.9).judge_rollouts(128, 60.0) == 128
+    assert dataclasses.replace(one, batch_seconds=17.0).judge_rollouts(128, 60.0) == 16
+    # on large problems a hundredth
+    large = [dataclasses.replace(one, policy_seconds=seconds) for seconds in (1e-6, 0.05, 5.0)]
+    assert [each.judge_rollouts(128, 60.0) for each in large] == [128, 8, 2]
+    # without chance
+    assert dataclasses.replace(large[0], deterministic=True).judge_rollouts(128, 60.0) == 2
