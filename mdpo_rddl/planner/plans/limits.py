@@ -80,18 +80,39 @@ def are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
     """
     members = _members(group, len(limits))
     places = int(np.clip(np.max(limits), 1, members.shape[1]))
-    padded = jnp.append(values, -jnp.inf)
+    table = _by_group(values, members)
     if places == 1:  # without a sort and a scatter
-        best = jnp.take_along_axis(
-            jnp.asarray(members), jnp.argmax(padded[members], axis=1, keepdims=True), axis=1
-        )
-        is_best = best[np.maximum(group, 0), 0] == np.arange(len(group))
-        return (is_best & (limits > 0)[np.maximum(group, 0)]) | (group < 0)
-    _, top = jax.lax.top_k(padded[members], places)
+        best = jnp.argmax(table, axis=1, keepdims=True)
+        is_best = (best == np.arange(members.shape[1])) & (limits > 0)[:, np.newaxis]
+        return _in_order(is_best, group, members)
+    _, top = jax.lax.top_k(table, places)
     largest = jnp.take_along_axis(jnp.asarray(members), top, axis=1)
     is_within = np.arange(places) < limits[:, np.newaxis]
     chosen = jnp.zeros(len(values) + 1, bool).at[largest].max(is_within)
     return chosen[:-1] | (group < 0)
+
+
+def _by_group(values: Array, members: np.ndarray) -> Array:
+    """The values of each group's members [G, K]; minus infinity where it has fewer."""
+    # the members of a group often are a row or a column: on a CPU gathering them takes longer
+    if _are_rows(members, len(values)):
+        return jnp.reshape(values, members.shape)
+    if _are_rows(members.T, len(values)):
+        return jnp.reshape(values, members.T.shape).T
+    return jnp.append(values, -jnp.inf)[members]
+
+
+def _in_order(table: Array, group: np.ndarray, members: np.ndarray) -> Array:
+    """What is said of each group's members [G, K] in the order of the values [n]; true of those
+    in no group."""
+    count = len(group)
+    if _are_rows(members, count):
+        return jnp.ravel(table)
+    if _are_rows(members.T, count):
+        return jnp.ravel(table.T)
+    place = np.zeros(count + 1, int)
+    place[members] = np.arange(members.size).reshape(members.shape)
+    return jnp.ravel(table)[place[:-1]] | (group < 0)
 
 
 def _members(group: np.ndarray, count: int) -> np.ndarray:
@@ -102,3 +123,8 @@ def _members(group: np.ndarray, count: int) -> np.ndarray:
     members = np.full((count, max(1, sizes.max(initial=0))), len(group))
     members[group[order], np.arange(len(order)) - starts[group[order]]] = order
     return members
+
+
+def _are_rows(members: np.ndarray, count: int) -> bool:
+    """Whether each group has as many values side by side, and each value is in one."""
+    return members.size == count and bool(np.all(np.ravel(members) == np.arange(count)))
