@@ -25,10 +25,11 @@ JaxOnlineController = planner.JaxOnlineController
 JaxPlan = planner.JaxPlan
 JaxPlannerStatus = planner.JaxPlannerStatus
 JaxPlannerStoppingRule = planner.JaxPlannerStoppingRule
+JaxRDDLCompiler = compiler.JaxRDDLCompiler
 JaxStraightLinePlan = planner.JaxStraightLinePlan
 GaussianPGPE = planner.GaussianPGPE
 
-_CODES = compiler.JaxRDDLCompiler.ERROR_CODES
+_CODES = JaxRDDLCompiler.ERROR_CODES
 INVALID_PARAMETERS = sum(code for name, code in _CODES.items() if name.startswith("INVALID_PARAM"))
 """The bits of a rollout's `error` that tell of a distribution's parameter outside its domain."""
 
@@ -59,6 +60,7 @@ __all__ = [
     "JaxPlan",
     "JaxPlannerStatus",
     "JaxPlannerStoppingRule",
+    "JaxRDDLCompiler",
     "JaxStraightLinePlan",
     "compiler",
     "import_tuning",

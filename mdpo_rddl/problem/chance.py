@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,25 @@ def draws(expression: Any) -> bool:
     kind, name = expression.etype
     is_draw = kind in ("randomvar", "randomvector") and name not in _CERTAIN
     return is_draw or draws(expression.args)
+
+
+def draws_from(model: Any, laws: Collection[str]) -> bool:
+    """Whether some fluent or the reward is drawn from one of some laws.
+
+    Args:
+      model: pyRDDLGym's lifted model.
+      laws: by their names in RDDL.
+    """
+
+    def does(expression: Any) -> bool:
+        if isinstance(expression, (tuple, list)):
+            return any(map(does, expression))
+        if not hasattr(expression, "etype"):
+            return False
+        kind, name = expression.etype
+        return (kind == "randomvar" and name in laws) or does(expression.args)
+
+    return does([model.reward, *(each for _, each in model.cpfs.values())])
 
 
 def rewards_are_certain(problem: Problem, seconds: float) -> bool:

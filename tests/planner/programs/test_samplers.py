@@ -1,0 +1,70 @@
+"""Counts drawn by inversion have their laws."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from mdpo_rddl.planner.acting import enable_x64
+from mdpo_rddl.planner.programs.samplers import binomial, poisson
+
+DRAWS = 20_000
+
+
+def has_law(draws: np.ndarray, law) -> bool:
+    """A chi-square test on the values that are expected often enough, the tails together."""
+    values = np.arange(int(draws.max()) + 1)
+    expected = len(draws) * law.pmf(values)
+    kept = expected >= 10.0
+    counts = np.array([np.sum(draws == value) for value in values[kept]])
+    seen = np.append(counts, len(draws) - counts.sum())
+    wanted = np.append(expected[kept], len(draws) - expected[kept].sum())
+    if wanted[-1] < 10.0:
+        seen, wanted = seen[:-1], wanted[:-1] * (seen[:-1].sum() / wanted[:-1].sum())
+    return len(seen) < 2 or stats.chisquare(seen, wanted).pvalue > 1e-4
+
+
+@pytest.mark.parametrize(
+    "rate", [0.0, 1e-3, 0.4, 1.0, 3.7, 8.0, 25.5, 700.0, 9_999.0, 12_345.6, 3e6]
+)
+def test_poisson(rate):
+    draws = np.asarray(jax.jit(poisson)(jax.random.PRNGKey(1), jnp.full(DRAWS, rate)))
+    assert np.all((draws >= 0.0) & (draws == np.floor(draws)))
+    assert has_law(draws, stats.poisson(rate))
+    assert draws.mean() == pytest.approx(rate, abs=5.0 * np.sqrt(rate / DRAWS))
+
+
+@pytest.mark.parametrize("trials", [0, 1, 2, 7, 60, 2000, 10**6])
+@pytest.mark.parametrize("probability", [0.0, 1e-3, 0.3, 0.5, 0.77, 1.0])
+def test_binomial(trials, probability):
+    numbers = jnp.full(DRAWS, float(trials))
+    draws = np.asarray(jax.jit(binomial)(jax.random.PRNGKey(2), numbers, probability))
+    assert np.all((draws >= 0.0) & (draws <= trials) & (draws == np.floor(draws)))
+    assert has_law(draws, stats.binom(trials, probability))
+
+
+def test_laws_side_by_side():
+    rates = jnp.array([[0.0, 2.0], [30.0, 0.5]])
+    keys = jax.random.split(jax.random.PRNGKey(3), 4000)
+    draws = np.asarray(jax.vmap(poisson, in_axes=(0, None))(keys, rates))
+    assert draws.shape == (4000, 2, 2)
+    np.testing.assert_allclose(draws.mean(axis=0), rates, atol=0.4)
+    # with one key the numbers are common to all
+    same = jax.vmap(poisson, in_axes=(None, 0))(keys[0], jnp.full((3, 5), 4.0))
+    np.testing.assert_array_equal(same, np.broadcast_to(same[0], (3, 5)))
+
+
+def test_what_is_no_law_ends():
+    rates = jnp.array([np.nan, -1.0, np.inf, 1e30])
+    assert poisson(jax.random.PRNGKey(0), rates).shape == (4,)
+    chances = jnp.array([np.nan, -1.0, 2.0, 0.5])
+    assert binomial(jax.random.PRNGKey(0), jnp.array([5.0, 5.0, -1.0, np.inf]), chances).shape == (
+        4,
+    )
+
+
+def test_in_64_bit():
+    with enable_x64(True):
+        draws = poisson(jax.random.PRNGKey(0), jnp.full(1000, 5.0))
+        assert draws.dtype == jnp.float64
