@@ -13,7 +13,7 @@ from jax.extend.core import Literal
 
 from mdpo_rddl.planner.programs.contraction import contract
 from mdpo_rddl.planner.programs.relations import among_related
-from mdpo_rddl.planner.programs.threefry import bind_written_out, can_be_written_out
+from mdpo_rddl.planner.programs.threefry import bind_written_out, is_written_out
 from mdpo_rddl.planner.programs.traced import CALLS, bind, called
 
 
@@ -73,14 +73,7 @@ class Stages:
         ]
         self._constants: dict[int, Any] = {}
         self._results = self._flatten(closed, inputs)
-        types = [
-            (
-                op.primitive,
-                [a.aval if isinstance(a, Literal) else self._types[a] for a in op.inputs],
-            )
-            for op in self._operations
-        ]
-        self._bind = bind_written_out if can_be_written_out(types) else bind
+        self._bind = bind_written_out if is_written_out() else bind
         self._last = len(arguments) - 1
         self._residuals = [self._handed_on(stage) for stage in range(self._last)]
         self.residual_types = [

@@ -9,7 +9,6 @@ from functools import cache
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.extend.random import define_prng_impl, threefry2x32_p, threefry_prng_impl
@@ -58,27 +57,36 @@ def threefry_2x32(key: tuple[Array, Array], block: tuple[Array, Array]) -> list[
     return [left, right]
 
 
-def can_be_written_out(operations: Any) -> bool:
-    """Whether a program uses keys only in ways that do not fix the function behind them.
-
-    Args:
-      operations: pairs of a primitive and the types of its operands.
-    """
-    return jax.default_backend() == "cpu" and all(
-        primitive.name in _OF_KEYS
-        for primitive, types in operations
-        if any(jnp.issubdtype(a.dtype, jax.dtypes.prng_key) for a in types)
-    )
+def is_written_out() -> bool:
+    """Whether the hash is: other devices have kernels of their own for it."""
+    return jax.default_backend() == "cpu"
 
 
 def bind_written_out(primitive: Any, params: dict[str, Any], operands: Any) -> list[Any]:
-    """As `programs.bind`, with the hash written out: where a key is made, and where it is used."""
+    """As `programs.bind`, with the hash written out: where a key is made, and where it is used.
+
+    What fixes the function behind its keys, such as a loop that carries them, has JAX's own.
+    """
     if primitive is threefry2x32_p:
         first, second, *block = operands
         return threefry_2x32((first, second), tuple(block))
     if primitive.name == "random_wrap" and params["impl"] == threefry_prng_impl:
         return [jax.random.wrap_key_data(*operands, impl=_written_out_impl())]
+    if primitive.name not in _OF_KEYS:
+        operands = [_as_jax_has_it(operand) for operand in operands]
     return bind(primitive, params, operands)
+
+
+def _as_jax_has_it(operand: Any) -> Any:
+    """The same key for JAX's own hash; anything else as it is."""
+    if getattr(operand, "dtype", None) != _written_out_dtype():
+        return operand
+    return jax.random.wrap_key_data(jax.random.key_data(operand), impl=threefry_prng_impl)
+
+
+@cache
+def _written_out_dtype() -> Any:
+    return jax.random.key(0, impl=_written_out_impl()).dtype
 
 
 @cache

@@ -57,7 +57,8 @@ def test_a_loop_that_carries_a_key_keeps_jax_s_function():
         return draw(lax.fori_loop(0, 3, turn, random.wrap_key_data(key)))
 
     fast = with_fast_random_numbers(carried)
-    assert "fryw" not in program_of(fast)
+    (loop,) = [e for e in jax.make_jaxpr(fast)(KEY).eqns if e.primitive.name in ("scan", "while")]
+    assert "fryw" not in str(loop)
     assert_same_bits(jax.jit(fast)(KEY), jax.jit(carried)(KEY))
 
 
