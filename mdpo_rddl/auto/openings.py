@@ -13,8 +13,9 @@ from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices, Terms
 from mdpo_rddl.auto.unsearched import known_by_probing
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
-# of the time left, for a straight-line plan, while slices gain so much of the first's
-_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.0005
+# of the time left, for a straight-line plan, while slices gain so much of the first's; ten times
+# that while there is time to explore, for it may have come to a local optimum
+_PLAN_SHARE, _LEAST_GAIN, _CLEAR_GAIN = 0.6, 0.0005, 0.005
 LESS_GREEDY_SHARE = 0.6
 """Of the time left, for greedy, where no reward was found yet, or after others."""
 # where one was found, while slices gain; and in any case, for its first iterations tell little
@@ -106,8 +107,11 @@ class Openings(Slices):
         if plan is None:
             return
         until = self._end(_PLAN_FIRST, _PLAN_SHARE)
-        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, _LEAST_GAIN))
+        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, self._least_gain))
         self._marks.decided(_STALLED, lambda: self._arena.clock() < until - SHORTEST_SECONDS)
+
+    def _least_gain(self) -> float:
+        return _CLEAR_GAIN if self._affording.exploration(EXPLORING_FIRST) else _LEAST_GAIN
 
     def _others_share(self) -> float:
         """Of the time left, that others' programs may take where a straight-line plan leads."""

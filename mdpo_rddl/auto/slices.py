@@ -31,13 +31,13 @@ class Terms:
 
     Attributes:
       share: of the time left, for all of them.
-      least_gain: of what the first slice has gained, that each must gain.
+      least_gain: says which share of what the first slice has gained each must gain.
       at_least: of the time left, for a slice that it has whatever the first one gains.
       by_policies: whether the best policy must return more each time; else the arm's progress.
     """
 
     share: float
-    least_gain: float = 0.0
+    least_gain: Callable[[], float] = lambda: 0.0
     at_least: float = 0.0
     by_policies: bool = False
 
@@ -233,7 +233,7 @@ class Slices:
         gain = finite_gain(contender.level, arena.probe.noop_return)
 
         def least() -> float:
-            return max(terms.least_gain * gain, self._to_catch_up(arm, until))
+            return max(terms.least_gain() * gain, self._to_catch_up(arm, until))
 
         for _ in self._marks.once(part, arena, until):
             if terms.at_least and not arm.is_exhausted:

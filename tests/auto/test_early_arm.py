@@ -116,7 +116,7 @@ class Planned(Scripted):
     ],
 )
 def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending, expected):
-    arm, schedule, _ = first(returns, is_pending, least_gain=0.02)
+    arm, schedule, _ = first(returns, is_pending, least_gain=lambda: 0.02)
     assert schedule.arms == [arm]
     assert arm.log.slices == expected
     # it competes with the others later
@@ -163,7 +163,7 @@ class Unjudged(Planned):
 
 
 def test_a_plan_that_leads_goes_on_once_its_policies_can_be_judged():
-    arm, _, _ = first([-2.0, 0.5, 3.0, 4.9, 9.0], True, kind=Unjudged, least_gain=0.02)
+    arm, _, _ = first([-2.0, 0.5, 3.0, 4.9, 9.0], True, kind=Unjudged, least_gain=lambda: 0.02)
     assert arm.log.slices == 4
 
 

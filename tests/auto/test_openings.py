@@ -85,3 +85,15 @@ def test_who_leads_goes_on_alone_where_others_would_come_too_late(
     openings._marks.decide("plan stalled", has_stalled)
     openings._judge.incumbent = replace(openings._best, arm=leader)
     assert openings._open_alone() is expected
+
+
+@pytest.mark.parametrize("explores", [True, False])
+def test_a_plan_that_gains_little_makes_room_while_there_is_time_to_explore(
+    openings, monkeypatch, explores
+):
+    begun = []
+    openings._affording = SimpleNamespace(exploration=lambda share: explores)
+    openings._entrants.straight_line = lambda until: "plan"
+    monkeypatch.setattr(openings, "_begin_with", lambda part, arm, terms: begun.append(terms))
+    openings._climb()
+    assert begun[0].least_gain() == (0.005 if explores else 0.0005)
