@@ -1,8 +1,7 @@
 """Counts drawn by inversion: one uniform number each, and one short loop.
 
-JAX draws them by rejection, in loops that draw again: these take seconds to compile, as long to
-run as the unluckiest count needs, and keep all of a rollout's random numbers from being computed
-ahead. The inversion begins at the mode and goes outwards, so that it takes about as many turns as
+JAX draws them by rejection, in loops that draw again: these take seconds to compile, and as long
+to run as the unluckiest count needs. The inversion begins at the mode and goes outwards, so that it takes about as many turns as
 a count is away from it ("chop-down" from the mode: Kemp 1986, "A modal method for generating
 binomial variables"). The mode's probability is that of Loader (2000), "Fast and accurate
 computation of binomial probabilities". Counts that spread over hundreds are quantiles by an
