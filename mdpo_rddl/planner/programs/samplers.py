@@ -1,11 +1,12 @@
 """Counts drawn by inversion: one uniform number each, and one short loop.
 
 JAX draws them by rejection, in loops that draw again: these take seconds to compile, and as long
-to run as the unluckiest count needs. The inversion begins at the mode and goes outwards, so that it takes about as many turns as
-a count is away from it ("chop-down" from the mode: Kemp 1986, "A modal method for generating
-binomial variables"). The mode's probability is that of Loader (2000), "Fast and accurate
-computation of binomial probabilities". Counts that spread over hundreds are quantiles by an
-expansion around the normal law, whose error is below the resolution of a uniform number.
+to run as the unluckiest count needs. The inversion begins at the mode and goes outwards, so that
+it takes about as many turns as a count is away from it ("chop-down" from the mode: Kemp 1986, "A
+modal method for generating binomial variables"). The mode's probability is that of Loader (2000),
+"Fast and accurate computation of binomial probabilities". Counts that spread over hundreds are
+quantiles by an expansion around the normal law, whose error is below the resolution of a uniform
+number.
 """
 
 from collections.abc import Callable
