@@ -5,7 +5,7 @@ VENV := .venv
 HASHES ?=
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-newest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -31,6 +31,13 @@ SMOKE := tests/noise tests/policy tests/planner/programs tests/planner/test_exac
   tests/cli/test_plan_run.py
 test-lowest: .venv-lowest/.installed
 	.venv-lowest/bin/pytest -m "not slow" --durations=30 $(SMOKE)
+
+# all of `make test` on the newest versions that pyproject.toml allows, as pip takes them today
+test-newest:
+	$(PYTHON) -m venv .venv-newest
+	.venv-newest/bin/python -m pip install --quiet --disable-pip-version-check --upgrade \
+	  --upgrade-strategy eager --editable '.[dev,tuning,slurm]'
+	.venv-newest/bin/pytest -n 2 --dist worksteal -m "not slow and not wheel and not long"
 
 # the wheel in an empty environment of each Python that is declared and found on this machine; with
 # NEWEST=1 of the newest of them
@@ -196,4 +203,4 @@ load: $(VENV)/.installed
 	$(BIN)/python tools/load_test.py --out results/load
 
 clean:
-	rm -rf $(VENV) .venv-lowest .venv-clients .venv-audit .venv-hashes build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .venv-lowest .venv-newest .venv-clients .venv-audit .venv-hashes build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache

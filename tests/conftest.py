@@ -6,6 +6,7 @@ import signal
 import sys
 import zlib
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -13,11 +14,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 import pytest
 from helpers.caches import use_own_caches
 from hypothesis import settings
+from packaging.version import Version
 
 # as fast to compile as can be; children inherit it
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
-)
+_FLAGS = ["--xla_backend_optimization_level=0"]
+if Version(version("jaxlib")) < Version("0.11.1"):  # a flag that XLA does not know ends the process
+    _FLAGS.append("--xla_cpu_use_fusion_emitters=false")
+os.environ.setdefault("XLA_FLAGS", " ".join(_FLAGS))
 # before anything imports JAX or matplotlib
 use_own_caches()
 # in the background of a script it would be ignored, and commands would not be interrupted

@@ -8,7 +8,7 @@ from mdpo_rddl.auto.plain import REACTIVE, STRAIGHT_LINE
 from mdpo_rddl.auto.search.one_by_one import POLICIES
 from mdpo_rddl.auto.search.population import PROGRAMS as POPULATION_PROGRAMS
 from mdpo_rddl.machine.cores import usable_cores
-from mdpo_rddl.planner.programs.quick import QUICK, Jit, is_short, light_jit, quick_jit
+from mdpo_rddl.planner.programs.quick import Jit, is_short, light_jit, quick_jit, quick_share
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
@@ -106,14 +106,14 @@ class Affording:
     def usual_seconds(self, name: str) -> float:
         """How long the program of an arm that must compile is likely to take."""
         if name == GREEDY:
-            kind = QUICK if self._is_value_quick else 1.0
+            kind = quick_share() if self._is_value_quick else 1.0
             return kind * self._value_seconds
         # those of slp and drp, which make thousands of iterations, are never of the quick kind
         if name == SHOOTING:
             # it comes before the population
             return _SHOOTING_PROGRAMS * self._usual_seconds
         is_quick = name == GRADIENT and is_short(self._arena.seconds)
-        kind = QUICK if is_quick else 1.0
+        kind = quick_share() if is_quick else 1.0
         return kind * _COMPILATIONS[name] * self._arena.population.compile_seconds
 
     def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:

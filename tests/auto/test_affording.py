@@ -4,8 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
+from mdpo_rddl.auto import affording as module
 from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 from mdpo_rddl.planner.programs.quick import light_jit, quick_jit
+
+
+@pytest.fixture(autouse=True)
+def _quick_programs_take_six_tenths(monkeypatch):
+    """As on a CPU with the releases of XLA that have such options."""
+    monkeypatch.setattr(module, "quick_share", lambda: 0.6)
 
 
 def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None):

@@ -8,7 +8,8 @@ Training programs that are compiled in half the time are slower: they are for se
 There XLA's newer code for fused loops takes longer to compile than it saves there: on HVAC 4 of
 IPC 2023 the calls of JaxPlan's deep reactive policy are compiled in half the time without it, and
 make two thirds of the iterations a second; on HVAC 2, in a minute, the gradient of the feedback
-policy came too late with it. Other devices have no such options.
+policy came too late with it. Since jaxlib 0.11.1 XLA has no older code: quick programs are light
+ones there. Other devices have no such options.
 """
 
 import functools
@@ -18,14 +19,22 @@ from typing import Any
 
 import jax
 
+from mdpo_rddl.machine.device import is_on_cpu
+
 Jit = Callable[[Callable[..., Any]], Callable[..., Any]]
 """What stands in for `jax.jit`."""
 
-QUICK = 0.6
-"""About what such a program takes to compile, in terms of others."""
 LIGHT = {"xla_backend_optimization_level": 1}
 QUICK_OPTIONS = {**LIGHT, "xla_cpu_use_fusion_emitters": False}
 _LONGEST_SECONDS = 180.0
+# about what a quick program takes to compile, in terms of others
+_QUICK_SHARE = 0.6
+
+
+def quick_share() -> float:
+    """About what a quick program takes to compile, in terms of others."""
+    is_quick = is_on_cpu() and all(_is_known(name, value) for name, value in QUICK_OPTIONS.items())
+    return _QUICK_SHARE if is_quick else 1.0
 
 
 def is_short(seconds: float) -> bool:
@@ -57,14 +66,11 @@ def light_jit(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _on_cpu(function: Callable[..., Any], options: Mapping[str, Any]) -> Callable[..., Any]:
-    """With these options on a CPU, but for those that `XLA_FLAGS` names.
+    """With these options on a CPU, but for those that `XLA_FLAGS` names or XLA does not have.
 
     As a part of another program it has that one's: JAX refuses options there.
     """
-    flags = os.environ.get("XLA_FLAGS", "")
-    ours = {name: value for name, value in options.items() if name not in flags}
-    is_cpu = jax.default_backend() == "cpu"
-    whole = jax.jit(function, compiler_options=ours if is_cpu else None)
+    whole = jax.jit(function, compiler_options=_possible(options))
 
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
@@ -73,3 +79,23 @@ def _on_cpu(function: Callable[..., Any], options: Mapping[str, Any]) -> Callabl
         return (jax.jit(function) if is_part else whole)(*arguments, **keywords)
 
     return call
+
+
+def _possible(options: Mapping[str, Any]) -> dict[str, Any] | None:
+    if not is_on_cpu():
+        return None
+    flags = os.environ.get("XLA_FLAGS", "")
+    ours = {name: value for name, value in options.items() if name not in flags}
+    return {name: value for name, value in ours.items() if _is_known(name, value)}
+
+
+@functools.cache
+def _is_known(name: str, value: Any) -> bool:
+    """Whether XLA has the option, which only an attempt tells (20 ms)."""
+    try:
+        jax.jit(lambda: 0, compiler_options={name: value})()
+    except jax.errors.JaxRuntimeError as error:
+        if name not in str(error):
+            raise
+        return False
+    return True

@@ -8,7 +8,8 @@ from helpers.problems import tiny_files
 
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
-from mdpo_rddl.planner.programs.quick import is_short, jit_for, light_jit, quick_jit
+from mdpo_rddl.planner.programs import quick
+from mdpo_rddl.planner.programs.quick import is_short, jit_for, light_jit, quick_jit, quick_share
 from mdpo_rddl.problem.load import load_problem
 
 
@@ -35,6 +36,7 @@ def test_a_lighter_program_can_be_a_part_of_another_one(monkeypatch, lighter_jit
 
 def test_what_the_user_s_flags_say_stays(monkeypatch):
     given = []
+    monkeypatch.setattr(quick, "_is_known", lambda name, value: True)
     monkeypatch.setattr(
         jax, "jit", lambda function, compiler_options: given.append(compiler_options)
     )
@@ -44,6 +46,14 @@ def test_what_the_user_s_flags_say_stays(monkeypatch):
         quick_jit(abs)
     level, emitters = "xla_backend_optimization_level", "xla_cpu_use_fusion_emitters"
     assert given == [{level: 1}, {level: 1, emitters: False}, {}, {emitters: False}]
+
+
+def test_an_option_that_xla_does_not_have_is_left_out(monkeypatch):
+    monkeypatch.delenv("XLA_FLAGS")
+    options = {"xla_backend_optimization_level": 1, "xla_of_another_release": False}
+    monkeypatch.setattr(quick, "QUICK_OPTIONS", options)
+    assert quick_jit(jnp.square)(3.0) == 9.0
+    assert quick_share() == 1.0
 
 
 def test_short_searches_have_quick_programs():
