@@ -38,10 +38,12 @@ from mdpo_rddl.auto.unjudged import (
     unjudged_outcome,
 )
 from mdpo_rddl.errors import Cancelled, note_heard
+from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.config.search_section import Search as Shares
+from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.programs.quick import jit_for
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
@@ -94,7 +96,7 @@ def plan_automatically(
     problem = watched(problem, lambda: clock() < by)
     wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
     alternatives = Alternatives(problem, seed, seconds - used, wanted)
-    with alternatives, one_line_errors(problem):
+    with computing_on(fitting_device(problem)), alternatives, one_line_errors(problem):
         exact = _dynamic_programming_arm(problem, config, clock)
         if exact is not None:
             options.on_stage("enumerating")

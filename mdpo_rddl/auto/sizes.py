@@ -5,11 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.machine.device import is_on_cpu
 from mdpo_rddl.planner.exact import step_bytes, visit_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 # what one step of a search's rollouts may hold: more takes too long rather than too much memory
 _AT_ONCE_BYTES = 10**7
+# where it takes as long for little
+_AT_ONCE_ELSEWHERE_BYTES = 10**9
 _PLANS_BYTES = 10**8
 VISITS_BYTES = 2 * 10**8
 """What the states that rollouts have seen, at every step, may take."""
@@ -58,7 +61,8 @@ def fitting_size(planner: MDPOPlanner) -> Size:
       planner: with a `FeedbackPlan`.
     """
     one = step_bytes(planner)
-    fits = (s for s in _SIZES if s.population * s.rollouts * one <= _AT_ONCE_BYTES)
+    most = _AT_ONCE_BYTES if is_on_cpu() else _AT_ONCE_ELSEWHERE_BYTES
+    fits = (s for s in _SIZES if s.population * s.rollouts * one <= most)
     return next(fits, _SIZES[-1])
 
 

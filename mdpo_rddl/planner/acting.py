@@ -1,6 +1,7 @@
 """What a trained planner of JaxPlan's does: its actions, made legal in 64 bit."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
+from mdpo_rddl.machine.device import chosen_device, computing_on
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.plan_memory import Entries, PlanMemory
@@ -42,7 +44,7 @@ class ActingPlanner(JaxBackpropPlanner):
         one it remembers nothing.
         """
         hyperparams = self._complete_hyperparams(policy_hyperparams)
-        with self._precision():
+        with self.computing():
             actions = super().get_action(key, params, step, state, hyperparams, history)
         return self._clipped(actions)
 
@@ -70,7 +72,7 @@ class ActingPlanner(JaxBackpropPlanner):
         """
         hyperparams = self._complete_hyperparams(policy_hyperparams)
         numbers = {name: self.numbers(name, values) for name, values in states.items()}
-        with self._precision():
+        with self.computing():
             given = key, params, hyperparams, step, numbers, memories or {}
             actions = self._batched_policies[np.ndim(key) > 1](*given)
         return self._clipped({name: np.asarray(values) for name, values in actions.items()})
@@ -103,7 +105,7 @@ class ActingPlanner(JaxBackpropPlanner):
           actions: per action fluent [batch, *shape].
         """
         numbers = {name: self.numbers(name, values) for name, values in states.items()}
-        with self._precision():
+        with self.computing():
             return self._batched_update(memories, step, numbers, dict(actions))
 
     @cached_property
@@ -114,9 +116,15 @@ class ActingPlanner(JaxBackpropPlanner):
         """`as_numbers` of the planner's problem."""
         return as_numbers(self.rddl, name, values)
 
-    def _precision(self) -> Any:
-        """JAX's precision as the planner was compiled, whatever it is elsewhere by now."""
-        return enable_x64(jnp.float64 == self.compiled.REAL)
+    def _jax_compile_rddl(self) -> None:
+        self._device = chosen_device()
+        super()._jax_compile_rddl()
+
+    @contextmanager
+    def computing(self) -> Iterator[None]:
+        """JAX's device and precision as the planner was compiled, whatever they are by now."""
+        with computing_on(self._device), enable_x64(jnp.float64 == self.compiled.REAL):
+            yield
 
     def _clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
         actions = dict(found)

@@ -12,9 +12,11 @@ import jax
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause, printable
+from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.start import unit_hyperparams, with_preprocessor
@@ -79,7 +81,8 @@ class Policy(PolicyAgent):
         """
         require_same_problem(saved, problem, source)
         config = PlannerConfig.from_text(saved.config, source)
-        planner = build_planner(problem, config).planner
+        with computing_on(fitting_device(problem)):
+            planner = build_planner(problem, config).planner
         saved = _with_tuples(saved, planner)
         _require_params(saved, planner, source)
         hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
@@ -216,7 +219,8 @@ class Policy(PolicyAgent):
         Args:
           seconds: for measuring what the return loses without each term; 0 measures nothing.
         """
-        return explain(self.problem, self.planner, self.params, seconds)
+        with self.planner.computing():
+            return explain(self.problem, self.planner, self.params, seconds)
 
     def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
         """What knowing every random number before an episode begins would add to the return.
@@ -231,7 +235,8 @@ class Policy(PolicyAgent):
           InputError: if there is no episode or no time.
         """
         compiled = self.planner, self.params, dict(self.policy_hyperparams)
-        return find_hindsight(self.problem, self, compiled, (episodes, seed, seconds))
+        with self.planner.computing():
+            return find_hindsight(self.problem, self, compiled, (episodes, seed, seconds))
 
     def _repr_html_(self) -> str:
         sizes = [np.size(leaf) for leaf in jax.tree.leaves(self.params)]

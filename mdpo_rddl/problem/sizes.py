@@ -71,6 +71,26 @@ def oversize(ast: RDDL, horizon: int | None = None) -> str | None:
     return _too_many_values(ast, params, counts, horizon)
 
 
+def step_values(ast: RDDL) -> int:
+    """How many values all expressions with all their parts have: what is computed at a step.
+
+    Args:
+      ast: both files, parsed.
+    """
+    params = {each.name: list(each.param_types or ()) for each in ast.domain.pvariables}
+    counts = _object_counts(ast)
+    return sum(of_parts for _, _, of_parts in _sizes(ast, params, counts))
+
+
+def _sizes(
+    ast: RDDL, params: dict[str, list[str]], counts: dict[str, int]
+) -> Iterator[tuple[str, int, int]]:
+    """Of each expression its name, the most values of a part, and the values of all parts."""
+    for name, scope, expression in _expressions(ast, params):
+        around = math.prod(counts.get(each, 1) for each in scope)
+        yield name, *_values(expression, around, counts)
+
+
 def _too_many_values(
     ast: RDDL, params: dict[str, list[str]], counts: dict[str, int], horizon: int
 ) -> str | None:
@@ -83,9 +103,7 @@ def _too_many_values(
       horizon: of an episode.
     """
     total = 0
-    for name, scope, expression in _expressions(ast, params):
-        around = math.prod(counts.get(each, 1) for each in scope)
-        values, of_parts = _values(expression, around, counts)
+    for name, values, of_parts in _sizes(ast, params, counts):
         total += of_parts
         if values > MOST_VALUES:
             return (

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from mdpo_rddl.errors import InputError, note_heard, one_line_cause
+from mdpo_rddl.machine.device import current_device
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
@@ -86,7 +86,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "restarts": planner.restarts,
             "batch": planner.batch_size_train,
             "compile_seconds": compile_seconds,
-            "device": str(jax.devices()[0]),
+            "device": str(current_device()),
             "versions": package_versions(),
             **(observed.figures() if end is None else {}),
             "warnings": warnings,

@@ -11,12 +11,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
 from mdpo_rddl.machine.cores import usable_cores
+from mdpo_rddl.machine.device import is_on_cpu
 from mdpo_rddl.machine.jax_setup import kept_tables, leave_out_of_collections
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -52,7 +52,7 @@ class SecondEvaluator:
         self._is_asked = False
         steps = request.episodes * request.problem.horizon
         # another device than this process's could round otherwise
-        is_alike = jax.default_backend() == "cpu"
+        is_alike = is_on_cpu()
         if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike or not sys.executable:
             return
         try:

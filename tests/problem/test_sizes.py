@@ -14,6 +14,7 @@ from mdpo_rddl.problem.sizes import (
     MOST_PART_VALUES,
     MOST_PLAYED_FLUENTS,
     MOST_VALUES,
+    step_values,
 )
 
 SUM = "sum_{?t : tank} [-abs[volume(?t) - LEVEL(?t)]]"
@@ -148,3 +149,14 @@ def test_what_an_inverse_takes(tmp_path: Path) -> None:
     domain = changed(domain, "LEVEL(tank) :", fluent)
     said = refused(tmp_path, domain, tanks(600))
     assert said.startswith(f"{tmp_path}/i.rddl: the cpf of INV has 217,")
+
+
+def test_what_is_computed_at_a_step_grows_with_the_objects(tmp_path: Path) -> None:
+    values = []
+    for count in (10, 20):
+        (tmp_path / "d.rddl").write_text(DOMAIN)
+        (tmp_path / "i.rddl").write_text(tanks(count))
+        problem = load_problem(str(tmp_path / "d.rddl"), str(tmp_path / "i.rddl"))
+        values.append(step_values(problem.model.ast))
+    # what is there once, such as the sum in the reward, is not doubled
+    assert 1.8 * values[0] < values[1] < 2 * values[0]

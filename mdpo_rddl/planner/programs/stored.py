@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
+from mdpo_rddl.machine.device import current_device
 from mdpo_rddl.planner.programs.quick import Jit
 
 logger = logging.getLogger(__name__)
@@ -137,12 +138,12 @@ def _strongly_typed(leaf: Any) -> Any:
 
 def _devices_of(leaves: list[Any]) -> set[Any]:
     arrays = [leaf for leaf in leaves if isinstance(leaf, jax.Array)]
-    return set().union(*(array.devices() for array in arrays)) or {jax.devices()[0]}
+    return set().union(*(array.devices() for array in arrays)) or {current_device()}
 
 
 def _digest(*texts: str) -> str:
     settings = repr(sorted(jax.config.values.items()))
-    device = jax.devices()[0]
+    device = current_device()
     known = (*texts, settings, device.platform, device.device_kind, *_code())
     return hashlib.sha256("\0".join(known).encode()).hexdigest()
 

@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 from jax.extend.random import define_prng_impl, threefry2x32_p, threefry_prng_impl
 
+from mdpo_rddl.machine.device import is_on_cpu
 from mdpo_rddl.planner.programs.traced import bind, replay
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
@@ -59,7 +60,7 @@ def threefry_2x32(key: tuple[Array, Array], block: tuple[Array, Array]) -> list[
 
 def is_written_out() -> bool:
     """Whether the hash is: other devices have kernels of their own for it."""
-    return jax.default_backend() == "cpu"
+    return is_on_cpu()
 
 
 def bind_written_out(primitive: Any, params: dict[str, Any], operands: Any) -> list[Any]:

@@ -146,7 +146,8 @@ def choose(
         reason = "" if applying else "no method changes such actions"
         if applying:
             times = seconds, started + within
-            chosen, trials = _tried(base, applying, times, clock)
+            with base.planner.computing():
+                chosen, trials = _tried(base, applying, times, clock)
     return Choice(chosen, trials, reason, clock() - started)
 
 

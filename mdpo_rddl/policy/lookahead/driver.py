@@ -165,13 +165,19 @@ class LookaheadPolicy(PolicyAgent):
         Returns:
           The action, the candidate that it comes from and candidate 0 [k, D].
         """
+        with self.base.planner.computing():
+            return self._decide(step, state, self._seconds if seconds is None else seconds)
+
+    def _decide(
+        self, step: int, state: Mapping[str, Any], seconds: float
+    ) -> tuple[Mapping[str, Any], np.ndarray, np.ndarray]:
         started = self._clock()
         components, state = self._simulator.components, known_at(self.base, step, state)
         proposed = self.base(step, state)
         base = np.zeros((self._simulator.depth, components.size), np.float32)
         base[0] = components.flat(proposed)
         play = Halving(self._simulator, state, step, base, self._clock, self._new_seed)
-        chosen = self._best(play, started, self._seconds if seconds is None else seconds)
+        chosen = self._best(play, started, seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
         left = bool(np.any(candidate[0] != base[0]))

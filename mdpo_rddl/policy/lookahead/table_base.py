@@ -5,8 +5,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.lookahead.base import Tabled
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
@@ -27,7 +29,8 @@ class TableBase:
         self._table = copy.copy(policy)
         self._lookup = TableLookup(policy.table)
         config = auto_preset(policy.problem.domain_name).without_section("Search")
-        self._planner = build_planner(policy.problem, config).planner
+        with computing_on(fitting_device(policy.problem)):
+            self._planner = build_planner(policy.problem, config).planner
 
     @property
     def problem(self) -> Problem:

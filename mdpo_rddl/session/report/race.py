@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
-
+from mdpo_rddl.machine.device import current_device
 from mdpo_rddl.machine.versions import package_versions
+from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.policy.file import save_policy
 from mdpo_rddl.session.report.race_figure import draw_race
 from mdpo_rddl.session.report.run_folder import POLICY
@@ -28,7 +28,7 @@ def race_figures(outcome: "RaceOutcome") -> dict[str, Any]:
         "status": "interrupted" if outcome.interrupted else ended,
         "train_seconds": max(0.0, outcome.seconds - outcome.compile_seconds),
         "compile_seconds": outcome.compile_seconds,
-        "device": str(jax.devices()[0]),
+        "device": str(fitting_device(outcome.policy.problem) or current_device()),
         "versions": package_versions(),
         "auto": outcome.diagnostics(),
     }

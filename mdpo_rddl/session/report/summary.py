@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, cast
 
-import jax
-
+from mdpo_rddl.machine.device import current_device
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -139,7 +138,7 @@ def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, 
         **{name: value for name, value in counted.items() if value},
         "train_seconds": result.train_seconds,
         "compile_seconds": result.compile_seconds,
-        "device": str(jax.devices()[0]),
+        "device": str(current_device()),
         "versions": package_versions(),
     }
 
