@@ -11,7 +11,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 
 # what one step of a search's rollouts may hold: more takes too long rather than too much memory
 _AT_ONCE_BYTES = 10**7
-# where it takes as long for little
+# on devices where it takes about as long for little
 _AT_ONCE_ELSEWHERE_BYTES = 10**9
 _PLANS_BYTES = 10**8
 VISITS_BYTES = 2 * 10**8

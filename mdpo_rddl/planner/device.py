@@ -11,15 +11,16 @@ from mdpo_rddl.problem.sizes import step_values
 
 logger = logging.getLogger(__name__)
 
-MANY_VALUES = 20_000
-"""Of the model's expressions at a step: so many make up for what a step costs on other devices."""
+MANY_VALUES = 50_000
+"""Of the model's expressions at a step: so many make up for what other devices cost
+(`results/devices`)."""
 
 
 def fitting_device(problem: Problem) -> Any:
     """The device for rollouts of the problem, as `computing_on` takes it.
 
     A step of a rollout is a few dozen small operations. An accelerator takes some microseconds to
-    begin each, whatever its size, in which a CPU has computed a small model's. What
+    begin each, whatever its size, and its programs take longer to compile. What
     `jax.default_device` says stands, and where JAX_PLATFORMS leaves out the CPU it is not used.
 
     Args:

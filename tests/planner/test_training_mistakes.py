@@ -94,7 +94,7 @@ def test_the_expression_that_is_not_finite_is_named(tmp_path):
 
 
 def test_a_derivative_that_is_not_finite_is_named(tmp_path):
-    planner = diverging(tmp_path, "sqrt[x - 3.0] + push")
+    planner = diverging(tmp_path, "pow[x - 3.0, 0.5] + push")
     params = {"push": np.zeros((2,), np.float32)}
     assert origin(planner, params) == "the derivative of the cpf of x' at step 1"
     assert "derivative of the cpf of x'" in one_line(lambda: trained(planner, 3))

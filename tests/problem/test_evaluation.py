@@ -98,10 +98,11 @@ def played_out(
         while not env.done:
             state, reward, *_ = env.step(policy(len(rewards), state))
             rewards.append(float(reward))
-        weights = [1.0]
-        for _ in rewards:
-            weights.append(weights[-1] * problem.model.discount)
-        returns.append(sum(w * r for w, r in zip(weights, rewards, strict=False)))
+        # no `sum`, which Python 3.12 makes more exact than additions
+        found, weight = 0.0, 1.0
+        for reward in rewards:
+            found, weight = found + weight * reward, weight * problem.model.discount
+        returns.append(found)
         lengths.append(len(rewards))
     return returns, lengths
 
