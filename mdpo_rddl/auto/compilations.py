@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from mdpo_rddl.machine.background import Background
+from mdpo_rddl.machine.device import as_here
 
 Result = TypeVar("Result")
 
@@ -28,7 +29,7 @@ def compiled_within(seconds: float, call: Callable[[], Result]) -> Result:
     """
     results: list[Result] = []
     if seconds > 0.0:
-        work = Background(lambda: results.append(call()))
+        work = Background(as_here(lambda: results.append(call())))
         if work.wait(time.monotonic() + seconds):
             return results[0]
     raise TooLateError("the time was over before a program was compiled")
@@ -63,7 +64,7 @@ class Compilations:
                 raise TooLateError("too little time was left to compile it")
             compile_program()
 
-        self._last = Background(in_turn)
+        self._last = Background(as_here(in_turn))
         return self._last
 
     def close(self) -> None:

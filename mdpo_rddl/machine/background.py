@@ -4,8 +4,6 @@ import threading
 import time
 from collections.abc import Callable
 
-from mdpo_rddl.machine.device import chosen_device, computing_on
-
 _SLICE_SECONDS = 0.1
 _NAME = "mdpo-rddl work"
 
@@ -18,22 +16,19 @@ def is_at_work() -> bool:
 class Background:
     """Work in a thread of its own, which whoever started it waits for now and then.
 
-    JAX computes there on the device on which it does here. Nothing ends it; the process
-    waits for it when it exits.
+    Nothing ends it; the process waits for it when it exits.
     """
 
     def __init__(self, task: Callable[[], None]) -> None:
         """Starts the task."""
         self._task, self._done = task, threading.Event()
-        self._device = chosen_device()
         self._raised: list[BaseException] = []
         # said, since a thread inherits it: a daemon that the end of Python meets in XLA aborts it
         threading.Thread(target=self._run, name=_NAME, daemon=False).start()
 
     def _run(self) -> None:
         try:
-            with computing_on(self._device):
-                self._task()
+            self._task()
         except BaseException as error:  # raised where the task is waited for
             self._raised.append(error)
         finally:

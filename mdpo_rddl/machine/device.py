@@ -1,5 +1,6 @@
-"""The device on which JAX computes: for a block of code, and for the threads that begin in it."""
+"""The device on which JAX computes: for a block of code, and for other threads' work."""
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -18,6 +19,17 @@ def computing_on(device: Any) -> AbstractContextManager[Any]:
       device: a `jax.Device` or a platform's name, or None for the one that JAX puts first.
     """
     return jax.default_device(device)
+
+
+def as_here(task: Callable[[], None]) -> Callable[[], None]:
+    """The same task for another thread, with this one's default device there."""
+    device = chosen_device()
+
+    def on_it() -> None:
+        with computing_on(device):
+            task()
+
+    return on_it
 
 
 def current_device() -> jax.Device:

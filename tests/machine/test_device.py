@@ -1,4 +1,4 @@
-"""JAX's default device, for a block and for the threads that begin in it."""
+"""JAX's default device, for a block and for work in other threads."""
 
 import os
 import subprocess
@@ -16,13 +16,13 @@ import time
 import jax
 import jax.numpy as jnp
 from mdpo_rddl.machine.background import Background
-from mdpo_rddl.machine.device import computing_on, current_device
+from mdpo_rddl.machine.device import as_here, computing_on, current_device
 
 first, second = jax.devices()
 found = []
 with computing_on(second):
     assert current_device() == second
-    background = Background(lambda: found.append(jnp.ones(1).devices()))
+    background = Background(as_here(lambda: found.append(jnp.ones(1).devices())))
     found.append(jnp.ones(1).devices())
 background.join()
 assert found == [{second}, {second}], found
@@ -36,7 +36,7 @@ def run_with_two_devices(program):
     subprocess.run([sys.executable, "-c", program], env=variables, check=True)
 
 
-def test_a_block_and_its_threads_compute_on_its_device():
+def test_a_block_and_work_handed_to_a_thread_compute_on_its_device():
     run_with_two_devices(SECOND)
 
 

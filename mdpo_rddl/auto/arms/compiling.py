@@ -13,6 +13,7 @@ from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.candidate import has_structure
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.machine.background import Background
+from mdpo_rddl.machine.device import as_here
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
@@ -131,7 +132,7 @@ class CompilingArm(ArenaArm):
             left = self._arena.deadline - self._clock() - self.usual_seconds
             self._compiling = self._arena.compilations.add(timed, left)
         else:
-            self._compiling = Background(timed)
+            self._compiling = Background(as_here(timed))
 
     def _is_compiled(self, until: float) -> bool:
         """Waits for the compilation; one that was not begun in time ends the arm.
