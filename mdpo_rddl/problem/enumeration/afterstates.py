@@ -7,7 +7,7 @@ together the first one stands for all.
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,22 @@ class Draws(NamedTuple):
     probability: np.ndarray
 
 
-_Tables = tuple[list[tuple[int, np.ndarray]], np.ndarray]
-"""Of all levels the bits [L, B] of their values in each word, and the probabilities [L, B]."""
+class _Table(NamedTuple):
+    """All levels of a variable, or of a group of them.
+
+    Attributes:
+      source: the probabilities [L, B] as the levels have them.
+      encoded: words, and the bits [L, B] of the values in each.
+      probabilities: [L, B].
+      ends: their sums up to each branch [L, B].
+      is_law: whether they are probabilities [L].
+    """
+
+    source: np.ndarray
+    encoded: list[tuple[int, np.ndarray]]
+    probabilities: np.ndarray
+    ends: np.ndarray
+    is_law: np.ndarray
 
 
 class Afterstates:
@@ -64,6 +78,7 @@ class Afterstates:
         self._levels = [
             Levels(len(self._random.get(number, (number,)))) for number in range(len(rules[0]))
         ]
+        self._tables: dict[int, _Table] = {}
         self.packing: Packing = pack(
             [self._size(number) for number in range(len(model.packing.places))]
         )
@@ -91,7 +106,7 @@ class Afterstates:
             counts[variable] += 1
         for variable, count in enumerate(counts):
             if count:
-                self._tables(variable)
+                self._table(variable)
 
     def _size(self, number: int) -> int:
         """How many values a variable's place in an afterstate has."""
@@ -165,13 +180,10 @@ class Afterstates:
         Raises:
           NotEnumerableError: if they are too many, or a probability is none.
         """
-        tables = {
-            number: (self.packing.decode(number, afterstates), *self._checked(number, afterstates))
-            for number in self._random
-        }
+        tables = [self._checked(number, afterstates) for number in self._random]
         counts = np.ones(len(afterstates))
-        for levels, _, probabilities in tables.values():
-            counts *= np.count_nonzero(probabilities > 0, axis=1)[levels]
+        for levels, table in tables:
+            counts *= np.count_nonzero(table.probabilities, axis=1)[levels]
         self._limits.check_transitions(int(min(counts.sum(), 1e18)))
         chunk = (np.cumsum(counts) - counts) // _CHUNK
         starts = np.flatnonzero(np.diff(chunk, prepend=-1))
@@ -186,9 +198,8 @@ class Afterstates:
         """How many next states are possible after each of afterstates [N]."""
         counts = np.ones(len(afterstates))
         for number in self._random:
-            level = self.packing.decode(number, afterstates)
-            _, probabilities = self._checked(number, afterstates)
-            counts *= np.count_nonzero(probabilities > 0, axis=1)[level]
+            levels, table = self._checked(number, afterstates)
+            counts *= np.count_nonzero(table.probabilities, axis=1)[levels]
         return counts
 
     def sample(
@@ -201,37 +212,42 @@ class Afterstates:
         """
         states, probability = self._fixed(afterstates), np.ones(len(afterstates))
         for number in self._random:
-            level = self.packing.decode(number, afterstates)
-            encoded, probabilities = self._checked(number, afterstates)
-            ends = np.cumsum(probabilities[level], axis=1)
-            drawn = random.random(len(level)) * ends[:, -1]
-            branch = np.count_nonzero(ends[:, :-1] <= drawn[:, np.newaxis], axis=1)
-            for word, bits in encoded:
-                states[:, word] |= bits[level, branch]
-            probability *= probabilities[level, branch]
+            levels, table = self._checked(number, afterstates)
+            ends = table.ends[levels]
+            drawn = random.random(len(levels)) * ends[:, -1]
+            branch = (ends[:, :-1] <= drawn[:, np.newaxis]).sum(axis=1)
+            for word, bits in table.encoded:
+                states[:, word] |= bits[levels, branch]
+            probability *= table.probabilities[levels, branch]
         return states, probability
 
     def chances(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The level of a random bool in afterstates [N], and its chance of true at each [L]."""
-        ((_, encoded),), probabilities = self._checked(number, afterstates)
-        chance = np.sum(probabilities * (encoded > 0), axis=1)
-        return self.packing.decode(number, afterstates), chance
+        levels, table = self._checked(number, afterstates)
+        ((_, encoded),) = table.encoded
+        return levels, np.sum(table.probabilities * (encoded > 0), axis=1)
 
-    def _checked(self, number: int, afterstates: np.ndarray) -> _Tables:
-        encoded, probabilities = self._tables(number)
-        used = probabilities[np.unique(self.packing.decode(number, afterstates))]
-        is_law = (used >= -_TOLERANCE).all() and np.allclose(used.sum(axis=1), 1.0)
-        if not is_law:
+    def _checked(self, number: int, afterstates: np.ndarray) -> tuple[np.ndarray, _Table]:
+        """The level [N] of a variable in each of afterstates, and the table of all levels.
+
+        Raises:
+          NotEnumerableError: if a probability is none.
+        """
+        table, levels = self._table(number), self.packing.decode(number, afterstates)
+        if not table.is_law[levels].all():
             raise NotEnumerableError("a probability outside of [0, 1]")
-        return encoded, np.where(probabilities > 0, np.minimum(probabilities, 1.0), 0.0)
+        return levels, table
 
-    def _tables(self, number: int) -> _Tables:
-        """Of the levels of a variable, or of the group that it stands for.
+    def _table(self, number: int) -> _Table:
+        """Of the levels of a variable, or of the group that it stands for; new ones are added.
 
         Raises:
           NotEnumerableError: if a value does not fit.
         """
-        values, probabilities = self._levels[number].tables()
+        values, source = self._levels[number].tables()
+        known = self._tables.get(number)
+        if known is not None and known.source is source:
+            return known
         encoded: dict[int, np.ndarray] = {}
         for variable, own in zip(self._random[number], values, strict=True):
             word = self._model.packing.places[variable].word
@@ -240,7 +256,12 @@ class Afterstates:
             except OverflowError as error:
                 raise NotEnumerableError(str(error)) from error
             encoded[word] = encoded[word] | bits if word in encoded else bits
-        return list(encoded.items()), probabilities
+        is_law = (source >= -_TOLERANCE).all(axis=1) & np.isclose(source.sum(axis=1), 1.0)
+        probabilities = np.where(source > 0, np.minimum(source, 1.0), 0.0)
+        ends = np.cumsum(probabilities, axis=1)
+        table = _Table(source, list(encoded.items()), probabilities, ends, is_law)
+        self._tables[number] = table
+        return table
 
     def _fixed(self, afterstates: np.ndarray) -> np.ndarray:
         """Next states [N, words] of which the random variables are still 0."""
@@ -252,16 +273,18 @@ class Afterstates:
                 states[:, place.word] |= bits << np.uint64(place.shift)
         return states
 
-    def _draw(self, origin: np.ndarray, fixed: np.ndarray, tables: dict[int, Any]) -> Draws:
+    def _draw(
+        self, origin: np.ndarray, fixed: np.ndarray, tables: list[tuple[np.ndarray, _Table]]
+    ) -> Draws:
         states, probability = fixed[origin], np.ones(len(origin))
-        for levels, encoded, probabilities in tables.values():
-            level = levels[origin]
+        for levels, table in tables:
+            level, probabilities = levels[origin], table.probabilities
             parts = []
             for branch in range(probabilities.shape[1]):
                 chosen = np.flatnonzero(probabilities[level, branch])
                 own = level[chosen]
                 new = states[chosen]
-                for word, bits in encoded:
+                for word, bits in table.encoded:
                     new[:, word] |= bits[own, branch]
                 weight = probability[chosen] * probabilities[own, branch]
                 parts.append((origin[chosen], new, weight))

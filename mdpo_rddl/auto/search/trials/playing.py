@@ -82,7 +82,8 @@ def _turn(explored: Explored, greedy: Greedy, states: np.ndarray, step: int) -> 
     number[(number >= 0) & (explored.depth.values[number] >= len(greedy.rows))] = -1
     known, unknown = np.flatnonzero(number >= 0), np.flatnonzero(number < 0)
     known = known[explored.row_count.values[number[known]] > 0]
-    unknown = unknown[~explored.maker.ended(states[unknown])]
+    if len(unknown):
+        unknown = unknown[~explored.maker.ended(states[unknown])]
     # as a table plays a state that it knows of later steps only
     when = np.maximum(step, explored.depth.values[number[known]])
     rows = greedy.rows[np.minimum(when, len(greedy.rows) - 1), number[known]]
