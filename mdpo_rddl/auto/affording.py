@@ -29,10 +29,12 @@ _PLANS_SHARE = 0.15
 # of what learns a value: its program beside the judge's, which may come from the cache, at most so
 # many of these, else so many seconds and so many of these; it is of the quick kind where less than
 # so many times its seconds are left; an iteration takes about so many times as long as the judge's
-# rollouts of a candidate, and so many seconds; the fewest that find anything
+# rollouts of a candidate, more where many changes are tried in turn, and so many seconds; the
+# fewest that find anything
 _VALUE_PROGRAMS, _LEAST_VALUE_SECONDS = 4.0, 8.0
 _VALUE_FIXED_SECONDS, _LATER_VALUE_PROGRAMS, _QUICK_VALUE_PROGRAMS = 6.0, 1.5, 3.0
-_VALUE_EVALUATIONS, _FITTING_SECONDS, _VALUE_ITERATIONS = 4.0, 0.03, 30
+_VALUE_EVALUATIONS, _EVALUATIONS_IN_TURN = 4.0, 1.5
+_FITTING_SECONDS, _VALUE_ITERATIONS = 0.03, 30
 EXPLORING_FIRST, LATER = 0.4, 0.25
 """Shares of the time left that the compilation of what explores a net's parameters may take: before
 the other arms, and after some of them."""
@@ -80,14 +82,16 @@ class Affording:
         """Whether there is time for plans where feedback policies have found something."""
         return self._arena.plans.is_compiled or self.population(_PLANS_SHARE)
 
-    def value(self, share: float) -> bool:
+    def value(self, share: float, in_turn: int = 0) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.
 
         Args:
           share: of the time left, that its compilation and its first iterations may take.
+          in_turn: changes that a decision tries one after the other.
         """
         left = self._arena.deadline - self._arena.clock()
-        iteration = _VALUE_EVALUATIONS * self._rollout_seconds + _FITTING_SECONDS
+        evaluations = max(_VALUE_EVALUATIONS, _EVALUATIONS_IN_TURN * (1 + in_turn))
+        iteration = evaluations * self._rollout_seconds + _FITTING_SECONDS
         needed = self.usual_seconds(GREEDY) + _VALUE_ITERATIONS * iteration
         return not self._is_large and needed <= share * left
 

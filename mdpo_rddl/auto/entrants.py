@@ -54,7 +54,12 @@ class Entrants:
 
     def may_be_greedy(self, share: float) -> bool:
         """Whether there is such an arm, and time for it; the argument is that of `greedy`."""
-        return self._tries_changes and self._affording.value(share)
+        changes = self._changes
+        if changes is None:
+            return False
+        # bools are tried side by side, and those together that affect nothing in common
+        in_turn = changes.size if self.decides_numbers else 0
+        return self._affording.value(share, in_turn)
 
     @property
     def decides_numbers(self) -> bool:
@@ -63,19 +68,19 @@ class Entrants:
         return any(rddl.variable_ranges[name] != "bool" for name in rddl.action_fluents)
 
     @property
-    def _tries_changes(self) -> bool:
-        """Whether each single change can be tried at a decision, and the states be kept."""
+    def _changes(self) -> SingleChanges | None:
+        """What can be tried at a decision; None if that is too much, or the states are."""
         planner = self._arena.planner
         rddl, exact = planner.rddl, planner.test_compiled
         if GREEDY in self._without or rddl.observ_fluents:
-            return False
+            return None
         if self.decides_numbers and self._arena.probe.deterministic:
-            return False  # no policy returns more than the best plan then
+            return None  # no policy returns more than the best plan then
         changes = SingleChanges.of(exact)
         if changes is None or changes.size > _MOST_CHANGES:
-            return False
+            return None
         state = sum(np.asarray(exact.init_values[name]).nbytes for name in rddl.state_fluents)
-        return state * planner.horizon <= _MOST_BYTES
+        return changes if state * planner.horizon <= _MOST_BYTES else None
 
     def exploration(self, share: float = EXPLORING_FIRST) -> CompilingArm | None:
         """The one that explores the parameters of a net.

@@ -170,6 +170,8 @@ def probe(
     # the planner's units are 1 where there is no box
     scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
     means, states = plays.means_and_states(scaled, at_least=2)
+    if not (large or plays.batch_seconds):
+        plays.means(scaled[: size.at_once])  # the first batch has compiled, the second tells a pace
     seconds = plays.seconds
     best = int(np.argmax(means))
     scales = {

@@ -51,6 +51,12 @@ def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expec
     assert affording(**case).value(0.4) == expected
 
 
+@pytest.mark.parametrize(("in_turn", "expected"), [(1, True), (8, True), (9, False)])
+def test_changes_that_are_tried_in_turn_take_longer(in_turn, expected):
+    # 8 s for the program and 30 iterations of 0.25 s are of 16 s, of 0.28 s are more
+    assert affording(0.0166).value(0.4, in_turn) == expected
+
+
 @pytest.mark.parametrize(
     ("usual", "left", "seconds", "jit"),
     [

@@ -17,8 +17,8 @@ class Generous:
         """Refuses these."""
         self.refused = refused
 
-    def value(self, share: float) -> bool:
-        return "greedy" not in self.refused
+    def value(self, share: float, in_turn: int = 0) -> bool:
+        return "greedy" not in self.refused and in_turn < 30
 
     def value_jit(self) -> Jit:
         return light_jit
@@ -126,7 +126,9 @@ def test_an_arm_that_trains_is_found_by_its_name():
         ({"kind": "bool", "bools": (5, 51)}, True),
         ({"kind": "bool", "bools": (16, 16)}, False),
         ({"kind": "bool", "state": 7000}, False),
+        # 28 changes in turn there is time for, and not 35
         ({"kind": "int", "deterministic": False}, True),
+        ({"kind": "int", "deterministic": False, "values": 6}, False),
         # no policy returns more than the best plan
         ({"kind": "int"}, False),
         ({"kind": "int", "deterministic": False, "values": np.inf}, False),

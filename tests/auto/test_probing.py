@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.lakes import preset, write_lake
 from helpers.problems import tiny_files
-from helpers.toys import problem_from
+from helpers.toys import problem_from, toy
 
 from mdpo_rddl.auto import probing, sizes
 from mdpo_rddl.auto.fitting import scaled, without_plan, without_scales
@@ -110,6 +110,11 @@ def test_the_same_seed_starts_the_same_search(tmp_path):
     )
     assert one.state_scales == two.state_scales
     jax.tree.map(np.testing.assert_array_equal, one.start, two.start)
+
+
+def test_what_a_batch_takes_is_known_where_one_shows_all():
+    planner = build_planner(toy("quest"), without_scales(preset(1.0))).planner
+    assert probing.probe(planner, seed=0).batch_seconds > 0.0
 
 
 def test_where_rollouts_take_long_there_are_as_many_as_there_is_time_for():
