@@ -92,7 +92,9 @@ class Schedule(Openings):
         for candidate in self._initial:
             judge.record(candidate)
         if self.early is not None:
-            self._try_early(self.early, self._end("early", _EARLY_SHARES[self._finds_reward()]))
+            until = self._end("early", _EARLY_SHARES[self._finds_reward()])
+            makes_late = begins_at_once and self._makes_greedy_late(until)
+            self._try_early(self.early, arena.clock() if makes_late else until)
         if begins_at_once:
             if self._open_alone():
                 self._finish()
