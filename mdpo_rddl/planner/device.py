@@ -21,21 +21,17 @@ def fitting_device(problem: Problem) -> Any:
 
     A step of a rollout is a few dozen small operations. An accelerator takes some microseconds to
     begin each, whatever its size, and its programs take longer to compile. What
-    `jax.default_device` says stands, and where JAX_PLATFORMS leaves out the CPU it is not used.
+    `jax.default_device` or JAX_PLATFORMS says stands.
 
     Args:
       problem: parsed.
     """
     chosen, first = chosen_device(), jax.devices()[0]
-    if chosen is not None or first.platform == "cpu":
+    if chosen is not None or jax.config.values["jax_platforms"] or first.platform == "cpu":
         return chosen
     values = step_values(problem.model.ast)
     if values >= MANY_VALUES:
         logger.info("%s: %d values a step: on %s", problem.label, values, first)
         return chosen
-    try:
-        device = jax.devices("cpu")[0]
-    except RuntimeError:
-        return chosen
     logger.info("%s: %d values a step, too few for %s", problem.label, values, first)
-    return device
+    return jax.devices("cpu")[0]
