@@ -15,7 +15,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.judge import Judge, mean_and_error
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.timing import Clock
@@ -44,7 +44,7 @@ def confirm(arena: Arena, until: float, latest: float) -> Candidate:
     Args:
       arena: whose judge has an incumbent.
       until: when no further episode begins, by the clock, after the fewest that tell anything.
-      latest: when to end in any case, but for a compilation.
+      latest: when to end in any case.
     """
     clock, judge = arena.clock, arena.judge
     play = episodes_of(arena.problem, arena.seed, (until, latest), clock)
@@ -112,12 +112,19 @@ def episodes_of(problem: Problem, seed: int, ends: tuple[float, float], clock: C
     stream = int(np.random.SeedSequence([seed, _STREAM]).generate_state(1)[0])
 
     def play(candidate: Candidate) -> Evaluation:
-        policy, ended = policy_of(candidate, problem, seed), 0
+        policy, ended, is_compiled = policy_of(candidate, problem, seed), 0, False
 
         def decide(step: int, state: Any) -> Any:
-            if clock() >= latest:
+            nonlocal is_compiled
+            left = latest - clock()
+            if left <= 0.0:
                 raise TooLateError("the result's episodes on the environment take too long")
-            return policy(step, state)
+            if is_compiled:
+                return policy(step, state)
+            # beside an arm's program, which nothing interrupts either, this takes long
+            actions = compiled_within(left, lambda: policy(step, state))
+            is_compiled = True
+            return actions
 
         def goes_on() -> bool:
             nonlocal ended

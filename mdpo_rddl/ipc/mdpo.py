@@ -23,6 +23,8 @@ from mdpo_rddl.problem.load import Problem, make_environment
 _FILE = "policy.safetensors"
 # for what comes after the race: what it does beyond its time, and the policy's compilation
 _MOST_MARGIN_SECONDS = 5.0
+# beside the program of an arm, which may still be compiled, the policy's takes so much longer
+_BESIDE_ANOTHER = 2.0
 
 ConfigChange = Callable[[PlannerConfig], PlannerConfig]
 
@@ -74,7 +76,7 @@ class MDPO:
         """
         until = self._clock() + seconds
         self._take_up(self._find(problem, race_seconds(seconds), seed))
-        if self._clock() + self._program_seconds < until:
+        if self._clock() + _BESIDE_ANOTHER * self._program_seconds < until:
             self._compile()
 
     def save(self, folder: Path) -> None:

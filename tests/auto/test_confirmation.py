@@ -1,6 +1,8 @@
 """A policy that the exact environment pays less than the judge's rollouts did."""
 
 import math
+import threading
+import time
 from dataclasses import replace
 
 import jax
@@ -10,12 +12,14 @@ from helpers.clocks import Ticking
 from helpers.lakes import preset
 from helpers.races import CLOCK, raced
 
-from mdpo_rddl.auto import RaceOptions
+from mdpo_rddl.auto import RaceOptions, confirmation
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.confirmation import confirmed, episodes_of, is_less, less_than_judged
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -181,6 +185,27 @@ def test_a_policy_that_plays_too_slowly_is_not_played_to_the_end(problem, noop):
     play = episodes_of(problem, 0, (began, began + 12.0), clock)
     assert confirmed(judge, play, lambda: True).label == "on it"
     assert clock() == began + 13.0
+
+
+def test_a_program_that_compiles_too_slowly_is_not_waited_for(problem, noop, monkeypatch):
+    is_over = threading.Event()
+
+    def of(candidate, problem, seed):
+        policy = policy_of(candidate, problem, seed)
+
+        def decide(step, state):
+            is_over.wait(30.0)
+            return policy(step, state)
+
+        return decide
+
+    monkeypatch.setattr(confirmation, "policy_of", of)
+    play = episodes_of(problem, 0, (time.monotonic(), time.monotonic() + 0.5), time.monotonic)
+    began = time.monotonic()
+    with pytest.raises(TooLateError):
+        play(noop)
+    assert time.monotonic() - began < 10.0
+    is_over.set()
 
 
 @pytest.mark.long
