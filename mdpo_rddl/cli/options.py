@@ -96,7 +96,10 @@ def plan_parser() -> OneLineParser:
     )
     domain.completer = _complete_problem  # type: ignore[attr-defined]
     parser.add_argument(
-        "instance", nargs="?", help="instance file, or an instance of rddlrepository's problem"
+        "instance",
+        nargs="?",
+        help="instance file, unless the domain's has the instance, too; or an instance of "
+        "rddlrepository's problem",
     )
     parser.add_argument(
         "--list", action="store_true", help="print the names of all problems, and stop"

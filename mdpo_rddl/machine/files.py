@@ -51,13 +51,14 @@ def read_bounded(path: Path, most_bytes: int, within: Path | None = None) -> byt
 
 
 def decoded(content: bytes, errors: str = "strict") -> str:
-    """The text of a file in UTF-8, with Unix line ends and without a byte order mark.
+    """The text of a file in UTF-8, with Unix line ends and without byte order marks.
 
     Args:
       content: of the file.
       errors: as `bytes.decode` takes it.
     """
-    text = content.decode("utf-8-sig", errors)
+    # an editor may have put a second mark before one that it did not know
+    text = content.decode("utf-8", errors).lstrip("\ufeff")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

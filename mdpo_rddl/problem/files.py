@@ -2,6 +2,7 @@
 
 import difflib
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,10 @@ from mdpo_rddl.problem.shipped import shipped_files, shipped_names
 MOST_RDDL_BYTES = 2**20
 """Of one file; parsing that much takes about ten seconds."""
 
+COMMENT = re.compile(r"//[^\n]*")
+"""Of a domain or an instance, to the end of its line."""
+
+_INSTANCE = re.compile(r"\binstance\s+[^\s{]+\s*\{")
 _LIST = "mdpo-plan --list shows all"
 
 
@@ -41,7 +46,7 @@ def read_problem(domain: str, instance: str | None = None) -> ProblemFiles:
 
     Args:
       domain: a file, or a name of rddlrepository; without an instance the name of a problem that
-        comes with the package.
+        comes with the package, or a file that holds the instance, too.
       instance: a file, or the name of an instance. Both are files if either looks like one: it
         has a path separator or the suffix .rddl, or it exists.
 
@@ -50,7 +55,7 @@ def read_problem(domain: str, instance: str | None = None) -> ProblemFiles:
     """
     is_own = instance is None or looks_like_file(domain) or looks_like_file(instance)
     if instance is None:
-        domain_path, instance_path = _shipped_paths(domain)
+        domain_path, instance_path = _paths_of_one(domain)
     elif is_own:
         domain_path, instance_path = Path(domain), Path(instance)
     else:
@@ -85,17 +90,23 @@ def list_problems() -> list[str]:
     return lines
 
 
-def _shipped_paths(name: str) -> tuple[Path, Path]:
-    """The files of a shipped problem. Raises `InputError`, with near names, if there is none."""
+def _paths_of_one(name: str) -> tuple[Path, Path]:
+    """The files of a shipped problem, or twice the one that holds a domain and an instance.
+
+    Raises `InputError`, with near names, if there is neither.
+    """
     if name in shipped_names():
         return shipped_files(name)
+    if looks_like_file(name):
+        path = Path(name)
+        if not _INSTANCE.search(COMMENT.sub("", _read_text(path, "domain"))):
+            raise InputError(f"{name}: which instance? Give its file too")
+        return path, path
     manager = rddl_repository()
     known = manager.list_problems()
     if name in known:
         available = " ".join(manager.get_problem(name).list_instances())
         raise InputError(f"which instance of '{name}'? It has: {available}")
-    if looks_like_file(name):
-        raise InputError(f"{name}: which instance? Give its file too")
     hint = _near(name, problem_names())
     raise InputError(f"there is no problem '{name}'{hint} ({_LIST})")
 

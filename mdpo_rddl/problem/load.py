@@ -28,14 +28,11 @@ from pyRDDLGym.core.simulator import RDDLSimulator
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import write_atomically
-from mdpo_rddl.problem.files import ProblemFiles, read_problem
+from mdpo_rddl.problem.files import COMMENT, ProblemFiles, read_problem
 from mdpo_rddl.problem.sizes import oversize
 
 logger = logging.getLogger(__name__)
 _redirecting = threading.RLock()
-
-COMMENT = re.compile(r"//[^\n]*")
-"""Of a domain or an instance, to the end of its line."""
 
 _UNDECODABLE = "\ufffd"
 _LINE_BREAK = re.compile(r"\s*[\r\n]+\s*")

@@ -3,7 +3,8 @@
 import dataclasses
 import re
 
-from mdpo_rddl.problem.load import COMMENT, Problem
+from mdpo_rddl.problem.files import COMMENT
+from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 
 

@@ -34,6 +34,15 @@ def test_two_files(tmp_path: Path) -> None:
     assert problem.digest == hashlib.sha256((DOMAIN + INSTANCE).encode()).hexdigest()
 
 
+def test_one_file_with_the_domain_and_the_instance(tmp_path: Path) -> None:
+    path = tmp_path / "whole.rddl"
+    path.write_text(DOMAIN + INSTANCE)
+    problem = load_problem(str(path))
+    assert (problem.domain_name, problem.instance_name, problem.label) == ("tanks", "two", "whole")
+    assert problem.domain_path == problem.instance_path == path
+    assert episode(problem, 3) == episode(load_problem(*write(tmp_path)), 3)
+
+
 def test_relative_paths_without_separator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path)
     (tmp_path / "tanks.rddl").rename(tmp_path / "tanks")
@@ -41,9 +50,10 @@ def test_relative_paths_without_separator(tmp_path: Path, monkeypatch: pytest.Mo
     assert load_problem("tanks", "two.rddl").instance_path == Path("two.rddl")
 
 
-def test_windows_line_ends_and_byte_order_mark_change_nothing(tmp_path: Path) -> None:
+def test_windows_line_ends_and_byte_order_marks_change_nothing(tmp_path: Path) -> None:
     plain = load_problem(*write(tmp_path))
-    (tmp_path / "tanks.rddl").write_bytes(b"\xef\xbb\xbf" + DOMAIN.replace("\n", "\r\n").encode())
+    marks = b"\xef\xbb\xbf" * 2  # an editor may have put one before another's
+    (tmp_path / "tanks.rddl").write_bytes(marks + DOMAIN.replace("\n", "\r\n").encode())
     windows = load_problem(str(tmp_path / "tanks.rddl"), str(tmp_path / "two.rddl"))
     assert windows.digest == plain.digest
 

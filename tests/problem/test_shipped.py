@@ -41,7 +41,7 @@ def test_a_name_finds_its_files_from_any_folder(tmp_path, monkeypatch):
         (("hvac01",), "there is no problem 'hvac01'; did you mean hvac20 or hvac10"),
         (("qqqqqq",), "there is no problem 'qqqqqq' (mdpo-plan --list shows all)"),
         (("HVAC_ippc2023",), "which instance of 'HVAC_ippc2023'? It has: 0 1 2 3 4 5"),
-        (("tanks.rddl",), "tanks.rddl: which instance? Give its file too"),
+        (("tanks.rddl",), "tanks.rddl: cannot read the domain file"),
         (("hvac10", "4"), "'hvac10' is a problem by itself: leave '4' out"),
         (("HVAC_ipc2023", "4"), "did you mean HVAC_ippc2023"),
     ],
