@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
@@ -19,6 +20,8 @@ from mdpo_rddl.auto.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.judge import Judge, mean_and_error
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.problem.episode import WatchedPolicy
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
@@ -100,6 +103,8 @@ def _is_clearly_better(one: Evaluation, other: Evaluation) -> bool:
 def episodes_of(problem: Problem, seed: int, ends: tuple[float, float], clock: Clock) -> Play:
     """Plays candidates in the same episodes, as many of them as there is time for.
 
+    Where one makes the environment raise an error, all its episodes count as `LOST`.
+
     Args:
       problem: the parsed problem.
       seed: of the race.
@@ -131,7 +136,12 @@ def episodes_of(problem: Problem, seed: int, ends: tuple[float, float], clock: C
             ended += 1
             return ended < _FEWEST_EPISODES or clock() < until
 
-        return evaluate(env, WatchedPolicy(policy, decide), _EPISODES, stream, goes_on)
+        try:
+            return evaluate(env, WatchedPolicy(policy, decide), _EPISODES, stream, goes_on)
+        except RDDLValueOutOfRangeError as error:
+            logger.info("the environment fails: %s", one_line_cause(error))
+            lost, lengths = np.full(_FEWEST_EPISODES, LOST), np.ones(_FEWEST_EPISODES, int)
+            return Evaluation(lost, lengths, illegal_actions=0, fallback_actions=0)
 
     return play
 

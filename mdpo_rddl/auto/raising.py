@@ -2,35 +2,64 @@
 
 import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
+import numpy as np
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.random_actions import RandomActions
 
 logger = logging.getLogger(__name__)
 
 RAISING_SHARE = 0.01
-"""Of a race's time: what the episode may take."""
+"""Of a race's time: what the episodes may take."""
+
+State = Mapping[str, Any]
+Choose = Callable[[State], State]
 
 
 def watched(problem: Problem, has_time: Callable[[], bool]) -> Problem:
-    """The problem, with `raises` where an episode of the no-op ends in an error.
+    """The problem, with `raises` where an episode of the no-op, or of random actions, fails.
 
     Args:
       problem: the parsed problem.
-      has_time: asked for before each step of the episode.
+      has_time: asked for before each step of the two episodes.
     """
-    env = make_environment(problem)
-    env.reset(seed=0)
+    cause = _failure(problem, lambda: _noop, has_time)
+    told = "if nothing is done"
+    if cause is None:
+        cause, told = _failure(problem, lambda: _random(problem), has_time), "for some actions"
+    if cause is None:
+        return problem
+    logger.warning("the environment raises an error %s, policies must avoid it: %s", told, cause)
+    return dataclasses.replace(problem, raises=True)
+
+
+def _failure(
+    problem: Problem, make: Callable[[], Choose], has_time: Callable[[], bool]
+) -> str | None:
+    """Why an episode ends in an error of a value out of range; None if it does not."""
+    if not has_time():
+        return None
     try:
+        choose, env = make(), make_environment(problem)
+        state, _ = env.reset(seed=0)
         while not env.done and has_time():
-            env.step({})
+            state, *_ = env.step(choose(state))
     except RDDLValueOutOfRangeError as error:
-        told = "the environment raises an error if nothing is done, policies must avoid it: %s"
-        logger.warning(told, one_line_cause(error))
-        return dataclasses.replace(problem, raises=True)
+        return one_line_cause(error)
     except Exception as error:  # whoever plays the result will hear of it
-        logger.info("the no-op's episode failed: %s", one_line_cause(error))
-    return problem
+        logger.info("an episode failed: %s", one_line_cause(error))
+    return None
+
+
+def _noop(state: State) -> State:
+    return {}
+
+
+def _random(problem: Problem) -> Choose:
+    actions, random = RandomActions(problem), np.random.default_rng(0)
+    return lambda state: actions.draw(state, random)

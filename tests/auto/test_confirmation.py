@@ -11,6 +11,7 @@ import pytest
 from helpers.clocks import Ticking
 from helpers.lakes import preset
 from helpers.races import CLOCK, raced
+from helpers.toys import toy
 
 from mdpo_rddl.auto import RaceOptions, confirmation
 from mdpo_rddl.auto.candidate import Candidate
@@ -21,6 +22,7 @@ from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 
@@ -185,6 +187,25 @@ def test_a_policy_that_plays_too_slowly_is_not_played_to_the_end(problem, noop):
     play = episodes_of(problem, 0, (began, began + 12.0), clock)
     assert confirmed(judge, play, lambda: True).label == "on it"
     assert clock() == began + 13.0
+
+
+def test_a_policy_that_makes_the_environment_fail_is_left_for_another(caplog):
+    problem = toy("sail")
+    config = without_scales(preset(1.0))
+    planner = build_planner(problem, config).planner
+    start = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    clock = Ticking()
+    judge = Judge(4, seed=0, clock=clock, began=clock())
+    for arm, value, mean in (("astern", -0.1, 50.0), ("ahead", 0.5, 12.0)):
+        params = with_bias(start, {"set": np.array(value)})
+        returns = np.full(4, mean)
+        told = {"mean": mean, "error": 0.0, "returns": returns}
+        judge.record(Candidate(arm, arm, config, planner, params, **told))
+    assert judge.incumbent.label == "astern"
+
+    play = episodes_of(problem, 0, (clock() + 100.0, math.inf), clock)
+    assert play(judge.incumbent).mean == LOST
+    assert confirmed(judge, play, lambda: True).label == "ahead"
 
 
 def test_a_program_that_compiles_too_slowly_is_not_waited_for(problem, noop, monkeypatch):

@@ -34,6 +34,13 @@ def test_an_error_in_an_episode_of_the_no_op_is_seen_and_told(kettle, caplog):
     assert "Bernoulli" in caplog.text
 
 
+def test_an_error_in_an_episode_of_random_actions_is_seen_and_told(caplog):
+    with caplog.at_level(logging.WARNING):
+        assert watched(toy("sail"), always).raises
+    assert "for some actions" in caplog.text
+    assert "Normal" in caplog.text
+
+
 def test_an_episode_without_an_error_says_nothing(caplog):
     with caplog.at_level(logging.INFO):
         assert not watched(toy("kettle", TERMINATION="heat > 0.7"), always).raises
@@ -41,8 +48,9 @@ def test_an_episode_without_an_error_says_nothing(caplog):
     assert not caplog.records
 
 
-def test_the_episode_ends_when_its_time_is_over(kettle):
-    assert not watched(kettle, iter([True, False]).__next__).raises
+def test_the_episodes_end_when_their_time_is_over(kettle):
+    assert not watched(kettle, iter([True, True, False, False]).__next__).raises
+    assert not watched(toy("sail"), iter([True, False, False]).__next__).raises
 
 
 def returns(problem) -> np.ndarray:
