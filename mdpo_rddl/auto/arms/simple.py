@@ -8,7 +8,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.candidate import NOOP
 from mdpo_rddl.auto.search.population import PopulationReturns
-from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
+from mdpo_rddl.auto.search.rules import Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
 from mdpo_rddl.auto.state import State
 
@@ -23,7 +23,7 @@ class Rules(IntEnum):
     MANY = 1
 
 
-_COUNTS = {Rules.FEW: FEW_RULES, Rules.MANY: 32_768}
+_COUNTS = {Rules.FEW: 2048, Rules.MANY: 32_768}
 
 
 class SimpleArm(ArenaArm):

@@ -15,6 +15,9 @@ RULE_SIGMA = 0.5
 """Deviation of a weight that is not zero."""
 FEW_RULES = 512
 """Rules that say where a search may begin."""
+# every so many rules have all their weights times a power of ten, of an exponent in between: where
+# a state is to be held, probing's constants have seen it far away, and its unit is too large
+_STRONG, _EXPONENTS = 4, (0.5, 2.0)
 
 
 class Rule(NamedTuple):
@@ -61,6 +64,8 @@ def random_rules(
         # most of the weights of a simple rule are zero
         scales = random.choice([0.0, 1.0, 3.0], size=size, p=[0.5, 0.3, 0.2])
         vectors = random.normal(size=size) * scales * RULE_SIGMA
+        strong = vectors[::_STRONG]
+        strong *= 10.0 ** random.uniform(*_EXPONENTS, size=(len(strong), 1))
         means = population(rules, 0, vectors)
         means = np.where(np.isfinite(means), means, -np.inf)
         kept += map(Rule, means.tolist(), vectors)
