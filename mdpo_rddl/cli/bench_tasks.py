@@ -4,11 +4,12 @@ import argparse
 from typing import Any
 
 from mdpo_rddl.bench.tasks.ablation import ablation_table, run_ablation
-from mdpo_rddl.bench.tasks.anytime import anytime_table, named_tasks, read_anytime, run_anytime
+from mdpo_rddl.bench.tasks.anytime import anytime_table, read_anytime, run_anytime
 from mdpo_rddl.bench.tasks.anytime_figure import draw_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.everywhere_figure import draw_everywhere
 from mdpo_rddl.bench.tasks.ippc2014 import ippc2014_table, run_ippc2014
+from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.sharing import read_sharing, run_sharing, sharing_table
@@ -76,14 +77,14 @@ def _anytime(options: argparse.Namespace) -> str:
     times = [
         Conditions(seconds, options.episodes, options.memory_gb) for seconds in options.seconds
     ]
-    run_anytime(options.out, named_tasks(options.problems), options.seeds, times)
+    run_anytime(options.out, [*map(named_task, options.problems)], options.seeds, times)
     returns = read_anytime(options.out)
     draw_anytime(options.out / ANYTIME_PICTURE, returns)
     return anytime_table(returns)
 
 
 def _ablation(options: argparse.Namespace) -> str:
-    tasks = named_tasks(options.problems)
+    tasks = [*map(named_task, options.problems)]
     records = run_ablation(
         options.out, tasks, options.seeds, _conditions(options), _shard(options), options.arms
     )
@@ -91,13 +92,13 @@ def _ablation(options: argparse.Namespace) -> str:
 
 
 def _sharing(options: argparse.Namespace) -> str:
-    tasks = named_tasks(options.problems)
+    tasks = [*map(named_task, options.problems)]
     run_sharing(options.out, tasks, options.seeds, _conditions(options), _shard(options))
     return sharing_table(read_sharing(options.out))
 
 
 def _thinking(options: argparse.Namespace) -> str:
-    tasks = named_tasks(options.problems)
+    tasks = [*map(named_task, options.problems)]
     records = run_thinking(options.out, tasks, options.seeds, _conditions(options), _shard(options))
     return thinking_table(records)
 

@@ -25,7 +25,8 @@ def default_published(decision_seconds: float) -> Path:
 def add_task_commands(commands: Any) -> list[OneLineParser]:
     """Adds the commands."""
     everywhere = commands.add_parser(
-        "everywhere", help="one instance of every problem of rddlrepository, beside JaxPlan"
+        "everywhere",
+        help="one instance of every problem of rddlrepository, or of files, beside JaxPlan",
     )
     everywhere.add_argument("--planners", nargs="+", choices=PLANNERS, default=list(PLANNERS))
     everywhere.set_defaults(run="everywhere", out=Path("results/everywhere"))
@@ -80,7 +81,7 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     thinking.add_argument("--decision-seconds", type=number(above=0), default=0.2)
     thinking.set_defaults(run="thinking", out=Path("results/thinking_hidden"))
     for command, form in (
-        (everywhere, "NAME[:INSTANCE]"),
+        (everywhere, "NAME[:INSTANCE]|DOMAIN:INSTANCE|FILE"),
         (published, "NAME"),
         (ippc2014, "NAME"),
     ):

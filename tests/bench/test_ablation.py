@@ -117,8 +117,8 @@ def test_the_command_prints_the_table(tmp_path, monkeypatch, capsys):
         "mdpo_rddl.bench.tasks.ablation.run_tasks",
         lambda out, *_: Records(out / "rows.csv", COLUMNS, KEYS),
     )
-    words = ["ablation", "--problems", "Toy:1", "hvac10", "--out", str(tmp_path)]
+    words = ["ablation", "--problems", "TSP_or:0", "hvac10", "--out", str(tmp_path)]
     assert bench.main(words) == 0
     assert "| adaptive noise | 0 | 0 | 0 | 0 |" in capsys.readouterr().out
     assert bench.main(["ablation", "--problems", "hvac99", "--out", str(tmp_path)]) == 2
-    assert "must be Problem:instance" in capsys.readouterr().err
+    assert "has no problem 'hvac99'" in capsys.readouterr().err

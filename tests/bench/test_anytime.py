@@ -1,13 +1,11 @@
 """More time to prepare: what is run, and where a longer preparation found less."""
 
 import numpy as np
-import pytest
 
 from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.tasks.anytime import anytime_table, falls, named_tasks, read_anytime
+from mdpo_rddl.bench.tasks.anytime import anytime_table, falls, read_anytime
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Task
 from mdpo_rddl.cli import bench
-from mdpo_rddl.errors import InputError
 
 
 def test_every_time_has_its_rows_and_is_tried_once(tmp_path, monkeypatch, capsys):
@@ -18,14 +16,14 @@ def test_every_time_has_its_rows_and_is_tried_once(tmp_path, monkeypatch, capsys
         records = Records(out / "rows.csv", COLUMNS, KEYS)
         row = {"status": "ok", "mean": conditions.seconds}
         for seed in range(seeds):
-            records.add("Toy", "1", "mdpo", seed, *(row.get(n, "") for n in COLUMNS[len(KEYS) :]))
+            records.add("TSP_or", "0", "mdpo", seed, *(row.get(n, "") for n in COLUMNS[len(KEYS) :]))
 
     monkeypatch.setattr("mdpo_rddl.bench.tasks.anytime.run_tasks", run)
-    words = ["anytime", "--problems", "Toy:1", "--seconds", "5", "2.5", "--seeds", "2"]
+    words = ["anytime", "--problems", "TSP_or:0", "--seconds", "5", "2.5", "--seeds", "2"]
     assert bench.main([*words, "--out", str(tmp_path)]) == 0
-    tasks = [Task("Toy", "1")]
+    tasks = [Task("TSP_or", "0")]
     assert asked == [("5", 5.0, tasks, 2), ("2.5", 2.5, tasks, 2)]
-    assert "| Toy | 1 | 2 | 2.5 [2.5, 2.5] | 5 [5, 5] |  |" in capsys.readouterr().out
+    assert "| TSP_or | 0 | 2 | 2.5 [2.5, 2.5] | 5 [5, 5] |  |" in capsys.readouterr().out
     assert (tmp_path / "anytime.png").stat().st_size > 0
     (times,) = read_anytime(tmp_path).values()
     assert list(times) == [2.5, 5.0]  # though the longer one came first
@@ -42,9 +40,3 @@ def test_a_median_falls_where_it_is_below_all_seeds_of_a_shorter_time():
     table = anytime_table({Task("Toy", "1"): times})
     assert "| 5 to 20 s, 5 to 45 s |" in table
     assert table.endswith("falls below the interval of a shorter time on 1 of 1 tasks.\n")
-
-
-@pytest.mark.parametrize("name", ["Toy", "Toy:", ":1"])
-def test_a_task_without_an_instance_is_refused(name):
-    with pytest.raises(InputError, match="must be Problem:instance"):
-        named_tasks([name])

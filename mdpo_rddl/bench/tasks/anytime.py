@@ -10,27 +10,9 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, OK, Conditions, Task, run_tasks
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.problem.shipped import shipped_names
 
 Returns = Mapping[Task, Mapping[float, np.ndarray]]
 """Per task and seconds of preparation the mean return of each seed [S], one without as -inf."""
-
-
-def named_tasks(names: Sequence[str]) -> list[Task]:
-    """Tasks of "Problem:instance", or of a shipped problem's name.
-
-    Raises:
-      InputError: for a name of another form.
-    """
-    tasks = []
-    for name in names:
-        problem, colon, instance = name.partition(":")
-        if not (problem and bool(colon) == bool(instance)):
-            raise InputError(f"--problems: must be Problem:instance, got {name!r}")
-        if not colon and name not in shipped_names():
-            raise InputError(f"--problems: must be Problem:instance, got {name!r}")
-        tasks.append(Task(problem, instance))
-    return tasks
 
 
 def run_anytime(out: Path, tasks: Sequence[Task], seeds: int, times: Sequence[Conditions]) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 from mdpo_rddl.bench.common.markdown import rounded
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, PLANNERS
-from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
+from mdpo_rddl.bench.tasks.naming import named_task
+from mdpo_rddl.bench.tasks.trial import OK, Conditions, run_tasks
 from mdpo_rddl.problem.evaluation import mean_interval
-from mdpo_rddl.problem.repository import named_instance, rddl_repository
+from mdpo_rddl.problem.repository import rddl_repository
 
 
 def domains() -> list[str]:
@@ -32,18 +33,17 @@ def run_everywhere(
 
     Args:
       out: results folder.
-      problems: "Problem", for its first instance, or "Problem:instance" of rddlrepository; all of
-        it if None.
+      problems: as `named_task` takes them; all of rddlrepository if None.
       planners: out of `PLANNERS`.
       seeds: of the preparation.
       conditions: of all trials.
       shard: (i, n): only every n-th problem, from the i-th on.
 
     Raises:
-      InputError: for an unknown problem or instance.
+      InputError: for an unknown problem, instance or file.
     """
     names = domains() if problems is None else problems
-    tasks = [Task(*named_instance(name)) for name in names]
+    tasks = [*map(named_task, names)]
     number, count = shard
     return run_tasks(out, tasks[number::count], planners, seeds, conditions)
 

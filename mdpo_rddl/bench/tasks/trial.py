@@ -60,7 +60,10 @@ _USUAL_STEPS, _FEWEST_EPISODES = 40, 5
 
 @dataclass(frozen=True)
 class Task:
-    """A problem instance of rddlrepository, or a shipped problem, which has no instance."""
+    """A problem instance of rddlrepository or of two files; or one that needs no instance named.
+
+    That is a shipped problem, or a file that holds the instance, too.
+    """
 
     problem: str
     instance: str = ""
