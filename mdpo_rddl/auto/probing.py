@@ -35,6 +35,9 @@ _WIDE_UNITS = 1.5
 _SLOW, _SLOW_ONE = 0.05, 0.01
 # of the box of each other action
 _HALF = 0.5
+# a state runs away whose spread is so many times that of the first steps, a share of all; its
+# spread then counts as so many times theirs
+_EARLY, _RUNAWAY, _RAN = 0.1, 1e3, 30.0
 
 
 @dataclass(frozen=True)
@@ -251,11 +254,31 @@ def _random_start(
 
 
 def _scale(batches: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Median and spread of all values of a fluent, neither moved by a few that run away."""
-    finite = np.concatenate([values[np.isfinite(values)] for values in batches])
-    if not finite.size:
+    """Median and spread of all values of a fluent, neither moved by a few that run away.
+
+    Where all of them do, as those of an unstable system, the spread is a few times that of the
+    first steps.
+
+    Args:
+      batches: values [P, N, steps, *shape].
+    """
+    values = _finite(batches)
+    if not values.size:
         return 0.0, 1.0
-    low, median, high = (float(q) for q in np.percentile(finite, [10, 50, 90]))
-    # of a normal law they are 2.56 deviations apart
-    spread = (high - low) / 2.56 or min(float(np.std(finite, dtype=float)), 1e3)
+    median, spread = _middle(values)
+    spread = spread or min(float(np.std(values, dtype=float)), 1e3)
+    first = _finite([b[:, :, : max(1, round(_EARLY * b.shape[2]))] for b in batches])
+    center, early = _middle(first) if first.size else (median, 0.0)
+    if spread > _RUNAWAY * early > 0.0:
+        median, spread = center, _RAN * early
     return median, spread if spread > 1e-6 * max(1.0, abs(median)) else 1.0
+
+
+def _finite(batches: Sequence[np.ndarray]) -> np.ndarray:
+    return np.concatenate([values[np.isfinite(values)] for values in batches])
+
+
+def _middle(values: np.ndarray) -> tuple[float, float]:
+    """Median, and the deviation of a normal law that reaches as far from 10 to 90%."""
+    low, median, high = (float(q) for q in np.percentile(values, [10, 50, 90]))
+    return median, (high - low) / 2.56

@@ -128,3 +128,18 @@ def test_where_rollouts_take_long_there_are_as_many_as_there_is_time_for():
     assert [each.judge_rollouts(128, 60.0) for each in large] == [128, 8, 2]
     # without chance
     assert dataclasses.replace(large[0], deterministic=True).judge_rollouts(128, 60.0) == 2
+
+
+def test_the_scale_of_a_state_that_runs_away_is_that_of_its_first_steps():
+    random = np.random.default_rng(0)
+    growth = np.exp(np.linspace(0.0, 20.0, 50))
+    running = [(3.0 + random.normal(size=(8, 4, 1)) * growth).astype(np.float32)]
+    center, scale = probing._scale(running)
+    assert center == pytest.approx(3.0, abs=1.0)
+    assert 30.0 < scale < 300.0  # its deviation is 2 in the first steps, 1e8 in the last
+    # what grows as a square is told as it is
+    squares = [(random.normal(size=(8, 4, 1)) * np.arange(50.0) ** 2).astype(np.float32)]
+    assert probing._scale(squares)[1] > 500.0
+    # as is what is still in the first steps
+    late = [running[0] * (np.arange(50) > 10)]
+    assert probing._scale(late)[1] > 1e4
