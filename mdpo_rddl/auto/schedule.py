@@ -227,7 +227,8 @@ class Schedule(Openings):
                 self._search_plans(PlanArm("plan", arena, Evolving()), until)
         if not self._has_plan:
             around = Around(begins_with=SHARED_WEIGHTS)
-            for until in self._marks.once("own weights", arena, own_until):
+            compiling = arena.plans.compile_seconds if arena.has_plan else 0.0
+            for until in self._marks.once("own weights", arena, own_until + compiling):
                 self.give(OwnWeightsArm("own weights", arena, around), until)
 
     @property

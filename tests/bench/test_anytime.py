@@ -16,7 +16,9 @@ def test_every_time_has_its_rows_and_is_tried_once(tmp_path, monkeypatch, capsys
         records = Records(out / "rows.csv", COLUMNS, KEYS)
         row = {"status": "ok", "mean": conditions.seconds}
         for seed in range(seeds):
-            records.add("TSP_or", "0", "mdpo", seed, *(row.get(n, "") for n in COLUMNS[len(KEYS) :]))
+            records.add(
+                "TSP_or", "0", "mdpo", seed, *(row.get(n, "") for n in COLUMNS[len(KEYS) :])
+            )
 
     monkeypatch.setattr("mdpo_rddl.bench.tasks.anytime.run_tasks", run)
     words = ["anytime", "--problems", "TSP_or:0", "--seconds", "5", "2.5", "--seeds", "2"]

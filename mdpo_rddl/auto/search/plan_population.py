@@ -90,6 +90,13 @@ class PlanPopulation:
         """Whether plans were played already."""
         return self._visits.calls > 0
 
+    def compile(self, params: Params) -> None:
+        """Plays a population, unless one was played: the first one compiles the program."""
+        if not self.is_compiled:
+            layout, plan = self._layout(params), self.plan_of(params)
+            plans = np.broadcast_to(plan, (self._population, *plan.shape))
+            self._visits(self._key, {**self._repeated(params), "plan": layout.tree(plans)})
+
     def archive(self, params: Params) -> Archive | None:
         """An empty archive for plans; None without a state, or with too many to be looked at."""
         scales = self._probe.state_scales if self._has_states else {}
