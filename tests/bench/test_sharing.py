@@ -84,7 +84,7 @@ def test_the_command_prints_the_table(tmp_path, monkeypatch, capsys):
         return Records(out / "rows.csv", THINKING_COLUMNS, KEYS)
 
     monkeypatch.setattr("mdpo_rddl.bench.tasks.sharing.run_tasks", run)
-    assert bench.main(["sharing", "--problems", "Toy:1", "--out", str(tmp_path)]) == 0
+    assert bench.main(["sharing", "--problems", "TSP_or:0", "--out", str(tmp_path)]) == 0
     assert asked == [(30.0, 0.2, 10)]
     assert "Thinking was chosen on 0 of 0 tasks" in capsys.readouterr().out
     with pytest.raises(SystemExit):

@@ -65,7 +65,7 @@ def test_compiling_takes_nothing_from_the_time_of_the_rules(arena):
     arm.work(3.0)
     (found,) = arm.take_candidates()
     assert found.label == RANDOM_RULE
-    assert len(arena.population.played) * POPULATION == 512
+    assert len(arena.population.played) * POPULATION == 2048
     assert found.params[0] == np.concatenate(arena.population.played)[:, 0].max()
 
 
@@ -97,6 +97,6 @@ def test_a_race_that_goes_on_draws_the_rules_that_its_part_would_have_drawn(aren
     few = drawn(arena, Rules.FEW)
     many = drawn(arena, Rules.FEW, Rules.MANY)
     again = drawn(arena, Rules.MANY)
-    np.testing.assert_array_equal(again[:512], many[:512])
-    assert len(again) > len(few) == 512
+    np.testing.assert_array_equal(again[:2048], many[:2048])
+    assert len(again) > len(few) == 2048
     assert not np.isin(few[few != 0.0], again).any()
