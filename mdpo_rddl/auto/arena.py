@@ -122,6 +122,17 @@ class Arena:
         plans.on_generation = self.pulse
         return plans
 
+    def after_plans_compile(self, params: Params, until: float) -> float:
+        """The end of a slice that has its time for evolving: the program serves later ones, too.
+
+        Args:
+          params: whose plan is evolved.
+          until: when the slice would end, by the clock.
+        """
+        started = self.clock()
+        self.plans.compile(params)
+        return min(until + self.clock() - started, max(until, self.deadline))
+
     @cached_property
     def plain(self) -> PlainPlanners:
         """Planners of JaxPlan's own classes of policies."""

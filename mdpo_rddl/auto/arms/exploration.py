@@ -66,6 +66,7 @@ class ExplorationArm(ArenaArm):
         plans = self._arena.plans
         elites, self._elites, self._works = self._elites, None, True
         before = plans.iterations
+        until = self._arena.after_plans_compile(self._params, until)
         goal = plans.goal(until, self._arena.noop_return, -math.inf, restarting=False)
         try:
             self._params = plans.evolved(self._params, goal, self._archive, elites)

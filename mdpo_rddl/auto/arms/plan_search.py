@@ -11,7 +11,6 @@ from mdpo_rddl.auto.search.plan_population import PLAN
 from mdpo_rddl.auto.search.weights import flat_vector
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, note_heard
-from mdpo_rddl.planner.plans.feedback import Params
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class PlanArm(ArenaArm):
         arena, evolving = self._arena, self._evolving
         parent = None if evolving.begins_with_noop else arena.incumbent
         params = arena.noop if parent is None else parent.params
-        until = self._after_compilation(params, until)
+        until = arena.after_plans_compile(params, until)
         start, state = flat_vector(params), self._resumed
         elites = None
         if state is not None and np.array_equal(state.tensors.get("start", ()), start):
@@ -88,9 +87,3 @@ class PlanArm(ArenaArm):
         self._start = None
         self._log.iterations += arena.plans.iterations - before
         self._offer_child(parent, evolving.label, params)
-
-    def _after_compilation(self, params: Params, until: float) -> float:
-        """The end of a slice that has its time for evolving: the program serves later ones, too."""
-        started = self._clock()
-        self._arena.plans.compile(params)
-        return min(until + self._clock() - started, max(until, self._arena.deadline))
