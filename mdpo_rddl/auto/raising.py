@@ -17,8 +17,8 @@ logger = logging.getLogger(__name__)
 RAISING_SHARE = 0.01
 """Of a race's time: what the episodes may take."""
 
-State = Mapping[str, Any]
-Choose = Callable[[State], State]
+_Values = Mapping[str, Any]
+_Choose = Callable[[_Values], _Values]
 
 
 def watched(problem: Problem, has_time: Callable[[], bool]) -> Problem:
@@ -39,7 +39,7 @@ def watched(problem: Problem, has_time: Callable[[], bool]) -> Problem:
 
 
 def _failure(
-    problem: Problem, make: Callable[[], Choose], has_time: Callable[[], bool]
+    problem: Problem, make: Callable[[], _Choose], has_time: Callable[[], bool]
 ) -> str | None:
     """Why an episode ends in an error of a value out of range; None if it does not."""
     if not has_time():
@@ -56,10 +56,10 @@ def _failure(
     return None
 
 
-def _noop(state: State) -> State:
+def _noop(state: _Values) -> _Values:
     return {}
 
 
-def _random(problem: Problem) -> Choose:
+def _random(problem: Problem) -> _Choose:
     actions, random = RandomActions(problem), np.random.default_rng(0)
     return lambda state: actions.draw(state, random)

@@ -60,10 +60,14 @@ def read_problem(domain: str, instance: str | None = None) -> ProblemFiles:
         domain_path, instance_path = Path(domain), Path(instance)
     else:
         domain_path, instance_path = _repository_paths(domain, instance)
+    domain_text = _read_text(domain_path, "domain")
+    is_single = instance is None and domain_path == instance_path
+    if is_single and not _INSTANCE.search(COMMENT.sub("", domain_text)):
+        raise InputError(f"{domain}: which instance? Give its file too")
     return ProblemFiles(
         domain_path=domain_path,
         instance_path=instance_path,
-        domain_text=_read_text(domain_path, "domain"),
+        domain_text=domain_text,
         instance_text=_read_text(instance_path, "instance"),
         label=printable(instance_path.stem) if is_own else f"{domain}-{instance}",
         is_own=is_own,
@@ -91,17 +95,14 @@ def list_problems() -> list[str]:
 
 
 def _paths_of_one(name: str) -> tuple[Path, Path]:
-    """The files of a shipped problem, or twice the one that holds a domain and an instance.
+    """The files of a shipped problem, or twice the one that is to hold a domain and an instance.
 
-    Raises `InputError`, with near names, if there is neither.
+    Raises `InputError`, with near names, if it is neither.
     """
     if name in shipped_names():
         return shipped_files(name)
     if looks_like_file(name):
-        path = Path(name)
-        if not _INSTANCE.search(COMMENT.sub("", _read_text(path, "domain"))):
-            raise InputError(f"{name}: which instance? Give its file too")
-        return path, path
+        return Path(name), Path(name)
     manager = rddl_repository()
     known = manager.list_problems()
     if name in known:

@@ -189,7 +189,7 @@ def test_a_policy_that_plays_too_slowly_is_not_played_to_the_end(problem, noop):
     assert clock() == began + 13.0
 
 
-def test_a_policy_that_makes_the_environment_fail_is_left_for_another(caplog):
+def test_a_policy_that_makes_the_environment_fail_is_left_for_another():
     problem = toy("sail")
     config = without_scales(preset(1.0))
     planner = build_planner(problem, config).planner

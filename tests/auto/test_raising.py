@@ -76,7 +76,7 @@ def test_an_error_after_the_end_of_an_episode_counts_for_nothing(kettle):
 
 @pytest.mark.long
 def test_the_race_avoids_it(kettle):
-    policy = plan_automatically(kettle, preset(12.0), seed=0).policy
+    policy = plan_automatically(kettle, preset(8.0), seed=0).policy
     played = evaluate(make_environment(kettle), policy, 4, 0)
     assert np.all(played.returns > 0.0)
 
