@@ -13,7 +13,8 @@ can't, but the rules were grounded, a search by trials has gone ahead.
 4. Another search around the best policy corrects the relaxation error.
 
 A search for a plan that explores comes first where no constant and no random rule returns more than
-the no-op, or one of many only without chance. JaxPlan's planners are trained in a second process.
+the no-op, or a few of many only and chance plays no part. JaxPlan's planners are trained in a
+second process.
 """
 
 import logging
@@ -46,6 +47,8 @@ logger = logging.getLogger(__name__)
 
 # random rules, of the time for the shared weights; more of them, of the time left
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
+# of the rules: where fewer return more than the no-op, and no constant does, a reward is rare
+_RARE_SHARE = 0.01
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 # of the time left, at most, for an arm without compilation, by whether a constant finds a reward
@@ -129,7 +132,7 @@ class Schedule(Openings):
         if plan_leads:
             self._improve(shared)
             return
-        is_rare = self._marks.decided("is rare", lambda: not self._finds_reward())
+        is_rare = self._marks.decided("is rare", lambda: self._is_reward_rare(simple))
         if is_rare:
             for until in self._once("more rules", _MORE_RULES_SHARE):
                 simple.rules = Rules.MANY
@@ -138,6 +141,13 @@ class Schedule(Openings):
         explores = is_rare and arena.has_plan and arena.plans.deterministic
         improves = self._marks.decided("improves", lambda: not explores and self._finds_reward())
         (self._improve if improves else self._explore)(shared)
+
+    def _is_reward_rare(self, simple: SimpleArm) -> bool:
+        """Whether none was found yet, or by a few of many random rules only."""
+        if not self._finds_reward():
+            return True
+        by_rule, paid = self._best.label == RANDOM_RULE, simple.paid_share
+        return by_rule and paid is not None and paid < _RARE_SHARE
 
     def _play_rules(self, simple: SimpleArm) -> None:
         """A few random rules, and what random actions return."""

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from mdpo_rddl.auto import (
 )
 from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, simple
 from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.search import population
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
@@ -145,6 +147,17 @@ def test_where_nothing_beats_the_no_op_it_explores(corridor, monkeypatch):
     assert outcome.diagnostics()["parents"] == (
         [] if outcome.chosen.label == "plan" else ["exploration"]
     )
+
+
+@pytest.mark.parametrize(
+    ("label", "paid", "is_rare"),
+    [("random rule", 0.001, True), ("random rule", 0.1, False), (CONSTANT, 0.001, False)],
+)
+def test_a_reward_is_rare_where_few_rules_alone_find_it(monkeypatch, label, paid, is_rare):
+    monkeypatch.setattr(Schedule, "_finds_reward", lambda self: True)
+    monkeypatch.setattr(Schedule, "_best", SimpleNamespace(label=label))
+    rules = SimpleNamespace(paid_share=paid)
+    assert Schedule.__new__(Schedule)._is_reward_rare(rules) == is_rare
 
 
 def test_where_exploring_finds_nothing_feedback_is_tried(corridor, monkeypatch):

@@ -169,10 +169,10 @@ class SharedWeightsArm(ArenaArm):
                 break
             random = np.random.default_rng((self._arena.seed, _RESTARTS, self._others))
             drawing = Drawing(until=until, clock=self._clock)
-            rules, drawn = random_rules(population, simple, random, drawing)
-            self._log.iterations += drawn
+            drawn = random_rules(population, simple, random, drawing)
+            self._log.iterations += drawn.populations
             sampling = self._sampling(_SIGMA, _LEAST_GAIN, 1 + self._others)
-            vectors.append(self._adapted(simple, rules[0].vector, sampling, until))
+            vectors.append(self._adapted(simple, drawn.kept[0].vector, sampling, until))
             self._others += 1
 
     def _part(self, until: float, parts: int) -> float:

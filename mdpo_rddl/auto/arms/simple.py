@@ -7,6 +7,7 @@ import numpy as np
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.candidate import NOOP
+from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.rules import Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
@@ -34,12 +35,14 @@ class SimpleArm(ArenaArm):
 
     Attributes:
       rules: which of them the next slice draws; None if it is for the others.
+      paid_share: of the rules drawn last, those that return more than the no-op; None before.
     """
 
     def __init__(self, arena: Arena) -> None:
         """Compiles nothing yet."""
         super().__init__(SIMPLE, arena)
         self.rules: Rules | None = None
+        self.paid_share: float | None = None
         self._best: np.ndarray | None = None
 
     def state(self) -> State | None:
@@ -78,7 +81,8 @@ class SimpleArm(ArenaArm):
         """Of many vectors [D], those of the largest returns: at least one population is drawn."""
         # a race that goes on has not drawn what comes before
         random = np.random.default_rng((self._arena.seed, int(which)))
-        drawing = Drawing(_COUNTS[which], until, self._clock)
-        kept, drawn = random_rules(population, rules, random, drawing)
+        to_beat = return_to_beat(self._arena.noop_return.mean, 0.0)
+        drawing = Drawing(_COUNTS[which], until, self._clock, to_beat)
+        kept, drawn, self.paid_share = random_rules(population, rules, random, drawing)
         self._log.iterations += drawn
         return [rule.vector for rule in (kept if which is Rules.MANY else kept[:1])]

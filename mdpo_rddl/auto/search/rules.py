@@ -35,29 +35,42 @@ class Drawing:
       count: of all rules; whole populations are drawn, and one at least.
       until: when to end, by the clock.
       clock: what is asked for the time.
+      to_beat: a return of which is told how many rules exceed it.
     """
 
     count: int = FEW_RULES
     until: float = math.inf
     clock: Clock = time.monotonic
+    to_beat: float = math.inf
+
+
+class Drawn(NamedTuple):
+    """What was drawn.
+
+    Attributes:
+      kept: a population at most, the best one first.
+      populations: how many were drawn.
+      paid_share: of all rules, those that return more than `Drawing.to_beat`.
+    """
+
+    kept: list[Rule]
+    populations: int
+    paid_share: float
 
 
 def random_rules(
     population: PopulationReturns, rules: Weights, random: np.random.Generator, drawing: Drawing
-) -> tuple[list[Rule], int]:
-    """The best of random rules, and how many populations were drawn.
+) -> Drawn:
+    """The best of random rules.
 
     Args:
       population: plays them, all in the same rollouts.
       rules: what the vectors stand for.
       random: generator, which moves on.
       drawing: how many.
-
-    Returns:
-      A population at most, the best one first; and the number of those drawn.
     """
     size = (population.population, rules.start.size)
-    drawn, kept = 0, list[Rule]()
+    drawn, paid, kept = 0, 0, list[Rule]()
     while not drawn or (
         drawn * population.population < drawing.count and drawing.clock() < drawing.until
     ):
@@ -71,4 +84,5 @@ def random_rules(
         kept += map(Rule, means.tolist(), vectors)
         kept = sorted(kept, key=lambda rule: -rule.mean)[: population.population]
         drawn += 1
-    return kept, drawn
+        paid += int((means > drawing.to_beat).sum())
+    return Drawn(kept, drawn, paid / (drawn * population.population))

@@ -36,6 +36,7 @@ class Arena:
     """Compiling takes 50 of its 60 seconds."""
 
     noop = constant = plan = None
+    noop_return = SimpleNamespace(mean=1.0)
     seed, deadline = 3, 60.0
 
     def __init__(self) -> None:
@@ -81,6 +82,15 @@ def test_another_part_draws_many_more_and_ends_in_time(arena):
     drawn = np.concatenate(arena.population.played[before:])
     assert len(drawn) == pytest.approx(200 * POPULATION, abs=2 * POPULATION)
     assert found.params[0] == drawn[:, 0].max()
+
+
+def test_it_tells_how_many_of_its_rules_return_more_than_the_noop(arena):
+    arm = SimpleArm(arena)
+    assert arm.paid_share is None
+    arm.rules = Rules.FEW
+    arm.work(3.0)
+    returns = np.concatenate(arena.population.played)[:, 0]
+    assert 0.0 < arm.paid_share == (returns > 1.005).mean() < 0.2
 
 
 def drawn(arena, *parts: Rules) -> np.ndarray:

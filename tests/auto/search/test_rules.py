@@ -28,13 +28,17 @@ class Rollouts:
 def drawn(seed: int = 0, **values):
     rollouts = Rollouts()
     drawing = Drawing(clock=rollouts.clock, **values)
-    kept, count = random_rules(rollouts, RULES, np.random.default_rng(seed), drawing)
-    assert count == len(rollouts.played)
-    return kept, np.concatenate(rollouts.played)
+    found = random_rules(rollouts, RULES, np.random.default_rng(seed), drawing)
+    assert found.populations == len(rollouts.played)
+    vectors = np.concatenate(rollouts.played)
+    # one that returns no number exceeds nothing
+    paid = (vectors[:, 0] > drawing.to_beat) & (vectors[:, 1] <= 0.0)
+    assert found.paid_share == paid.mean()
+    return found.kept, vectors
 
 
 def test_the_best_are_kept_and_those_that_return_no_number_are_not():
-    kept, vectors = drawn(count=100)
+    kept, vectors = drawn(count=100, to_beat=-1.0)
     assert len(vectors) == 112  # whole populations
     finite = vectors[vectors[:, 1] <= 0.0]
     best = np.sort(finite[:, 0])[::-1][:POPULATION]
