@@ -8,20 +8,18 @@ shortest of `CALLS` calls. `values` is what `mdpo_rddl.planner.device` decides b
 to ROWS. Run it on one core: `taskset -c 0`.
 """
 
-import csv
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
+from rows import Rows, problem_of
 
 from mdpo_rddl.machine.device import computing_on
-from mdpo_rddl.machine.versions import commit
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.exact import compile_exact_returns
-from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.sizes import step_values
 
 CALLS = 5
@@ -34,22 +32,17 @@ COLUMNS = (
 
 def main() -> None:
     """Measures, as the arguments say."""
-    path = Path(sys.argv[1])
+    path, *tasks = sys.argv[1:]
     jax.config.update("jax_enable_compilation_cache", False)
     devices = {each.platform: each for each in (jax.devices()[0], jax.devices("cpu")[0])}
-    is_new = not path.exists()
-    with path.open("a", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        if is_new:
-            rows.writerow(COLUMNS)
-        for task in sys.argv[2:]:
-            problem = load_problem(*task.rsplit(":", 1))
-            head = task, step_values(problem.model.ast), problem.horizon
-            for device in devices.values():
-                row = (*head, device.device_kind, *_measured(problem, device))
-                print(*row, flush=True)
-                rows.writerow((*row, jax.__version__, commit()))
-                file.flush()
+    rows = Rows(path, COLUMNS)
+    for task in tasks:
+        problem = problem_of(task)
+        head = task, step_values(problem.model.ast), problem.horizon
+        for device in devices.values():
+            row = (*head, device.device_kind, *_measured(problem, device))
+            print(*row, flush=True)
+            rows.add(dict(zip(COLUMNS, (*row, jax.__version__), strict=False)))
 
 
 def _measured(problem: Problem, device: Any) -> tuple[str, str]:

@@ -8,13 +8,13 @@ and one with the same noise at all steps. Both make the same gradient steps firs
 to ROWS: what each gains a decision in common fresh scenarios, as `choose` measures it.
 """
 
-import csv
 import sys
 from pathlib import Path
 from typing import Any
 
+from rows import Rows
+
 from mdpo_rddl import load_policy
-from mdpo_rddl.machine.versions import commit
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.residuals import Residuals
 
@@ -40,14 +40,10 @@ def row(folder: Path, seconds: float, within: float) -> dict[str, Any]:
 
 def main() -> None:
     """Adds the rows, one for each run folder."""
-    rows, seconds, within, *folders = sys.argv[1:]
-    path = Path(rows)
-    if not path.exists():
-        path.write_text(",".join(COLUMNS) + "\n")
+    path, seconds, within, *folders = sys.argv[1:]
+    rows = Rows(path, COLUMNS)
     for folder in folders:
-        found = row(Path(folder), float(seconds), float(within)) | {"commit": commit()}
-        with path.open("a", newline="") as file:
-            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(found)
+        rows.add(row(Path(folder), float(seconds), float(within)))
 
 
 if __name__ == "__main__":

@@ -9,25 +9,23 @@ says. A row with the best iterate's return in the exact compiled model is added 
 Compilation is not counted. Run it on one core, with XLA_FLAGS=--xla_cpu_multi_thread_eigen=false.
 """
 
-import csv
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from rows import Rows, problem_of
 
 from mdpo_rddl.auto.plain import STRAIGHT_LINE, PlainPlanners
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
-from mdpo_rddl.machine.versions import commit
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.update.restarts import PerRestart
-from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.problem.load import Problem
 
 OPTIMISERS = ("JaxPlan's", "JaxPlan's, twice the steps", "Adam, twice the steps")
 COLUMNS = ("problem", "optimiser", "seconds", "seed", "rollouts", "iterations", "return", "commit")
@@ -83,19 +81,16 @@ def trained(built: Built[MDPOPlanner], seconds: float, seed: int) -> tuple[float
 
 def main() -> None:
     """Adds the rows."""
-    rows, seconds, seed, rollouts, *tasks = sys.argv[1:]
-    path = Path(rows)
-    if not path.exists():
-        path.write_text(",".join(COLUMNS) + "\n")
+    path, seconds, seed, rollouts, *tasks = sys.argv[1:]
+    rows = Rows(path, COLUMNS)
     for task in tasks:
-        name, _, instance = task.rpartition(":")
-        problem = load_problem(name, instance)
+        name, _, _ = task.rpartition(":")
+        problem = problem_of(task)
         for optimiser in OPTIMISERS:
             built = built_with(problem, name, optimiser, int(rollouts))
             found, count = trained(built, float(seconds), int(seed))
-            row = [task, optimiser, seconds, seed, rollouts, count, f"{found:.6g}", commit()]
-            with path.open("a", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerow(row)
+            measured = task, optimiser, seconds, seed, rollouts, count, f"{found:.6g}"
+            rows.add(dict(zip(COLUMNS, measured, strict=False)))
 
 
 if __name__ == "__main__":

@@ -8,24 +8,21 @@ seconds, without tracing, the shortest of the two and of `CALLS` for a call. Row
 Run it on one core.
 """
 
-import csv
 import math
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from rows import Rows, problem_of
 
 from mdpo_rddl.auto.sizes import fitting_size
-from mdpo_rddl.machine.versions import commit
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.programs.quick import LIGHT, QUICK_OPTIONS
-from mdpo_rddl.problem.load import load_problem
 
 OPTIONS: dict[str, dict[str, Any] | None] = {"default": {}, "light": LIGHT, "quick": QUICK_OPTIONS}
 CALLS = 12
@@ -35,21 +32,16 @@ COLUMNS = ("problem", "program", "options", "compile_seconds", "call_seconds", "
 
 def main() -> None:
     """Measures, as the arguments say."""
-    path = Path(sys.argv[1])
-    is_new = not path.exists()
-    with path.open("a", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        if is_new:
-            rows.writerow(COLUMNS)
-        for task in sys.argv[2:]:
-            for row in measured(*task.rsplit(":", 1)):
-                rows.writerow((task, *row, commit()))
-            file.flush()
+    path, *tasks = sys.argv[1:]
+    rows = Rows(path, COLUMNS)
+    for task in tasks:
+        for row in measured(task):
+            rows.add(dict(zip(COLUMNS, (task, *row), strict=False)))
 
 
-def measured(name: str, instance: str) -> list[tuple[str, str, str, str]]:
+def measured(task: str) -> list[tuple[str, str, str, str]]:
     """Program, options, seconds of compilation and of a call."""
-    problem = load_problem(name, instance)
+    problem = problem_of(task)
     config = auto_preset(problem.domain_name).without_section("Search")
     planner = build_planner(problem, config).planner
     noop, size = planner.feedback_plan.noop(0), fitting_size(planner)

@@ -9,23 +9,20 @@ makes it slower but changes little. Run it on one core, with
 XLA_FLAGS=--xla_cpu_multi_thread_eigen=false.
 """
 
-import csv
 import math
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from rows import Rows, problem_of
 
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.judge import mean_and_error
-from mdpo_rddl.machine.versions import commit
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration
-from mdpo_rddl.problem.load import load_problem
 
 SETTINGS = ((0.9, 48), (0.9, 128), (0.7, 48), (0.7, 128), (0.5, 128))
 """Lambda of the returns, and units of the value's hidden layer."""
@@ -41,9 +38,9 @@ _TRIED_SEED = 99
 class Experiment:
     """One problem's learner with one pair of settings."""
 
-    def __init__(self, name: str, instance: str, trace: float, units: int) -> None:
+    def __init__(self, task: str, trace: float, units: int) -> None:
         """Compiles nothing yet."""
-        problem = load_problem(name, instance)
+        problem = problem_of(task)
         config = auto_preset(problem.domain_name).without_section("Search")
         shaped = greedy(config).with_policy_arguments(units=units)
         guide = build_planner(problem, config).planner.plan
@@ -79,21 +76,16 @@ class Experiment:
 
 def main() -> None:
     """Adds the rows."""
-    rows, seconds, seed, *tasks = sys.argv[1:]
-    path = Path(rows)
-    if not path.exists():
-        path.write_text(",".join(COLUMNS) + "\n")
+    path, seconds, seed, *tasks = sys.argv[1:]
+    rows = Rows(path, COLUMNS)
     for task in tasks:
-        name, _, instance = task.rpartition(":")
         for trace, units in SETTINGS:
-            experiment = Experiment(name, instance, trace, units)
+            experiment = Experiment(task, trace, units)
             learner, count = experiment.learnt(float(seconds), int(seed))
             mean, error = experiment.returned(learner)
             numbers = {"mean": f"{mean:.6g}", "error": f"{error:.3g}", "iterations": count}
             given = {"trace": trace, "units": units, "seconds": seconds, "seed": seed}
-            with path.open("a", newline="") as file:
-                writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                writer.writerow({"problem": task, **given, **numbers, "commit": commit()})
+            rows.add({"problem": task, **given, **numbers})
 
 
 if __name__ == "__main__":

@@ -1,0 +1,41 @@
+"""Rows of measurements, which a tool adds to a CSV file one by one, each with its commit."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mdpo_rddl.bench.tasks.naming import named_task
+from mdpo_rddl.machine.versions import commit
+from mdpo_rddl.problem.load import Problem, load_problem
+
+
+class Rows:
+    """A CSV file, which gets its head if it is new."""
+
+    def __init__(self, path: str, columns: Sequence[str]) -> None:
+        """Begins the file.
+
+        Args:
+          path: the file.
+          columns: names of what each row says; one of them is "commit".
+        """
+        self._path, self._columns = Path(path), columns
+        if not self._path.exists():
+            self._path.write_text(",".join(columns) + "\n")
+
+    def add(self, values: Mapping[str, Any]) -> None:
+        """Adds a row.
+
+        Args:
+          values: one for each column but the commit.
+        """
+        with self._path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, self._columns, lineterminator="\n")
+            writer.writerow({**values, "commit": commit()})
+
+
+def problem_of(task: str) -> Problem:
+    """The problem of a task as the command line names it."""
+    named = named_task(task)
+    return load_problem(named.problem, named.instance or None)
