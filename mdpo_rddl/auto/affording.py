@@ -4,6 +4,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
+from mdpo_rddl.auto.judge import ROLLOUTS
 from mdpo_rddl.auto.plain import REACTIVE, STRAIGHT_LINE
 from mdpo_rddl.auto.search.one_by_one import POLICIES
 from mdpo_rddl.auto.search.population import PROGRAMS as POPULATION_PROGRAMS
@@ -16,11 +17,9 @@ PATIENCE = 0.3
 _FEWEST_POLICIES = 60
 # the judge's program takes a little longer to compile than what plays constants
 _LIKE_PROBING = 1.2
-# of a candidate that is judged; fewer where they take long
-_USUAL_ROLLOUTS = 128
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
-_COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
+_COMPILATIONS, _EVALUATIONS = {GRADIENT: 8.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: the exploration's comes beside a population's
 _EXPLORATION_PROGRAMS = 4.0
@@ -137,7 +136,11 @@ class Affording:
         else:
             seconds = _EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
-        needed = self.usual_seconds(name) + seconds
+        usual = self.usual_seconds(name)
+        needed = usual + seconds
+        if name != SHOOTING and usable_cores() == 1:
+            # what is not waited for is compiled beside others, at half the pace
+            needed += max(0.0, usual - PATIENCE * left)
         has_time = comes_first and left >= _FIRST_AT_LEAST
         share = _AFFORDED_FIRST if has_time else _AFFORDED[name]
         return not self._is_large and needed <= share * left
@@ -181,5 +184,5 @@ class Affording:
     def _rollout_seconds(self) -> float:
         """What 128 of the judge's rollouts took, or as many of constants in probing."""
         judge = self._arena.judge
-        known = judge.rollout_seconds * _USUAL_ROLLOUTS / judge.rollouts
+        known = judge.rollout_seconds * ROLLOUTS / judge.rollouts
         return known or self._arena.probe.batch_seconds

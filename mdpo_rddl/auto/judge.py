@@ -18,6 +18,9 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
+ROLLOUTS = 128
+"""Of a candidate, where time and memory reach."""
+
 
 def _ignore(judged: Judged) -> None:
     del judged

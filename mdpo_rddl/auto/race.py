@@ -20,7 +20,7 @@ from mdpo_rddl.auto.fitting import (
     without_plan,
     without_scales,
 )
-from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.judge import ROLLOUTS, Judge
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probing import probe
@@ -51,7 +51,6 @@ from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 
-_ROLLOUTS = 128
 # where an error that is rare in play must be seen
 _MANY_ROLLOUTS = 1024
 _PROBING_SEED = 0
@@ -248,7 +247,7 @@ def _proven(
 ) -> RaceOutcome:
     """The outcome of a race that nobody can win any more."""
     assert arm.solution is not None
-    judge = Judge(_ROLLOUTS, seed, options.clock, began)
+    judge = Judge(ROLLOUTS, seed, options.clock, began)
     (candidate,) = arm.take_candidates()
     judge.record(candidate)
     arm.judged(candidate)
@@ -301,7 +300,7 @@ def _arena(
         config = with_single_rollouts(config)
     jit = jit_for(deadline - began)
     planner = build_planner(problem, config, options.traced_cache, jit=jit).planner
-    wanted = _MANY_ROLLOUTS if problem.raises else _ROLLOUTS
+    wanted = _MANY_ROLLOUTS if problem.raises else ROLLOUTS
     rollouts = seen.judge_rollouts(wanted, deadline - clock())
     judge = Judge(rollouts, seed, clock, began, options.on_judged, deadline)
     judge.program_seconds = seen.compile_seconds

@@ -17,7 +17,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.auto.judge import ROLLOUTS, MeanReturn
 from mdpo_rddl.auto.plain import METHODS
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError
@@ -35,7 +35,6 @@ from mdpo_rddl.problem.source import ProblemSource
 
 logger = logging.getLogger(__name__)
 
-_ROLLOUTS = 128
 # of the race's time, for each of the two: the process must start and compile as well
 _SHARE = 0.35
 
@@ -219,7 +218,7 @@ def _train(problem: Problem, request: ChildRequest, method: str) -> dict[str, An
     compile_guess = time.monotonic() - started + 5.0
     budget = Budget(10**6, max(1.0, _SHARE * request.seconds - compile_guess))
     result = train(built, jax.random.PRNGKey(request.seed), budget)
-    mean, error = MeanReturn(built.planner, _ROLLOUTS, request.seed)(result.best_params)
+    mean, error = MeanReturn(built.planner, ROLLOUTS, request.seed)(result.best_params)
     if not np.isfinite(mean):
         raise InputError("the return is not finite")
     hyperparams, identity = dict(result.policy_hyperparams), problem_identity(problem)

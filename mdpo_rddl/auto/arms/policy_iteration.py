@@ -14,7 +14,7 @@ from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.fitting import greedy
-from mdpo_rddl.auto.judge import mean_and_error
+from mdpo_rddl.auto.judge import ROLLOUTS, mean_and_error
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
@@ -33,8 +33,6 @@ _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
 _ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
-# of a policy that is handed in, at least
-_JUDGED_ROLLOUTS = 128
 # errors by which the rollouts of an earlier policy of the slice must have returned more
 _ERRORS = 2.0
 # of the time left, the least for the first part
@@ -227,7 +225,7 @@ class PolicyIterationArm(CompilingArm):
 
     @property
     def _judged_calls(self) -> int:
-        return math.ceil(_JUDGED_ROLLOUTS / self._iteration.rollouts)
+        return math.ceil(ROLLOUTS / self._iteration.rollouts)
 
     def _learn_once(self) -> None:
         """One iteration, after which the arm may be exhausted."""

@@ -71,7 +71,7 @@ class SimpleArm(ArenaArm):
         # what is compiled serves all searches: the time for it is not taken from the rules
         until = min(until + compile_seconds, arena.deadline)
         found = self._random_rules(arena.population, rules, self.rules, until)
-        best = found[0] if len(found) == 1 else arena.population.best(rules, found)
+        best = arena.population.best(rules, found)
         self._best = best
         self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(best)))
 
@@ -85,4 +85,4 @@ class SimpleArm(ArenaArm):
         drawing = Drawing(_COUNTS[which], until, self._clock, to_beat)
         kept, drawn, self.paid_share = random_rules(population, rules, random, drawing)
         self._log.iterations += drawn
-        return [rule.vector for rule in (kept if which is Rules.MANY else kept[:1])]
+        return [rule.vector for rule in kept]
