@@ -24,8 +24,8 @@ _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: the exploration's comes beside a population's
 _EXPLORATION_PROGRAMS = 4.0
 # of the time left, that the program of plans may take beside feedback policies that work, and where
-# chance plays no part, so that a plan can be as good
-_PLANS_SHARE, _CERTAIN_PLANS_SHARE = 0.15, 0.3
+# chance plays no part, or the state is not observed: there a plan may well be as good
+_PLANS_SHARE, _GOOD_PLANS_SHARE = 0.15, 0.3
 # of what learns a value: its program beside the judge's, which may come from the cache, at most so
 # many of these, else so many seconds and so many of these; it is of the quick kind where less than
 # so many times its seconds are left; an iteration takes about so many times as long as the judge's
@@ -80,8 +80,8 @@ class Affording:
 
     def plans(self) -> bool:
         """Whether there is time for plans where feedback policies have found something."""
-        plans = self._arena.plans
-        share = _CERTAIN_PLANS_SHARE if plans.deterministic else _PLANS_SHARE
+        plans, is_observed = self._arena.plans, not self._arena.planner.rddl.observ_fluents
+        share = _PLANS_SHARE if is_observed and not plans.deterministic else _GOOD_PLANS_SHARE
         return plans.is_compiled or self.population(share)
 
     def value(self, share: float, in_turn: int = 0, later: float = 0.0) -> bool:

@@ -82,21 +82,25 @@ def test_the_program_of_what_learns_a_value_is_quick_where_little_time_is_left(
 
 
 @pytest.mark.parametrize(
-    ("is_compiled", "deterministic", "left", "expected"),
+    ("is_compiled", "deterministic", "observations", "left", "expected"),
     [
-        (False, False, 20.5, True),
-        (False, False, 19.5, False),
-        (False, True, 10.5, True),
-        (False, True, 9.5, False),
-        (True, False, 9.5, True),
+        (False, False, (), 20.5, True),
+        (False, False, (), 19.5, False),
+        (False, True, (), 10.5, True),
+        (False, True, (), 9.5, False),
+        (False, False, ("seen",), 10.5, True),
+        (False, False, ("seen",), 9.5, False),
+        (True, False, (), 9.5, True),
     ],
 )
 def test_plans_are_tried_where_their_program_takes_little_of_the_time(
-    is_compiled, deterministic, left, expected
+    is_compiled, deterministic, observations, left, expected
 ):
     # 3 s for it
     asked = affording(0.01, left)
     asked._arena.plans = SimpleNamespace(is_compiled=is_compiled, deterministic=deterministic)
+    rddl = SimpleNamespace(observ_fluents=dict.fromkeys(observations))
+    asked._arena.planner = SimpleNamespace(rddl=rddl)
     assert asked.plans() == expected
 
 
