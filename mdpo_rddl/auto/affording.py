@@ -19,7 +19,7 @@ _FEWEST_POLICIES = 60
 _LIKE_PROBING = 1.2
 # a gradient's program takes longer to compile than the population's, and an iteration longer
 # than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
-_COMPILATIONS, _EVALUATIONS = {GRADIENT: 8.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
+_COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: the exploration's comes beside a population's
 _EXPLORATION_PROGRAMS = 4.0
@@ -136,11 +136,7 @@ class Affording:
         else:
             seconds = _EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock()
-        usual = self.usual_seconds(name)
-        needed = usual + seconds
-        if name != SHOOTING and usable_cores() == 1:
-            # what is not waited for is compiled beside others, at half the pace
-            needed += max(0.0, usual - PATIENCE * left)
+        needed = self.usual_seconds(name) + seconds
         has_time = comes_first and left >= _FIRST_AT_LEAST
         share = _AFFORDED_FIRST if has_time else _AFFORDED[name]
         return not self._is_large and needed <= share * left
