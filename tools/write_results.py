@@ -120,6 +120,16 @@ def competition() -> str:
     return markdown(with_source(table, "ipc2023"))
 
 
+def linear_quadratic() -> str:
+    """Mean returns and the optimum, a linear system and a form a row."""
+    table = [["system", "form", "states", "inputs", "race", "optimal gains", "race is behind by"]]
+    for row in read_csv(RESULTS / "linear_quadratic" / "rows.csv"):
+        behind = -float(row["difference"]) / abs(float(row["lqr"]))
+        shown = [row[name] for name in ("system", "form", "states", "inputs", "mean", "lqr")]
+        table.append([*shown, f"{behind:.1%}"])
+    return markdown(with_source(table, "linear_quadratic"))
+
+
 def better_of_two() -> str:
     """The score of JaxPlan's better plan on each instance."""
     found = json.loads((RESULTS / "ipc2023" / "scores.json").read_text(encoding="utf-8"))
@@ -167,6 +177,7 @@ PIECES: dict[str, Callable[[], str]] = {
     "ablation_settings": plain("ablation_settings"),
     "ipc2023": competition,
     "better-of-two": better_of_two,
+    "linear_quadratic": linear_quadratic,
     "auto": plain("auto"),
     "auto_jaxplan": auto_jaxplan,
     "paper": paper,
