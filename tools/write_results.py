@@ -121,12 +121,10 @@ def competition() -> str:
 
 
 def linear_quadratic() -> str:
-    """Mean returns and the optimum, a linear system and a form a row."""
-    table = [["system", "form", "states", "inputs", "race", "optimal gains", "race is behind by"]]
-    for row in read_csv(RESULTS / "linear_quadratic" / "rows.csv"):
-        behind = -float(row["difference"]) / abs(float(row["lqr"]))
-        shown = [row[name] for name in ("system", "form", "states", "inputs", "mean", "lqr")]
-        table.append([*shown, f"{behind:.1%}"])
+    """Mean returns of the race and of the optimal gains, a linear system and a form a row."""
+    names = ["system", "form", "states", "inputs", "mean", "lqr", "difference", "error"]
+    rows = read_csv(RESULTS / "linear_quadratic" / "rows.csv")
+    table = [names, *([row[name] for name in names] for row in rows)]
     return markdown(with_source(table, "linear_quadratic"))
 
 
