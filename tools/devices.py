@@ -13,8 +13,9 @@ import time
 from typing import Any
 
 import jax
-from rows import Rows, problem_of
+from rows import Rows
 
+from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
@@ -37,7 +38,7 @@ def main() -> None:
     devices = {each.platform: each for each in (jax.devices()[0], jax.devices("cpu")[0])}
     rows = Rows(path, COLUMNS)
     for task in tasks:
-        problem = problem_of(task)
+        problem = named_task(task).load()
         head = task, step_values(problem.model.ast), problem.horizon
         for device in devices.values():
             row = (*head, device.device_kind, *_measured(problem, device))

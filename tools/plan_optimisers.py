@@ -15,10 +15,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from rows import Rows, problem_of
+from rows import Rows
 
 from mdpo_rddl.auto.plain import STRAIGHT_LINE, PlainPlanners
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
+from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
@@ -84,10 +85,10 @@ def main() -> None:
     path, seconds, seed, rollouts, *tasks = sys.argv[1:]
     rows = Rows(path, COLUMNS)
     for task in tasks:
-        name, _, _ = task.rpartition(":")
-        problem = problem_of(task)
+        named = named_task(task)
+        problem = named.load()
         for optimiser in OPTIMISERS:
-            built = built_with(problem, name, optimiser, int(rollouts))
+            built = built_with(problem, named.problem, optimiser, int(rollouts))
             found, count = trained(built, float(seconds), int(seed))
             measured = task, optimiser, seconds, seed, rollouts, count, f"{found:.6g}"
             rows.add(dict(zip(COLUMNS, measured, strict=False)))

@@ -16,9 +16,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from rows import Rows, problem_of
+from rows import Rows
 
 from mdpo_rddl.auto.sizes import fitting_size
+from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.exact import compile_exact_returns
@@ -41,7 +42,7 @@ def main() -> None:
 
 def measured(task: str) -> list[tuple[str, str, str, str]]:
     """Program, options, seconds of compilation and of a call."""
-    problem = problem_of(task)
+    problem = named_task(task).load()
     config = auto_preset(problem.domain_name).without_section("Search")
     planner = build_planner(problem, config).planner
     noop, size = planner.feedback_plan.noop(0), fitting_size(planner)

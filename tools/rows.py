@@ -5,9 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.machine.versions import commit
-from mdpo_rddl.problem.load import Problem, load_problem
 
 
 class Rows:
@@ -33,9 +31,3 @@ class Rows:
         with self._path.open("a", newline="") as file:
             writer = csv.DictWriter(file, self._columns, lineterminator="\n")
             writer.writerow({**values, "commit": commit()})
-
-
-def problem_of(task: str) -> Problem:
-    """The problem of a task as the command line names it."""
-    named = named_task(task)
-    return load_problem(named.problem, named.instance or None)

@@ -16,10 +16,11 @@ from typing import Any
 
 import jax
 import numpy as np
-from rows import Rows, problem_of
+from rows import Rows
 
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.judge import mean_and_error
+from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration
@@ -40,7 +41,7 @@ class Experiment:
 
     def __init__(self, task: str, trace: float, units: int) -> None:
         """Compiles nothing yet."""
-        problem = problem_of(task)
+        problem = named_task(task).load()
         config = auto_preset(problem.domain_name).without_section("Search")
         shaped = greedy(config).with_policy_arguments(units=units)
         guide = build_planner(problem, config).planner.plan

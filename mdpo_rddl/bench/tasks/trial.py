@@ -68,6 +68,10 @@ class Task:
     problem: str
     instance: str = ""
 
+    def load(self) -> Problem:
+        """Parses it; raises what `load_problem` does."""
+        return load_problem(self.problem, self.instance or None)
+
 
 @dataclass(frozen=True)
 class Conditions:
@@ -183,7 +187,7 @@ def _json(evaluation: Evaluation) -> str:
 
 def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     started = time.perf_counter()
-    problem = load_problem(trial.task.problem, trial.task.instance or None)
+    problem = trial.task.load()
     row["horizon"] = problem.horizon
     planner = trial.make(trial.planner)
 
