@@ -4,9 +4,11 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jax import dtypes, random
 
+from mdpo_rddl.planner.programs.quick import once_jit
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 
 
@@ -46,12 +48,15 @@ def repeated(fluents: dict[str, Any], rollouts: int) -> dict[str, np.ndarray]:
 
 
 def initial_parameters(planner: JaxBackpropPlanner, key: Any) -> Any:
-    """The parameters [R, ...] that JaxPlan's `optimize(key)` begins with.
+    """The parameters [R, ...] that JaxPlan's `optimize(key)` begins with, up to rounding.
 
     Those of one restart do not depend on how many there are.
     """
+    keys = random.split(random.split(key)[1], planner.parallel_updates)
+    initialize = jax.vmap(planner.plan.initializer, in_axes=(0, None, None))
+    # JaxPlan's own program makes the optimiser's state, too, and takes thrice as long to compile
     fluents = initial_values(planner).training.fluents
-    return planner.initialize(random.split(key)[1], unit_hyperparams(planner), fluents)[0]
+    return once_jit(initialize)(keys, unit_hyperparams(planner), fluents)
 
 
 @contextlib.contextmanager

@@ -25,6 +25,7 @@ Jit = Callable[[Callable[..., Any]], Callable[..., Any]]
 """What stands in for `jax.jit`."""
 
 LIGHT = {"xla_backend_optimization_level": 1}
+ONCE = {"xla_backend_optimization_level": 0}
 QUICK_OPTIONS = {**LIGHT, "xla_cpu_use_fusion_emitters": False}
 _LONGEST_SECONDS = 180.0
 # about what a quick program takes to compile, in terms of others
@@ -63,6 +64,14 @@ def quick_jit(function: Callable[..., Any]) -> Callable[..., Any]:
 def light_jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """`jax.jit` for rollouts of the exact model, which run about as fast."""
     return _on_cpu(function, LIGHT)
+
+
+def once_jit(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`jax.jit` for what is called once or twice: on a CPU hardly optimised at all.
+
+    A call takes several times as long; results may differ by rounding.
+    """
+    return _on_cpu(function, ONCE)
 
 
 def _on_cpu(function: Callable[..., Any], options: Mapping[str, Any]) -> Callable[..., Any]:
