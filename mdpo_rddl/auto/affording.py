@@ -17,9 +17,10 @@ PATIENCE = 0.3
 _FEWEST_POLICIES = 60
 # the judge's program takes a little longer to compile than what plays constants
 _LIKE_PROBING = 1.2
-# a gradient's program takes longer to compile than the population's, and an iteration longer
-# than the rollouts of one population; that of a few plans alone, than the judge's of a candidate
-_COMPILATIONS, _EVALUATIONS = {GRADIENT: 6.0, STRAIGHT_LINE: 3.0, REACTIVE: 3.0}, 100.0
+# programs like the judge's: what a gradient's is expected to take to compile (median of thirteen
+# problems; 0.8 to 1.2 of it on each), quick ones in their share of that; and rollouts of a
+# population, or of few plans by the judge, in the time of the fewest iterations that help
+_COMPILATIONS, _EVALUATIONS = {GRADIENT: 9.3, STRAIGHT_LINE: 4.0, REACTIVE: 6.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: the exploration's comes beside a population's
 _EXPLORATION_PROGRAMS = 4.0
@@ -121,7 +122,7 @@ class Affording:
             return _SHOOTING_PROGRAMS * self._usual_seconds
         is_quick = name == GRADIENT and is_short(self._arena.seconds)
         kind = quick_share() if is_quick else 1.0
-        return kind * _COMPILATIONS[name] * self._arena.population.compile_seconds
+        return kind * _COMPILATIONS[name] * self._usual_seconds
 
     def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
         """Whether there is time for an arm with a gradient.

@@ -121,8 +121,8 @@ def test_a_net_is_explored_first_where_its_program_leaves_time_for_others(left, 
     ],
 )
 def test_what_comes_first_may_need_most_of_the_time(left, expected):
-    asked = affording(0.01, left)
-    asked._arena.population = SimpleNamespace(compile_seconds=4.0, seconds=0.02)
+    asked = affording(0.01, left, usual=3.0)
+    asked._arena.population = SimpleNamespace(seconds=0.02)
     until = 20.0 + left
     assert (asked.gradient("slp", until), asked.gradient("slp", until, True)) == expected
 
@@ -144,21 +144,22 @@ def test_a_population_takes_a_share_of_the_time(share, expected):
 @pytest.mark.parametrize(
     ("seconds", "left", "expected"),
     [
-        # 6 times 4 s and 1 s of rollouts, of seven tenths; six tenths of that in a short race
-        (60.0, 23.0, True),
-        (60.0, 21.0, False),
-        (600.0, 36.0, True),
-        (600.0, 35.0, False),
+        # 9.3 times 4 s and 1 s of rollouts, of seven tenths; six tenths of that in a short race
+        (60.0, 34.0, True),
+        (60.0, 33.0, False),
+        (600.0, 55.0, True),
+        (600.0, 54.0, False),
     ],
 )
 def test_a_gradient_is_compiled_more_quickly_in_a_short_race(seconds, left, expected):
-    asked = affording(0.01, left)
-    asked._arena.population = SimpleNamespace(compile_seconds=4.0, seconds=0.01)
+    asked = affording(0.01, left, usual=4.0)
+    asked._arena.population = SimpleNamespace(seconds=0.01)
     asked._arena.seconds = seconds
     assert asked.gradient("gradient", 20.0 + left) == expected
 
 
 def test_a_program_that_leaves_few_seconds_comes_no_earlier():
-    asked = affording(0.01, 14.0)
-    asked._arena.population = SimpleNamespace(compile_seconds=3.0, seconds=0.01)
+    # 10 s for its program and 1 s of rollouts
+    asked = affording(0.01, 14.0, usual=2.5)
+    asked._arena.population = SimpleNamespace(seconds=0.01)
     assert not asked.gradient("slp", 34.0, comes_first=True)
