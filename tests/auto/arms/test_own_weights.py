@@ -1,0 +1,79 @@
+"""Own weights: one adaptation goes on as long as what it has found is the best."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers.lake_arenas import in_arena, lake_arena
+
+from mdpo_rddl.auto.arms import own_weights
+from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
+from mdpo_rddl.auto.search.cma import Adaptation
+
+GENERATIONS = 3
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    return lake_arena(tmp_path_factory.mktemp("lake"))
+
+
+@pytest.fixture
+def adaptations(monkeypatch):
+    """All that are made, each of which has `GENERATIONS` in a slice."""
+    made = []
+
+    class Counted(Adaptation):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            made.append(self)
+
+        def run(self, evaluate, until):
+            ends = iter([0.0] * GENERATIONS)
+            self._clock = lambda: next(ends, until)
+            super().run(evaluate, until)
+
+    monkeypatch.setattr(own_weights, "Adaptation", Counted)
+    return made
+
+
+def worked(arm, is_kept):
+    """A slice; the judge keeps what it has found, or does not."""
+    arm.work(1.0)
+    (candidate,) = arm.take_candidates()
+    judge = arm._arena.judge
+    mean = judge.best_mean + (1.0 if is_kept else -1.0)
+    judge.record(dataclasses.replace(candidate, mean=mean, error=0.0))
+
+
+@pytest.fixture
+def arm(compiled, adaptations):
+    return OwnWeightsArm("polishing the weights", in_arena(compiled), Around(sigma=0.01))
+
+
+def test_an_adaptation_goes_on_where_it_has_led(arm, adaptations):
+    for _ in range(3):
+        worked(arm, is_kept=True)
+    (adaptation,) = adaptations
+    assert adaptation.iterations == arm.log.iterations == 3 * GENERATIONS
+
+
+def test_where_another_policy_is_better_another_adaptation_begins_there(arm, adaptations):
+    worked(arm, is_kept=True)
+    worked(arm, is_kept=False)
+    worked(arm, is_kept=False)
+    assert [each.iterations for each in adaptations] == [2 * GENERATIONS, GENERATIONS]
+    # with other samples
+    states = [each.state().tensors["words"] for each in adaptations]
+    assert not np.array_equal(*states)
+
+
+def test_between_slices_the_state_is_that_of_the_adaptation_and_where_it_has_led(arm, adaptations):
+    worked(arm, is_kept=True)
+    state, (adaptation,) = arm.state(), adaptations
+    other = OwnWeightsArm("polishing the weights", arm._arena, Around(sigma=0.01))
+    other.restore(state)
+    worked(other, is_kept=True)
+    assert adaptations[1].iterations == 2 * GENERATIONS
+    worked(arm, is_kept=False)
+    assert adaptation.iterations == GENERATIONS
