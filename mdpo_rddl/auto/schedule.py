@@ -49,6 +49,8 @@ logger = logging.getLogger(__name__)
 _RULES_SHARE, _MORE_RULES_SHARE = 0.25, 0.1
 # of the rules: where fewer return more than the no-op, and no constant does, a reward is rare
 _RARE_SHARE = 0.01
+# of the time for a plan or own weights, for the plan, where chance plays a part
+_PLAN_SHARE = 0.5
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
 # of the time left, at most, for an arm without compilation, by whether a constant finds a reward
@@ -233,13 +235,17 @@ class Schedule(Openings):
         for until in self._once("shared weights", self._shares.shared_until):
             self.give(shared, until)
         if arena.has_plan and self._affording.plans():
-            for until in self._marks.once("plan", arena, own_until):
+            # where chance plays a part, a plan that leads now may yet be worse than own weights
+            share = 1.0 if arena.plans.deterministic else _PLAN_SHARE
+            plan_until = arena.clock() + share * (own_until - arena.clock())
+            for until in self._marks.once("plan", arena, plan_until):
                 self._search_plans(PlanArm("plan", arena, Evolving()), until)
-        if not self._has_plan:
+        if not (self._has_plan and arena.plans.deterministic):
             around = Around(begins_with=SHARED_WEIGHTS)
             compiling = arena.plans.compile_seconds if arena.has_plan else 0.0
             for until in self._marks.once("own weights", arena, own_until + compiling):
                 self.give(OwnWeightsArm("own weights", arena, around), until)
+                self._has_plan &= arena.incumbent.arm == "plan"
 
     @property
     def _has_plan(self) -> bool:
