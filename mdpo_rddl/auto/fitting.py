@@ -17,9 +17,8 @@ def without_scales(config: PlannerConfig) -> PlannerConfig:
 
 def simplified(config: PlannerConfig) -> PlannerConfig:
     """The configuration for a problem of many objects: no net, and few features."""
-    return without_plan(
-        config.with_policy_arguments(topology=[], lifted=0, cosines=0, squares=False, distant=False)
-    )
+    features = {"cosines": 0, "squares": False, "distant": False}
+    return without_plan(config.with_policy_arguments(topology=[], lifted=0, pairs=0, **features))
 
 
 def without_plan(config: PlannerConfig) -> PlannerConfig:
@@ -44,6 +43,11 @@ def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
 def with_single_rollouts(config: PlannerConfig) -> PlannerConfig:
     """The configuration for a problem without chance: one rollout shows what a policy returns."""
     return config.with_values("Planner", batch_size_train=1, batch_size_test=1)
+
+
+def without_pairs(config: PlannerConfig) -> PlannerConfig:
+    """The configuration without gains of pairs of objects: without chance a plan does as well."""
+    return config.with_policy_arguments(pairs=0)
 
 
 def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:

@@ -17,6 +17,7 @@ from mdpo_rddl.auto.fitting import (
     simplified,
     with_memory,
     with_single_rollouts,
+    without_pairs,
     without_plan,
     without_scales,
 )
@@ -297,7 +298,7 @@ def _arena(
     elif not plans_fit(bare):
         config = without_plan(config)
     if seen.certain:
-        config = with_single_rollouts(config)
+        config = without_pairs(with_single_rollouts(config))
     jit = jit_for(deadline - began)
     planner = build_planner(problem, config, options.traced_cache, jit=jit).planner
     wanted = _MANY_ROLLOUTS if problem.raises else ROLLOUTS

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.planner.plans.feedback import GAIN, Feedback, Params
+from mdpo_rddl.planner.plans.feedback import GAIN, PAIRS, Feedback, Params
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 
 _ONE = "1"
@@ -112,8 +112,8 @@ def _averaged(here: _Side, params: Params, is_same: bool) -> dict[str, float]:
     if is_same:
         return weights
     for name, values in params["own"][here.action].items():
-        feature = name.removeprefix(GAIN) if name.startswith(GAIN) else _ONE
-        # a fluent at each of several arguments is no single feature
+        feature = name.removeprefix(GAIN) if name != "bias" else _ONE
+        # neither a fluent at each of several arguments nor one of other objects is a feature
         if feature in weights:
             weights[feature] += float(np.mean(values))
     return weights
@@ -198,12 +198,13 @@ def _own(here: _Side, there: _Side, params: Params, base: Params) -> dict[str, A
     ratio, own = here.unit / there.unit, dict(base["own"][there.action])
     bias = np.array(params["own"][here.action]["bias"], float)
     for name, values in params["own"][here.action].items():
-        if not name.startswith(GAIN) or name not in own:  # of a memory that the other plan lacks
+        if name == "bias" or name not in own:  # of a memory that the other plan lacks
             continue
-        fluent = name.removeprefix(GAIN)
+        fluent = name.removeprefix(GAIN).removeprefix(PAIRS)
         stretch, shift = _change(here.scale(fluent), there.scale(fluent))
         own[name] = jnp.asarray(ratio * stretch * np.asarray(values), own[name].dtype)
-        bias += shift * np.asarray(values, float)
+        each = tuple(range(bias.ndim, np.ndim(values)))
+        bias += shift * np.sum(np.asarray(values, float), axis=each)
     own["bias"] = jnp.asarray(ratio * bias, own["bias"].dtype)
     return own
 

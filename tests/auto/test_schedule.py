@@ -179,6 +179,26 @@ def test_where_plans_are_too_large_there_is_none(lake, no_gradient, monkeypatch)
     assert "own weights" in means(outcome)
 
 
+def test_where_chance_plays_a_part_own_weights_have_their_turn_beside_a_plan_that_leads(
+    lake, no_gradient, monkeypatch
+):
+    def lead(self, *_):
+        self._has_plan = True
+
+    monkeypatch.setattr(Schedule, "_search_plans", lead)
+    outcome = raced(lake, 300.0)
+    assert "own weights" in means(outcome)
+    # they are better, and so what is polished is not the plan
+    assert "polishing the weights" in arms_of(outcome)
+
+
+@pytest.mark.parametrize(("name", "pairs"), [("lake", 100), ("corridor", 0)])
+def test_gains_of_pairs_are_for_problems_with_chance(name, pairs, request):
+    problem, options = request.getfixturevalue(name), RaceOptions(clock=CLOCK)
+    arena = race._arena(problem, preset(300.0), 0, CLOCK(), options)
+    assert arena.config.policy_arguments["pairs"] == pairs
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("takes_part", [True, False])
 def test_where_plans_lead_the_searches_begin_in_the_rounds(takes_part):

@@ -14,8 +14,8 @@ from helpers.toys import problem_from
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.start import START, accepted_start, start_candidates
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.session.configuration import config_of_preset
 

@@ -8,8 +8,8 @@ from helpers.problems import tiny_files
 
 from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits, step_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment

@@ -33,7 +33,7 @@ def random_policy(problem, **arguments):
     params = planner.plan.initializer(KEY, {}, None)
     random = np.random.default_rng(2)
     params = jax.tree.map(
-        lambda leaf: 0.05 * random.normal(size=leaf.shape).astype(leaf.dtype), params
+        lambda leaf: 0.03 * random.normal(size=leaf.shape).astype(leaf.dtype), params
     )
     return Policy(problem, config, planner, params, {}, seed=7)
 
@@ -172,8 +172,8 @@ def signal():
     policy = random_policy(toy("signal"), memory={"observations": [4.0]}, topology=[], plan=False)
     params = jax.tree.map(np.zeros_like, policy.params)
     gains = {"gain on shown": 1.0, "gain on mean of shown over 4 steps": 1.0, "bias": -0.01}
-    own = {name: np.full(2, gains[name], np.float32) for name in params["own"]["say"]}
-    return policy.with_params({**params, "own": {"say": own}})
+    own = {name: np.full(2, gain, np.float32) for name, gain in gains.items()}
+    return policy.with_params({**params, "own": {"say": {**params["own"]["say"], **own}}})
 
 
 # two lamps: what is shown is known at one step, and is a guess at the three after it

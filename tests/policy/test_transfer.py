@@ -8,8 +8,8 @@ from helpers.problems import make_planner
 from helpers.toys import problem_from
 
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.policy.transfer import transferred
 
 DOMAIN = """
@@ -82,6 +82,21 @@ def test_other_units_and_scales_play_the_same_actions(two):
     for x in ([1.0, 3.0], [-2.5, 4.0]):
         ours, theirs = push(two, params, x), push(other, carried.params, x)
         np.testing.assert_allclose(theirs, ours, rtol=1e-4, atol=1e-4)
+
+
+def test_gains_of_pairs_fit_other_units_and_scales_of_the_same_problem_only():
+    source, other = planner(TWO, pairs=4), planner(TWO, units=7.0, scale=(-1.0, 3.0), pairs=4)
+    params = drawn(source, "own")
+    carried = carry(source, params, other, is_same=True)
+    assert carried.left_out == ()
+    for x in ([1.0, 3.0], [-2.5, 4.0]):
+        ours, theirs = push(source, params, x), push(other, carried.params, x)
+        np.testing.assert_allclose(theirs, ours, rtol=1e-4, atol=1e-4)
+    own, three = initial(source)["own"]["push"], planner(THREE, pairs=9)
+    own = {**own, "gains of pairs on x": jnp.array([[0.0, 4.0], [2.0, 0.0]])}
+    carried = carry(source, {**initial(source), "own": {"push": own}}, three, is_same=False)
+    assert carried.left_out == ("push: what each object has of its own, but for its mean",)
+    np.testing.assert_array_equal(push(three, carried.params, [1.0, 3.0, 3.0]), 0.0)
 
 
 def test_objects_that_are_alike_are_treated_alike_in_another_instance(two):

@@ -12,8 +12,8 @@ from jax import Array
 
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import steps_alive
 from mdpo_rddl.policy.playable import playable

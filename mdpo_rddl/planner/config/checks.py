@@ -23,7 +23,7 @@ from mdpo_rddl.planner.config.values import (
     parameters,
     relaxation_weights,
 )
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.memory import MemoryShape
 from mdpo_rddl.planner.upstream import (
     JaxBackpropPlanner,
@@ -51,7 +51,7 @@ _POSITIVE_NUMBERS = {"Planner": ("clip_grad",), "Optimize": ("train_seconds",)}
 _OPTIONAL = ("batch_size_test", "rollout_horizon", "clip_grad")
 _MAX_KEY = 2**31 - 1
 # of a feedback policy's shape: what is looked at before there is a problem
-_OF_SHAPE = ("squares", "distant", "lifted", "plan", "state_scales", "cut_feedback")
+_OF_SHAPE = ("squares", "distant", "lifted", "pairs", "plan", "state_scales", "cut_feedback")
 
 
 def check_sections(sections: Mapping[str, Mapping[str, Any]], source: str) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from mdpo_rddl.planner.config.values import parameters
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.optimizers import normalized_adam
 from mdpo_rddl.planner.plans.state_values import ValueShape

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,73 +9,19 @@ import numpy as np
 from jax import Array, lax, random
 
 from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, observed_fluents
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.memory import Memory, MemoryShape
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
 _OUTPUT = "output_"
-_MOST_UNITS = 1024
 # folded into the key of the hidden layer on each object's features; no part of a split
 _LIFTED = 2**30
-GAIN = "gain on "
-"""How the entries of `own` begin that are gains on a fluent."""
+GAIN, PAIRS = "gain on ", "gains of pairs on "
+"""How the entries of `own` begin that are gains on a fluent: of the same objects, and of each."""
 
 Params = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class FeedbackShape:
-    """What a feedback policy is made of.
-
-    Attributes:
-      topology: units of the net's hidden layers; none for no net.
-      cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
-      squares: whether the squares of the state features are features.
-      distant: whether features also go through relations of tuples, and through two relations.
-      lifted: units of a hidden layer on the features of each object, with the same weights for
-        all objects; 0 for none.
-      plan: whether there is a whole one, a value for every step, object and action.
-      state_scales: per fluent its centre and scale; (0, 1) where it is not named.
-      cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
-        then that of the open-loop plan that the policy has played. That is biased, since later
-        reactions are left out, but it does not explode along them.
-      memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
-
-    Raises:
-      ValueError: if `lifted` is no such number, a switch is neither True nor False, or a scale is
-        not above 0.
-    """
-
-    topology: Sequence[int] | None = (64, 64)
-    cosines: int = 4
-    squares: bool = True
-    distant: bool = False
-    lifted: int = 0
-    plan: bool = False
-    state_scales: Mapping[str, Sequence[float]] | None = None
-    cut_feedback: bool = True
-    memory: Mapping[str, Sequence[float]] | None = None
-
-    def __post_init__(self) -> None:
-        is_count = isinstance(self.lifted, int) and not isinstance(self.lifted, bool)
-        if not (is_count and 0 <= self.lifted <= _MOST_UNITS):
-            raise ValueError(
-                f"lifted: must be a whole number from 0 to {_MOST_UNITS}, got {self.lifted!r}"
-            )
-        for name in ("squares", "distant", "plan", "cut_feedback"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name}: must be True or False, got {getattr(self, name)!r}")
-        for fluent, pair in (self.state_scales or {}).items():
-            if len(pair) != 2 or not (math.isfinite(pair[0]) and 0.0 < pair[1] < math.inf):
-                raise ValueError(
-                    f"state_scales: {fluent} must have a centre and a scale above 0, got {pair!r}"
-                )
-
-    @property
-    def layers(self) -> tuple[int, ...]:
-        """Units of the hidden layers."""
-        return tuple(self.topology or ())
 
 
 class Feedback:
@@ -85,18 +30,20 @@ class Feedback:
     In units in which states are of order 1, that of object x is
 
         u_a(x) = w_a . phi_a(s, t, x) + v_a . tanh(phi_a(s, t, x) V_a)
-                 + b_a(x) + sum_f k_af(x) f(x) + p_a(t, x) + net_a(s)(x),
+                 + b_a(x) + sum_f k_af(x) f(x) + sum_fy K_af(x, y) f(y) + p_a(t, x)
+                 + net_a(s)(x),
 
     phi being the features of `features`, their squares and cosines of the time; w, v and V are
-    shared by all objects, b and k are each object's own, p is an open-loop plan, the net sees
-    the whole state.
+    shared by all objects, b and k are each object's own, K is that of each pair of objects, p is an
+    open-loop plan, the net sees the whole state.
 
     A memory's entries are read as fluents are.
 
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
-    "gain on " + fluent: [*shape]}}, "lifted": {action: {"hidden": [features, units], "output":
-    [units]}}, "plan": {action: [H, *shape]}, "net": {...}}, the last three only if there are
-    such units, a plan or a net.
+    "gain on " + fluent: [*shape], "gains of pairs on " + fluent: [*shape, *fluent's shape]}},
+    "lifted": {action: {"hidden": [features, units], "output": [units]}}, "plan": {action: [H,
+    *shape]}, "net": {...}}, the last three only if there are such units, a plan or a net, and
+    gains of pairs only if there are few pairs.
 
     Attributes:
       fluents: what the policy reads: observed fluents, then the entries of its memory.
@@ -139,6 +86,14 @@ class Feedback:
         sources = {name: entry.source for name, entry in self._memory.entries.items()}
         self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.fluents}
         self._inputs = sum(math.prod(shape) for shape in self.shapes.values())
+        self._pairs = {name: self._paired(name) for name in self.action_shapes}
+
+    def _paired(self, action: str) -> list[str]:
+        """The fluents of whose pairs there are gains: where neither has objects, `own` says all."""
+        shape = self.action_shapes[action]
+        if math.prod(shape) * self._inputs > self.shape.pairs:
+            return []
+        return [fluent for fluent in self.fluents if shape or self.shapes[fluent]]
 
     def names(self, action: str) -> list[str]:
         """Names of an action fluent's shared features, in the order of its weights."""
@@ -160,8 +115,11 @@ class Feedback:
             name: {
                 "bias": zeros(shape, self.dtype),
                 **{f"{GAIN}{f}": zeros(shape, self.dtype) for f in self._own[name]},
+                **{f"{PAIRS}{f}": zeros(shape + self.shapes[f], self.dtype) for f in pairs},
             }
-            for name, shape in self.action_shapes.items()
+            for (name, shape), pairs in zip(
+                self.action_shapes.items(), self._pairs.values(), strict=True
+            )
         }
         shared = {name: zeros(len(self.names(name)), self.dtype) for name in own}
         plan = {
@@ -237,6 +195,9 @@ class Feedback:
             value = own["bias"] + self._shared(name, params["shared"][name], scaled, time)
             for fluent in self._own[name]:
                 value = value + own[f"{GAIN}{fluent}"] * scaled[fluent]
+            for fluent in self._pairs[name]:
+                axes = len(self.shapes[fluent])
+                value = value + jnp.tensordot(own[f"{PAIRS}{fluent}"], scaled[fluent], axes)
             if self.shape.lifted:
                 value = value + self._lifted(name, params["lifted"][name], scaled, time)
             if self.shape.plan:

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape, Params
+from mdpo_rddl.planner.plans.feedback import Feedback, Params
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.limited_bools import Shift, limited_bools
 from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, Entries, PlanMemory

@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.planner.plans.feedback import GAIN, Feedback, Params
+from mdpo_rddl.planner.plans.feedback import GAIN, PAIRS, Feedback, Params
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 
 _DIGITS = 4
@@ -69,10 +69,11 @@ def _own_terms(feedback: Feedback, params: Params, action: str, unit: float) -> 
             continue
         scale = 1.0
         text = "a constant of each object's own"
-        if name.startswith(GAIN):
-            fluent = name.removeprefix(GAIN)
+        if name != "bias":
+            fluent = name.removeprefix(GAIN).removeprefix(PAIRS)
             center, scale = feedback.scale(fluent)
-            text = f"a gain of each object's own on {_centred(fluent, center)}"
+            whose = "of each object's own" if name.startswith(GAIN) else "for each pair of objects"
+            text = f"a gain {whose} on {_centred(fluent, center)}"
         low, high = unit * np.min(values) / scale, unit * np.max(values) / scale
         text = f"+ {text} (from {_number(low)} to {_number(high)})"
         own = {**params["own"][action], name: jnp.zeros_like(values)}

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from helpers.problems import shipped
 
-from mdpo_rddl.planner.plans.feedback import Feedback, FeedbackShape
+from mdpo_rddl.planner.plans.feedback import Feedback
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 
 KEY = jax.random.PRNGKey(0)
 HORIZON = 40
@@ -85,6 +86,31 @@ def test_own_weights_are_one_objects(feedback):
     assert raw[3] == 0.5
     assert raw[4] == 3.0
     assert np.count_nonzero(raw) == 2
+
+
+def test_gains_of_pairs_are_felt_by_one_action_of_one_fluent():
+    paired = make(dataclasses.replace(SHAPE, pairs=225))
+    params = paired.initial(KEY)
+    gains = params["own"]["release"]["gains of pairs on rlevel"]
+    assert gains.shape == (15, 15)
+    params["own"]["release"]["gains of pairs on rlevel"] = gains.at[3, 4].set(2.0)
+    state = level()
+    state["rlevel"][4] = 150.0
+    raw = np.asarray(paired.raw(params, state, 0)["release"])
+    assert raw[3] == 2.0
+    assert np.count_nonzero(raw) == 1
+
+
+def test_there_are_gains_of_pairs_only_where_these_are_few(feedback):
+    fewer = make(dataclasses.replace(SHAPE, pairs=224))
+    jax.tree.map(np.testing.assert_array_equal, fewer.initial(KEY), feedback.initial(KEY))
+
+
+@pytest.mark.parametrize("name", ["lifted", "pairs"])
+@pytest.mark.parametrize("count", [-1, 2.0, True, 10**6])
+def test_a_wrong_count_is_named(name, count):
+    with pytest.raises(ValueError, match=f"{name}: must be a whole number from 0 to"):
+        FeedbackShape(**{name: count})
 
 
 def test_the_net_sees_the_whole_state(feedback):

@@ -10,8 +10,8 @@ from helpers.toys import problem_from
 from mdpo_rddl.noise import NoNoise
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate

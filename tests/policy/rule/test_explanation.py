@@ -10,8 +10,8 @@ from helpers.problems import make_plan, make_planner
 from helpers.toys import FOLDER, problem_from
 
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback import FeedbackShape
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.policy.rule import explanation
 from mdpo_rddl.policy.rule.explanation import explain, is_compiled
 
@@ -90,6 +90,19 @@ def test_other_features_and_each_objects_own(pushing):
     assert [term.size for term in terms] == sorted((term.size for term in terms), reverse=True)
     assert {term.cost for term in terms} == {None}
     assert [term.is_shared for term in terms].count(False) == 1
+
+
+def test_gains_of_pairs_are_a_term_of_their_own(pushing):
+    problem, _, _ = pushing
+    shape = FeedbackShape(topology=None, cosines=0, state_scales={"x": (2.0, 4.0)}, pairs=4)
+    planner = make_planner(MDPOPlanner, problem, FeedbackPlan(shape, {"push": 2.0}))
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    gains = jnp.array([[0.0, 0.2], [-0.4, 0.0]])
+    own = {**params["own"]["push"], "gains of pairs on x": gains}
+    params = {**params, "own": {**params["own"], "push": own}}
+    (term,) = explain(problem, planner, params, seconds=0.0).equations[0].terms
+    assert term.text == "+ a gain for each pair of objects on (x - 2) (from -0.2 to 0.1)"
+    assert not term.is_shared
 
 
 def test_a_hidden_layer_is_a_term_of_all_objects(pushing):

@@ -25,7 +25,12 @@ def auto_preset(domain_name: str) -> PlannerConfig:
         },
         "Planner": {
             "method": "FeedbackPlan",
-            "method_kwargs": {"topology": [32, 32], "plan": True, "distant": True},
+            "method_kwargs": {
+                "topology": [32, 32],
+                "plan": True,
+                "distant": True,
+                "pairs": 100,
+            },
             "optimizer": "normalized_adam",
             "optimizer_kwargs": {"learning_rate": 0.001},
             "batch_size_train": 8,

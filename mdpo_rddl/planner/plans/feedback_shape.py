@@ -1,0 +1,64 @@
+"""What a feedback policy is made of."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+_MOST = {"lifted": 1024, "pairs": 100_000}
+
+
+@dataclass(frozen=True)
+class FeedbackShape:
+    """What a feedback policy is made of.
+
+    Attributes:
+      topology: units of the net's hidden layers; none for no net.
+      cosines: number of features cos(pi k t / H), k = 1, 2, ...: a little of an open-loop plan.
+      squares: whether the squares of the state features are features.
+      distant: whether features also go through relations of tuples, and through two relations.
+      lifted: units of a hidden layer on the features of each object, with the same weights for
+        all objects; 0 for none.
+      pairs: the most gains that an action fluent may have of its own for each pair of one of its
+        ground actions and one of all ground fluents; where there are more pairs it has none.
+      plan: whether there is a whole one, a value for every step, object and action.
+      state_scales: per fluent its centre and scale; (0, 1) where it is not named.
+      cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
+        then that of the open-loop plan that the policy has played. That is biased, since later
+        reactions are left out, but it does not explode along them.
+      memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
+
+    Raises:
+      ValueError: if `lifted` is no such number, a switch is neither True nor False, or a scale is
+        not above 0.
+    """
+
+    topology: Sequence[int] | None = (64, 64)
+    cosines: int = 4
+    squares: bool = True
+    distant: bool = False
+    lifted: int = 0
+    pairs: int = 0
+    plan: bool = False
+    state_scales: Mapping[str, Sequence[float]] | None = None
+    cut_feedback: bool = True
+    memory: Mapping[str, Sequence[float]] | None = None
+
+    def __post_init__(self) -> None:
+        for name, most in _MOST.items():
+            count = getattr(self, name)
+            is_count = isinstance(count, int) and not isinstance(count, bool)
+            if not (is_count and 0 <= count <= most):
+                raise ValueError(f"{name}: must be a whole number from 0 to {most}, got {count!r}")
+        for name in ("squares", "distant", "plan", "cut_feedback"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name}: must be True or False, got {getattr(self, name)!r}")
+        for fluent, pair in (self.state_scales or {}).items():
+            if len(pair) != 2 or not (math.isfinite(pair[0]) and 0.0 < pair[1] < math.inf):
+                raise ValueError(
+                    f"state_scales: {fluent} must have a centre and a scale above 0, got {pair!r}"
+                )
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Units of the hidden layers."""
+        return tuple(self.topology or ())
