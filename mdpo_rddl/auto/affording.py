@@ -17,9 +17,9 @@ PATIENCE = 0.3
 _FEWEST_POLICIES = 60
 # the judge's program takes a little longer to compile than what plays constants
 _LIKE_PROBING = 1.2
-# programs like the judge's: what a gradient's is expected to take to compile (median of thirteen
-# problems; 0.8 to 1.2 of it on each), quick ones in their share of that; and rollouts of a
-# population, or of few plans by the judge, in the time of the fewest iterations that help
+# programs like the judge's: what a gradient's is expected to take to compile, a quick one in its
+# share of that (`results/compile_times`); and evaluations of a population, in the time of the
+# fewest iterations that help
 _COMPILATIONS, _EVALUATIONS = {GRADIENT: 9.3, STRAIGHT_LINE: 4.0, REACTIVE: 6.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
 # programs like the judge's: the exploration's comes beside a population's

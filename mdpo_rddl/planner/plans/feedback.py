@@ -43,7 +43,7 @@ class Feedback:
     "gain on " + fluent: [*shape], "gains of pairs on " + fluent: [*shape, *fluent's shape]}},
     "lifted": {action: {"hidden": [features, units], "output": [units]}}, "plan": {action: [H,
     *shape]}, "net": {...}}, the last three only if there are such units, a plan or a net, and
-    gains of pairs only if there are few pairs.
+    gains of pairs only of actions that are numbers, and if there are few pairs.
 
     Attributes:
       fluents: what the policy reads: observed fluents, then the entries of its memory.
@@ -86,12 +86,14 @@ class Feedback:
         sources = {name: entry.source for name, entry in self._memory.entries.items()}
         self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.fluents}
         self._inputs = sum(math.prod(shape) for shape in self.shapes.values())
-        self._pairs = {name: self._paired(name) for name in self.action_shapes}
+        ranges = rddl.variable_ranges
+        numbers = [name for name in self.action_shapes if ranges[name] in ("real", "int")]
+        self._pairs = {name: self._paired(name, name in numbers) for name in self.action_shapes}
 
-    def _paired(self, action: str) -> list[str]:
+    def _paired(self, action: str, is_number: bool) -> list[str]:
         """The fluents of whose pairs there are gains: where neither has objects, `own` says all."""
         shape = self.action_shapes[action]
-        if math.prod(shape) * self._inputs > self.shape.pairs:
+        if not is_number or math.prod(shape) * self._inputs > self.shape.pairs:
             return []
         return [fluent for fluent in self.fluents if shape or self.shapes[fluent]]
 

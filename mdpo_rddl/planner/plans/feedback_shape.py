@@ -18,8 +18,8 @@ class FeedbackShape:
       distant: whether features also go through relations of tuples, and through two relations.
       lifted: units of a hidden layer on the features of each object, with the same weights for
         all objects; 0 for none.
-      pairs: the most gains that an action fluent may have of its own for each pair of one of its
-        ground actions and one of all ground fluents; where there are more pairs it has none.
+      pairs: the most gains that an action fluent that is a number may have, one for each pair of
+        one of its ground actions and one of all ground fluents; if there are more it has none.
       plan: whether there is a whole one, a value for every step, object and action.
       state_scales: per fluent its centre and scale; (0, 1) where it is not named.
       cut_feedback: whether a gradient takes the states that the policy reads as constant: it is
@@ -28,8 +28,8 @@ class FeedbackShape:
       memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
 
     Raises:
-      ValueError: if `lifted` is no such number, a switch is neither True nor False, or a scale is
-        not above 0.
+      ValueError: if `lifted` or `pairs` is no such number, a switch is neither True nor False, or
+        a scale is not above 0.
     """
 
     topology: Sequence[int] | None = (64, 64)

@@ -6,9 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers.problems import shipped
+from helpers.problems import make_planner, shipped
+from helpers.toys import toy
 
+from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Feedback
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 
 KEY = jax.random.PRNGKey(0)
@@ -104,6 +107,15 @@ def test_gains_of_pairs_are_felt_by_one_action_of_one_fluent():
 def test_there_are_gains_of_pairs_only_where_these_are_few(feedback):
     fewer = make(dataclasses.replace(SHAPE, pairs=224))
     jax.tree.map(np.testing.assert_array_equal, fewer.initial(KEY), feedback.initial(KEY))
+
+
+def test_bools_have_no_gains_of_pairs():
+    # its actions are a real, an integer and a bool
+    planner = make_planner(MDPOPlanner, toy("drift"), FeedbackPlan(FeedbackShape(pairs=100)))
+    ranges, own = planner.rddl.variable_ranges, planner.feedback_plan.noop(0)["own"]
+    paired = {name for name, entries in own.items() if any("pairs" in key for key in entries)}
+    assert paired == {name for name in own if ranges[name] in ("real", "int")}
+    assert {ranges[name] for name in set(own) - paired} == {"bool"}
 
 
 @pytest.mark.parametrize("name", ["lifted", "pairs"])
