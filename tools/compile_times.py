@@ -26,6 +26,7 @@ from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.programs.quick import quick_jit
 from mdpo_rddl.planner.training import Training
+from mdpo_rddl.planner.update.restarts import PerRestart
 
 COLUMNS = ("problem", "judge_seconds", "gradient_seconds", "ratio", "commit")
 
@@ -50,7 +51,9 @@ def measured(task: str) -> tuple[float, float]:
     play = compile_exact_returns(planner, ROLLOUTS)
     one = jax.tree.map(lambda leaf: np.asarray(leaf)[np.newaxis], params)
     judge = _timed(lambda: play(key, one))
-    guess = jax.tree.map(lambda leaf: np.repeat(leaf, planner.parallel_updates, axis=0), one)
+    guess = PerRestart(
+        jax.tree.map(lambda leaf: np.repeat(leaf, planner.parallel_updates, axis=0), one)
+    )
     training = Training(Built(planner, arguments={"guess": guess}), key, Budget(1000, 60.0))
     return judge, _timed(training.compile)
 
