@@ -238,13 +238,21 @@ class Policy(PolicyAgent):
         with self.planner.computing():
             return find_hindsight(self.problem, self, compiled, (episodes, seed, seconds))
 
+    def __repr__(self) -> str:
+        plan = type(self.planner.plan).__name__
+        return f"<Policy for {self.problem.label}: {plan}, {self._size:,} parameters>"
+
+    @property
+    def _size(self) -> int:
+        """Number of its parameters."""
+        return sum(np.size(leaf) for leaf in jax.tree.leaves(self.params))
+
     def _repr_html_(self) -> str:
-        sizes = [np.size(leaf) for leaf in jax.tree.leaves(self.params)]
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
             "plan": type(self.planner.plan).__name__,
-            "parameters": f"{sum(sizes):,}",
+            "parameters": f"{self._size:,}",
             "seed": f"{self.seed}",
         }
         for each in self.candidates:

@@ -122,6 +122,10 @@ class TablePolicy(PolicyAgent):
         """As `Policy.hindsight`, without an estimate: nothing is compiled for a table."""
         return find_hindsight(self.problem, self, None, (episodes, seed, seconds))
 
+    def __repr__(self) -> str:
+        states = f"{self.claim.states:,} states"
+        return f"<TablePolicy for {self.problem.label}: {self._kind}, {states}>"
+
     def _repr_html_(self) -> str:
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",

@@ -13,7 +13,7 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -48,14 +48,14 @@ class Problem:
     says that the environment was seen to raise an error in play, which policies must avoid.
     """
 
-    model: RDDLLiftedModel
+    model: RDDLLiftedModel = field(repr=False)
     domain_name: str
     instance_name: str
     label: str
     domain_path: Path
     instance_path: Path
-    domain_text: str
-    instance_text: str
+    domain_text: str = field(repr=False)
+    instance_text: str = field(repr=False)
     digest: str
     raises: bool = False
 

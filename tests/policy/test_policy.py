@@ -101,6 +101,10 @@ def test_a_file_stands_alone_and_plays_the_same_bits(policy, tmp_path):
     assert "a &lt;b&gt;, 1.0 s" in policy._repr_html_()
     assert "a &lt;b&gt;" in again._repr_html_()
     assert "-2.50" in again._repr_html_()
+    # one line, without the arrays and the RDDL
+    assert repr(again).startswith(f"<Policy for {again.problem.label}: ")
+    assert len(repr(again)) < 100
+    assert "cpfs" not in repr(again.problem)
 
 
 def test_a_file_does_not_depend_on_the_time_that_planning_took(policy, tmp_path):

@@ -86,6 +86,7 @@ def test_a_table_that_is_not_proven_says_so_and_is_read_back(policy, tmp_path):
     assert again(0, observation(0, "dry"))["go"] is True
     assert "trials" in str(again.explain())
     assert "optimum" not in again._repr_html_()
+    assert repr(again).endswith(": a table that trials have found, 7 states>")
 
 
 STATELESS = """
