@@ -87,13 +87,15 @@ class Feedback:
         self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.fluents}
         self._inputs = sum(math.prod(shape) for shape in self.shapes.values())
         ranges = rddl.variable_ranges
-        numbers = [name for name in self.action_shapes if ranges[name] in ("real", "int")]
-        self._pairs = {name: self._paired(name, name in numbers) for name in self.action_shapes}
+        self._pairs = {
+            name: self._paired(name) if ranges[name] in ("real", "int") else []
+            for name in self.action_shapes
+        }
 
-    def _paired(self, action: str, is_number: bool) -> list[str]:
+    def _paired(self, action: str) -> list[str]:
         """The fluents of whose pairs there are gains: where neither has objects, `own` says all."""
         shape = self.action_shapes[action]
-        if not is_number or math.prod(shape) * self._inputs > self.shape.pairs:
+        if math.prod(shape) * self._inputs > self.shape.pairs:
             return []
         return [fluent for fluent in self.fluents if shape or self.shapes[fluent]]
 
@@ -117,11 +119,12 @@ class Feedback:
             name: {
                 "bias": zeros(shape, self.dtype),
                 **{f"{GAIN}{f}": zeros(shape, self.dtype) for f in self._own[name]},
-                **{f"{PAIRS}{f}": zeros(shape + self.shapes[f], self.dtype) for f in pairs},
+                **{
+                    f"{PAIRS}{f}": zeros(shape + self.shapes[f], self.dtype)
+                    for f in self._pairs[name]
+                },
             }
-            for (name, shape), pairs in zip(
-                self.action_shapes.items(), self._pairs.values(), strict=True
-            )
+            for name, shape in self.action_shapes.items()
         }
         shared = {name: zeros(len(self.names(name)), self.dtype) for name in own}
         plan = {
