@@ -52,6 +52,8 @@ class Batches(NamedTuple):
 
 
 _SIZES = (Size(32, 4, None), Size(32, 1, None), Size(8, 1, 1))
+# a few rollouts do not tell how rarely the environment raises an error, which decides there
+_TELLING_ERRORS = Size(32, 128, None)
 
 
 def fitting_size(planner: MDPOPlanner) -> Size:
@@ -62,7 +64,8 @@ def fitting_size(planner: MDPOPlanner) -> Size:
     """
     one = step_bytes(planner)
     most = _AT_ONCE_BYTES if is_on_cpu() else _AT_ONCE_ELSEWHERE_BYTES
-    fits = (s for s in _SIZES if s.population * s.rollouts * one <= most)
+    sizes = (_TELLING_ERRORS, *_SIZES) if planner.lose_on_error else _SIZES
+    fits = (s for s in sizes if s.population * s.rollouts * one <= most)
     return next(fits, _SIZES[-1])
 
 

@@ -21,8 +21,9 @@ logger = logging.getLogger(__name__)
 
 PROGRAMS = 1.5
 """So many times as long as the judge's program does that of a population take to compile."""
-# a search of fewer iterations than that finds nothing: then one rollout has to do
-_FEWEST_ITERATIONS = 500
+# a search of fewer iterations than that finds nothing: then one rollout has to do; with as many
+# rollouts as tell how rare an error is, fewer iterations find a policy that avoids it
+_FEWEST_ITERATIONS, _FEWEST_AVOIDING = 500, 100
 # of each, with fresh random numbers, where the best of several is told
 _FINAL_BATCHES, _FINAL_ROLLOUTS = 8, 32
 # the judge's rollouts take longer than those of a population do
@@ -143,9 +144,10 @@ def compile_population(
     shared = weights_of(planner.feedback_plan.noop(seed), ["shared"])
     zeros = np.zeros((size.population, shared.start.size))
     rollouts_tried = {1} if wanted.deterministic else {size.rollouts, 1}
+    fewest = _FEWEST_AVOIDING if planner.lose_on_error else _FEWEST_ITERATIONS
     for rollouts in sorted(rollouts_tried, reverse=True):
         fewer = size._replace(rollouts=rollouts)
-        least = _FEWEST_ITERATIONS * size.population * rollouts * wanted.rollout_seconds
+        least = fewest * size.population * rollouts * wanted.rollout_seconds
         if rollouts > 1 and least > _TOO_SLOW_BY * wanted.share * (deadline - clock()):
             continue
         population = PopulationReturns(_compiled(planner, fewer, clock, deadline), fewer, seed)
@@ -156,7 +158,7 @@ def compile_population(
         search_seconds = wanted.share * (deadline - clock())
         # another program takes as long to compile: less of it than of the search it is for
         is_too_late = population.compile_seconds > search_seconds
-        if population.seconds * _FEWEST_ITERATIONS < search_seconds or is_too_late:
+        if population.seconds * fewest < search_seconds or is_too_late:
             break
     return population
 

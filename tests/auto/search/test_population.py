@@ -75,6 +75,22 @@ def test_one_rollout_has_to_do_where_four_take_too_long(planner, monkeypatch):
     assert Timed.compiled == [4, 1]
 
 
+def test_where_errors_are_avoided_so_many_rollouts_that_rare_ones_are_seen(planner, monkeypatch):
+    monkeypatch.setattr(population, "_compiled", Timed)
+    monkeypatch.setattr(planner, "lose_on_error", True)
+    Timed.compiled.clear()
+    # 100 populations of 128 rollouts take 12.8 seconds, of the 45 that the search has
+    compile_population(planner, 0, Wanted(0.5), Stopped(), 100.0)
+    assert Timed.compiled == [128]
+    Timed.compiled.clear()
+    # and not the 8 that are left here, for which another program is no longer compiled
+    compile_population(planner, 0, Wanted(0.5), Stopped(), 26.0)
+    assert Timed.compiled == [128]
+    Timed.compiled.clear()
+    compile_population(planner, 0, Wanted(0.5), Stopped(), 31.0)
+    assert Timed.compiled == [128, 1]
+
+
 def test_where_chance_plays_no_part_one_rollout_is_enough(planner, monkeypatch):
     monkeypatch.setattr(population, "_compiled", Timed)
     Timed.compiled.clear()
