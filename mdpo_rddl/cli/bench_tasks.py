@@ -93,7 +93,8 @@ def _ablation(options: argparse.Namespace) -> str:
 
 def _sharing(options: argparse.Namespace) -> str:
     tasks = [*map(named_task, options.problems)]
-    run_sharing(options.out, tasks, options.seeds, _conditions(options), _shard(options))
+    shard, decided = _shard(options), options.decided
+    run_sharing(options.out, tasks, options.seeds, _conditions(options), shard, decided)
     return sharing_table(read_sharing(options.out))
 
 

@@ -67,6 +67,12 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         "--problems", nargs="+", metavar="NAME:INSTANCE", default=list(SHARING_TASKS)
     )
     sharing.add_argument("--decision-seconds", type=number(above=0), default=0.2)
+    sharing.add_argument(
+        "--decided",
+        type=positive_int,
+        metavar="EPISODES",
+        help="whose decisions' time the longer preparation has (default: all that are played)",
+    )
     sharing.set_defaults(run="sharing", out=Path("results/sharing"))
     thinking = commands.add_parser(
         "thinking", help="time for thinking at the decisions beside the same policy alone"

@@ -47,6 +47,9 @@ def test_where_thinking_was_chosen_the_preparation_gets_its_time(tmp_path, monke
     asked.clear()
     run_sharing(tmp_path / "second", tasks, 1, QUICK, (1, 2))
     assert {problem for _, problem, *_ in asked} == {"None"}
+    asked.clear()
+    run_sharing(tmp_path / "third", tasks, 1, QUICK, decided=1)
+    assert asked[1] == ("40", "Gains", "mdpo", 40.0)
 
 
 def test_the_table_worked_by_hand(tmp_path):
@@ -87,6 +90,9 @@ def test_the_command_prints_the_table(tmp_path, monkeypatch, capsys):
     assert bench.main(["sharing", "--problems", "TSP_or:0", "--out", str(tmp_path)]) == 0
     assert asked == [(30.0, 0.2, 10)]
     assert "Thinking was chosen on 0 of 0 tasks" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        bench.main(["sharing", "--decided", "0", "--out", str(tmp_path)])
+    assert "--decided" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         bench.main(["sharing", "--decision-seconds", "0", "--out", str(tmp_path)])
     assert "must be a number above 0" in capsys.readouterr().err

@@ -1,8 +1,8 @@
 """Where time is better spent: at the decisions, or before the first of them.
 
 Ours prepares for a while and may then think at its decisions. Where it chose to, the same task is
-prepared once more, longer by the time of all decisions of all episodes, and the policy is played
-alone.
+prepared once more, longer by the time of all decisions of all episodes or of fewer episodes, and
+the policy is played alone.
 """
 
 import json
@@ -56,6 +56,7 @@ def run_sharing(
     seeds: int,
     conditions: Conditions,
     shard: tuple[int, int] = (0, 1),
+    decided: int | None = None,
 ) -> None:
     """Plays with thinking and, where it was chosen, without; rows that are there stay.
 
@@ -65,11 +66,13 @@ def run_sharing(
       seeds: of the preparation, from 0.
       conditions: of the trials with thinking.
       shard: (i, n): only every n-th task, from the i-th on.
+      decided: episodes whose decisions' time the longer preparation has; None for all.
     """
     number, count = shard
     for task in tasks[number::count]:
         rows = run_tasks(out / _THINKING, [task], [THINKING], seeds, conditions).rows
-        decisions = [_decisions(row) for row in rows if _task(row) == task and row["method"]]
+        own = [row for row in rows if _task(row) == task and row["method"]]
+        decisions = [_decisions(row, decided) for row in own]
         if not decisions:
             continue
         seconds = conditions.seconds + max(decisions) * conditions.decision_seconds
@@ -77,9 +80,9 @@ def run_sharing(
         run_tasks(out / f"{seconds:g}", [task], [OURS], seeds, longer)
 
 
-def _decisions(row: Row) -> int:
-    """Of the row's episodes, had none ended early."""
-    return len(json.loads(row["returns"])) * int(row["horizon"])
+def _decisions(row: Row, episodes: int | None) -> int:
+    """Of so many episodes, all of the row's if None, had none ended early."""
+    return (episodes or len(json.loads(row["returns"]))) * int(row["horizon"])
 
 
 def read_sharing(out: Path) -> dict[Task, Shared]:
