@@ -231,7 +231,7 @@ class Schedule(Openings):
 
     def _search_in_turn(self, shared: SharedWeightsArm) -> None:
         """What searches without a gradient, each once before the rounds."""
-        arena, own_until = self._arena, self._end("own weights", self._shares.own_until)
+        arena, own_until = self._arena, self._end("in turn", self._shares.own_until)
         for until in self._once("shared weights", self._shares.shared_until):
             self.give(shared, until)
         if arena.has_plan and self._affording.plans():

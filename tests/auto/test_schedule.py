@@ -22,7 +22,7 @@ from mdpo_rddl.auto import (
 from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, simple
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.schedule import Schedule
-from mdpo_rddl.auto.search import population
+from mdpo_rddl.auto.search import plan_population, population
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 pytestmark = pytest.mark.usefixtures("one_core")
@@ -190,6 +190,24 @@ def test_where_chance_plays_a_part_own_weights_have_their_turn_beside_a_plan_tha
     assert "own weights" in means(outcome)
     # they are better, and so what is polished is not the plan
     assert "polishing the weights" in arms_of(outcome)
+
+
+def test_own_weights_have_their_time_beside_the_compilation_of_plans(
+    lake, no_gradient, monkeypatch
+):
+    compiling, ends = 40.0, {}
+    monkeypatch.setattr(plan_population.PlanPopulation, "compile_seconds", compiling)
+    give = Schedule.give
+
+    def note(self, arm, until):
+        ends.setdefault(arm.name, until)
+        give(self, arm, until)
+
+    monkeypatch.setattr(Schedule, "give", note)
+    # half of the time between the shared weights and the end is the plan's
+    raced(lake, 300.0, shared_until=0.2, own_until=0.3)
+    second_half = ends["own weights"] - ends["plan"]
+    assert second_half == pytest.approx(compiling + ends["plan"] - ends["shared weights"], rel=0.2)
 
 
 @pytest.mark.parametrize(("name", "pairs"), [("lake", 100), ("corridor", 0)])
