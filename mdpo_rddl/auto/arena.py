@@ -12,6 +12,7 @@ from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.gains import NoopReturn, return_to_beat
 from mdpo_rddl.auto.judge import Judge, difference_error
 from mdpo_rddl.auto.plain import REACTIVE, STRAIGHT_LINE, PlainPlanners
+from mdpo_rddl.auto.probed import Probed
 from mdpo_rddl.auto.probing import Probe, boxes
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.auto.search.population import (
@@ -59,6 +60,7 @@ class Arena:
       most_iterations: of one training with a gradient.
       on_progress: called while such a training goes on.
       pulse: to be called between two iterations of a slice, when the arm's state is whole.
+      probed: what has played the probing's constants; None where another process has.
     """
 
     problem: Problem
@@ -74,6 +76,7 @@ class Arena:
     most_iterations: int = UNLIMITED
     on_progress: Callable[[Progress], None] = _ignore
     pulse: Callable[[], None] = _ignore_pulse
+    probed: Probed | None = None
 
     @property
     def seconds(self) -> float:

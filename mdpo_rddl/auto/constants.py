@@ -24,6 +24,8 @@ class Constants:
     """Plays constants until it is late.
 
     Attributes:
+      planner: whose policies they are.
+      size: of the batches.
       seconds: that the latest batch took.
       are_alike: whether all rollouts of each constant had the same return.
       saw_alike: whether they saw the same states, too.
@@ -50,7 +52,7 @@ class Constants:
           clock: what is asked for the time.
           deadline: when to end at the latest, compiled or not.
         """
-        self._at_once = size.at_once
+        self.planner, self.size = planner, size
         one_by_one = 1 if size.at_once == 1 else None
         self._play = made_once(
             lambda: compile_visits(planner, size.rollouts, side_by_side=one_by_one)
@@ -91,6 +93,13 @@ class Constants:
         both = (self._random[name] & self._changed[name] for name in self._random)
         return self.are_alike and not any(map(np.any, both))
 
+    def __call__(self, key: jax.Array, params: Params) -> np.ndarray:
+        """Returns [P, N] of any policies, as many as a batch has, once a batch was played."""
+        began = self._clock()
+        returns = np.asarray(self._play(key, params)[0], float)
+        self.seconds = self._clock() - began
+        return returns
+
     def means(self, constants: Sequence[Constant]) -> np.ndarray:
         """Mean returns [C]; minus infinity if not finite, or if it was too late to play one."""
         batches = [means for means, _ in self._batches_of(constants, at_least=0)]
@@ -124,10 +133,10 @@ class Constants:
         self, constants: Sequence[Constant], at_least: int
     ) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
         """Mean returns and states of batches, until it is late."""
-        for first in range(0, len(constants), self._at_once):
+        for first in range(0, len(constants), self.size.at_once):
             if first >= at_least and self.is_late:
                 break
-            returns, states = self._batch(constants[first : first + self._at_once], self._key)
+            returns, states = self._batch(constants[first : first + self.size.at_once], self._key)
             for name, values in states.items():
                 self._first.setdefault(name, values[0].copy())
             self._note(returns, states, self._first)
@@ -145,7 +154,7 @@ class Constants:
             if self.is_late or not self.is_without_chance:
                 return False
             key = jax.random.fold_in(self._key, number)
-            returns, states = self._batch(constants[: self._at_once], key)
+            returns, states = self._batch(constants[: self.size.at_once], key)
             self._note(returns, states, {name: values[0] for name, values in states.items()})
         return self.is_without_chance
 
@@ -162,7 +171,7 @@ class Constants:
             if self.is_late:
                 break
             key = jax.random.fold_in(self._key, number)
-            pairs = ([one, other],) if self._at_once > 1 else ([one], [other])
+            pairs = ([one, other],) if self.size.at_once > 1 else ([one], [other])
             found.append(np.concatenate([self._batch(pair, key)[0] for pair in pairs]))
         return np.concatenate(found, axis=1)
 
@@ -175,7 +184,7 @@ class Constants:
           TooLateError: if the deadline comes before the first batch was played.
         """
         began = self._clock()
-        padded = [*constants, *[constants[0]] * (self._at_once - len(constants))]
+        padded = [*constants, *[constants[0]] * (self.size.at_once - len(constants))]
         policies = [with_bias(self._params, constant) for constant in padded]
         params = jax.tree.map(lambda *each: np.stack(each), *policies)
 

@@ -153,10 +153,31 @@ def probe(
     Raises:
       TooLateError: if the deadline comes before any constant was played.
     """
-    large = is_large(planner)
+    return probe_by(constants_for(planner, seed, until, clock, deadline), seed)
+
+
+def constants_for(
+    planner: MDPOPlanner,
+    seed: int,
+    until: float = math.inf,
+    clock: Clock = time.monotonic,
+    deadline: float = math.inf,
+) -> Constants:
+    """What plays the constants of a probing, for the arguments of `probe`; nothing is compiled."""
     size = Batches(_FEW_STARTS, 1, 1)
-    size = size if large else fitting_batches(planner, _STARTS, _ROLLOUTS)
-    plays = Constants(planner, seed, size, until, clock, deadline)
+    size = size if is_large(planner) else fitting_batches(planner, _STARTS, _ROLLOUTS)
+    return Constants(planner, seed, size, until, clock, deadline)
+
+
+def probe_by(plays: Constants, seed: int) -> Probe:
+    """`probe` by what has played nothing yet.
+
+    Args:
+      plays: what `constants_for` has made.
+      seed: of the actions.
+    """
+    planner, size = plays.planner, plays.size
+    large = is_large(planner)
     params = planner.feedback_plan.noop(seed)
     shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
     numbers = list(planner.feedback_plan.units)

@@ -24,7 +24,8 @@ from mdpo_rddl.auto.fitting import (
 from mdpo_rddl.auto.judge import ROLLOUTS, Judge
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
-from mdpo_rddl.auto.probing import probe
+from mdpo_rddl.auto.probed import Probed
+from mdpo_rddl.auto.probing import constants_for, probe_by
 from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
@@ -280,15 +281,16 @@ def _arena(
     deadline, now = began + (1.0 - _CONFIRMING_SHARE) * config.budget().seconds, clock()
     config = config.without_section(SEARCH)
     # the same for all seeds, whose programs then are the same too
-    bare = build_planner(problem, without_scales(config)).planner
+    plain, probed = without_scales(config), None
+    bare = build_planner(problem, plain).planner
     seen = None if resumption is None else resumption.probe
     if seen is None or not seen.fits(bare):
         until = now + shares.shared_until * (deadline - now)
+        probed = Probed(plain, constants_for(bare, _PROBING_SEED, until, clock, deadline))
         try:
-            seen = probe(bare, _PROBING_SEED, until, clock, deadline)
+            seen = probe_by(probed.plays, _PROBING_SEED)
         except TooLateError as error:
-            noop = noop_of(bare, without_scales(config), seed)
-            raise NothingPlayedError(noop, clock() - now) from error
+            raise NothingPlayedError(noop_of(bare, plain, seed), clock() - now) from error
     if resumption is not None:
         resumption.probe = seen
     config = with_memory(scaled(config, seen), problem)
@@ -319,6 +321,7 @@ def _arena(
         most_iterations=options.most_iterations,
         on_progress=options.on_progress,
         pulse=options.on_pulse,
+        probed=probed,
     )
 
 

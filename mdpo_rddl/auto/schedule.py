@@ -40,7 +40,7 @@ from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, next_contender
 from mdpo_rddl.auto.slices import SHORTEST_SECONDS
-from mdpo_rddl.auto.unsearched import known_without_rollouts
+from mdpo_rddl.auto.unsearched import found_by_probing, known_without_rollouts
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -110,6 +110,8 @@ class Schedule(Openings):
             logger.warning("there is too little time to search: compilation takes so long")
             if early is not None:
                 self._end_with(early)
+            for candidate in found_by_probing(arena):
+                judge.record(candidate)
             return
         self._search(simple)
 

@@ -14,7 +14,7 @@ from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.earlier import EarlierRace
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
-from mdpo_rddl.auto.unsearched import known_by_probing
+from mdpo_rddl.auto.unsearched import found_by_probing, known_by_probing
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.problem.load import Problem
@@ -147,7 +147,10 @@ def known_kept(arena: Arena, earlier: EarlierRace | None, early: Arm | None) -> 
     except TooLateError as error:
         logger.warning("the best policy so far is kept: %s", error)
         if earlier is None:
-            found += known_by_probing(arena)
+            # what comes next may be interrupted
+            for candidate in known_by_probing(arena):
+                arena.judge.record(candidate)
+            found += found_by_probing(arena)
         else:
             found.append(earlier.incumbent.known(arena.problem, arena.seed))
     found += [] if early is None else early.take_candidates()

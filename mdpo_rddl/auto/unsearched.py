@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.simple import CONSTANT, SIMPLE
+from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate
 
 logger = logging.getLogger(__name__)
@@ -31,6 +31,14 @@ def known_by_probing(arena: Arena) -> list[Candidate]:
         )
         for label, params, mean in found
     ]
+
+
+def found_by_probing(arena: Arena) -> list[Candidate]:
+    """A rule, found by the program that has played the probing's constants; none without time."""
+    probed = arena.probed
+    if probed is None or not probed.has_time(arena.deadline, arena.clock):
+        return []
+    return [probed.best_rule(SIMPLE, RANDOM_RULE, arena.seed, arena.deadline, arena.clock)]
 
 
 def known_without_rollouts(arena: Arena, initial: Sequence[Candidate]) -> list[Candidate]:

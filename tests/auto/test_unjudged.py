@@ -88,7 +88,7 @@ def arena():
         return Candidate(arm, label, preset(1.0), None, params)
 
     judge = Judge(1, 0, Stopped(), 0.0)
-    names = {"noop": "noop", "constant": "constant", "problem": None, "seed": 0}
+    names = {"noop": "noop", "constant": "constant", "problem": None, "seed": 0, "probed": None}
     return SimpleNamespace(probe=probe, judge=judge, candidate=candidate, **names)
 
 

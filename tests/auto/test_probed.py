@@ -1,0 +1,95 @@
+"""Rules by the program of the constants, where the judge's comes too late."""
+
+import numpy as np
+import pytest
+from helpers.clocks import Ticking
+from helpers.lakes import preset
+from helpers.races import CLOCK, means, raced
+
+from mdpo_rddl import evaluate, make_environment
+from mdpo_rddl.auto import RaceOptions, affording, probed, race
+from mdpo_rddl.auto.fitting import without_scales
+from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.outcome import policy_of
+from mdpo_rddl.auto.probed import Probed
+from mdpo_rddl.auto.probing import constants_for, probe_by
+from mdpo_rddl.planner.build import build_planner
+
+NOOP_RETURN = -2400.0
+
+
+@pytest.fixture(scope="module")
+def clock():
+    return Ticking()
+
+
+@pytest.fixture(scope="module")
+def plays(lake, clock):
+    config = without_scales(preset(1.0))
+    plays = constants_for(build_planner(lake, config).planner, 0, clock=clock)
+    probe_by(plays, 0)
+    return Probed(config, plays)
+
+
+@pytest.fixture
+def late_judge(monkeypatch):
+    late = property(lambda self: 1e9, lambda self, seconds: None)
+    monkeypatch.setattr(Judge, "program_seconds", late, raising=False)
+
+
+def test_there_is_time_for_a_few_batches_at_least(plays, clock):
+    plays.plays.seconds = 10.0
+    assert plays.has_time(clock() + 100.0, clock)
+    assert not plays.has_time(clock() + 50.0, clock)
+
+
+def test_few_policies_of_a_batch_are_not_searched(lake, clock):
+    planner = build_planner(lake, without_scales(preset(1.0))).planner
+    few = constants_for(planner, 0, clock=clock)
+    few.size = few.size._replace(at_once=4)
+    assert not Probed(preset(1.0), few).has_time(clock() + 1e6, clock)
+
+
+def test_a_rule_returns_what_is_said_of_it(lake, plays, clock):
+    found = plays.best_rule("an arm", "a rule", 0, clock() + 2000.0, clock)
+    assert (found.arm, found.label, found.config) == ("an arm", "a rule", plays.config)
+    assert found.mean > NOOP_RETURN + 1000.0
+    assert 0.0 < found.error < 100.0
+    played = evaluate(make_environment(lake), policy_of(found, lake, 0), 20, 0).returns
+    error = np.hypot(found.error, played.std() / np.sqrt(20))
+    assert abs(played.mean() - found.mean) < 4.0 * error
+
+
+def test_with_hardly_any_time_two_batches_tell_its_error(plays, clock):
+    found = plays.best_rule("an arm", "a rule", 0, clock(), clock)
+    assert np.isfinite(found.error)
+
+
+@pytest.mark.usefixtures("late_judge", "failing_race")
+def test_the_time_that_the_judge_has_no_use_for_is_for_rules(lake, caplog):
+    outcome = raced(lake, 1500.0)
+    assert "too little time is left to compile the rollouts" in caplog.text
+    assert list(means(outcome)) == ["no-op", "constant", "random rule"]
+    assert outcome.chosen.label == "random rule"
+    assert outcome.chosen.mean > means(outcome)["constant"]
+    state, _ = make_environment(lake).reset(seed=0)
+    assert outcome.policy(0, state)["pump"] != 0.0
+
+
+@pytest.mark.usefixtures("late_judge", "failing_race")
+def test_an_interrupt_leaves_what_probing_has_found(lake, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(probed.Probed, "best_rule", interrupted)
+    outcome = raced(lake, 1500.0)
+    assert outcome.interrupted
+    assert outcome.chosen.label == "constant"
+
+
+def test_where_a_population_comes_too_late_rules_are_found_too(lake, monkeypatch, caplog):
+    monkeypatch.setattr(affording.Affording, "policies", lambda self: False)
+    monkeypatch.setattr(race, "ROLLOUTS", 4)
+    outcome = raced(lake, 1500.0, RaceOptions(clock=CLOCK))
+    assert "too little time to search" in caplog.text
+    assert list(means(outcome)) == ["no-op", "constant", "random rule"]
