@@ -60,7 +60,8 @@ class Arena:
       most_iterations: of one training with a gradient.
       on_progress: called while such a training goes on.
       pulse: to be called between two iterations of a slice, when the arm's state is whole.
-      probed: what has played the probing's constants; None where another process has.
+      probed: what has played the probing's constants; None of a large problem, or where another
+        process has.
     """
 
     problem: Problem

@@ -321,7 +321,7 @@ def _arena(
         most_iterations=options.most_iterations,
         on_progress=options.on_progress,
         pulse=options.on_pulse,
-        probed=probed,
+        probed=None if large else probed,
     )
 
 
