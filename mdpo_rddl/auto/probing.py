@@ -134,28 +134,6 @@ class Probe:
         return starts == shapes and set(self.units) <= set(shapes) and is_of_the_states
 
 
-def probe(
-    planner: MDPOPlanner,
-    seed: int,
-    until: float = math.inf,
-    clock: Clock = time.monotonic,
-    deadline: float = math.inf,
-) -> Probe:
-    """Plays constant actions on the exact model.
-
-    Args:
-      planner: with a `FeedbackPlan` without scales, whose units are 1 where there is no box.
-      seed: of the actions and of the model.
-      until: when to end, by the clock, once two were played; compilation is not counted.
-      clock: what is asked for the time.
-      deadline: when to end at the latest, by the clock.
-
-    Raises:
-      TooLateError: if the deadline comes before any constant was played.
-    """
-    return probe_by(constants_for(planner, seed, until, clock, deadline), seed)
-
-
 def constants_for(
     planner: MDPOPlanner,
     seed: int,
@@ -163,18 +141,29 @@ def constants_for(
     clock: Clock = time.monotonic,
     deadline: float = math.inf,
 ) -> Constants:
-    """What plays the constants of a probing, for the arguments of `probe`; nothing is compiled."""
+    """What plays the constants of a probing; nothing is compiled yet.
+
+    Args:
+      planner: with a `FeedbackPlan` without scales, whose units are 1 where there is no box.
+      seed: of the model.
+      until: when to end, by the clock, once two were played; compilation is not counted.
+      clock: what is asked for the time.
+      deadline: when to end at the latest, by the clock.
+    """
     size = Batches(_FEW_STARTS, 1, 1)
     size = size if is_large(planner) else fitting_batches(planner, _STARTS, _ROLLOUTS)
     return Constants(planner, seed, size, until, clock, deadline)
 
 
-def probe_by(plays: Constants, seed: int) -> Probe:
-    """`probe` by what has played nothing yet.
+def probe(plays: Constants, seed: int) -> Probe:
+    """Plays constant actions on the exact model.
 
     Args:
       plays: what `constants_for` has made.
       seed: of the actions.
+
+    Raises:
+      TooLateError: if the deadline comes before any constant was played.
     """
     planner, size = plays.planner, plays.size
     large = is_large(planner)

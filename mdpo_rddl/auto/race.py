@@ -25,7 +25,7 @@ from mdpo_rddl.auto.judge import ROLLOUTS, Judge
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probed import Probed
-from mdpo_rddl.auto.probing import constants_for, probe_by
+from mdpo_rddl.auto.probing import constants_for, probe
 from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
@@ -288,7 +288,7 @@ def _arena(
         until = now + shares.shared_until * (deadline - now)
         probed = Probed(plain, constants_for(bare, _PROBING_SEED, until, clock, deadline))
         try:
-            seen = probe_by(probed.plays, _PROBING_SEED)
+            seen = probe(probed.plays, _PROBING_SEED)
         except TooLateError as error:
             raise NothingPlayedError(noop_of(bare, plain, seed), clock() - now) from error
     if resumption is not None:

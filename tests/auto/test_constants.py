@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from helpers.clocks import Stopped
 from helpers.lakes import preset, write_lake
+from helpers.probes import probed
 
 from mdpo_rddl.auto import constants, probing, sizes
 from mdpo_rddl.auto.constants import Constants
@@ -70,11 +71,11 @@ def test_chance_is_ruled_out_only_where_it_is_shown(
     planner, monkeypatch, returned, depth, deterministic, certain
 ):
     Model(monkeypatch, returned, depth)
-    seen = probing.probe(planner, 0)
+    seen = probed(planner, 0)
     assert (seen.deterministic, seen.certain) == (deterministic, certain)
     # nothing is drawn
     monkeypatch.setattr(probing, "has_draws", lambda model: False)
-    seen = probing.probe(planner, 0)
+    seen = probed(planner, 0)
     assert (seen.deterministic, seen.certain) == (True, True)
 
 
@@ -83,16 +84,16 @@ def test_what_is_seldom_drawn_is_looked_for_in_more_rollouts(planner, monkeypatc
         return -abs(pump - 9) - (chance < -1.2)
 
     Model(monkeypatch, collides, lambda pump, chance: pump)
-    assert not probing.probe(planner, 0).deterministic
+    assert not probed(planner, 0).deterministic
     # the first four have none
     monkeypatch.setattr(probing, "_CONFIRMING", 0)
-    assert probing.probe(planner, 0).deterministic
+    assert probed(planner, 0).deterministic
 
 
 def test_one_rollout_shows_nothing_of_chance(planner, monkeypatch):
     Model(monkeypatch, lambda pump, chance: -abs(pump - 9), lambda pump, chance: pump)
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
-    assert not probing.probe(planner, 0).deterministic
+    assert not probed(planner, 0).deterministic
 
 
 def test_the_best_of_many_constants_is_compared_in_other_rollouts(planner, monkeypatch):
@@ -101,7 +102,7 @@ def test_the_best_of_many_constants_is_compared_in_other_rollouts(planner, monke
         return -100.0 + 20.0 * np.sin(1e3 * (pump + chance))
 
     Model(monkeypatch, lucky, lambda pump, chance: pump)
-    found = [probing.probe(planner, seed) for seed in range(3)]
+    found = [probed(planner, seed) for seed in range(3)]
     # the best of all in four rollouts is 14 above on average
     assert np.mean([seen.start_return for seen in found]) < -100.0 + 7.0
 
@@ -115,7 +116,7 @@ def test_batches_and_what_is_kept_of_them_fit_into_memory(planner, monkeypatch):
     kept = []
     scale = probing._scale
     monkeypatch.setattr(probing, "_scale", lambda values: kept.append(values) or scale(values))
-    seen = probing.probe(planner, 0)
+    seen = probed(planner, 0)
     assert set(model.batches) == {1}  # of four rollouts
     (batches,) = kept
     assert len(batches) == 32

@@ -52,7 +52,7 @@ def test_what_jaxplan_cannot_compile_is_one_line(lake, monkeypatch):
     def broken(*arguments, **keywords):
         raise AttributeError("module has no attribute\n'distributions'")
 
-    monkeypatch.setattr(race, "probe_by", broken)
+    monkeypatch.setattr(race, "probe", broken)
     with pytest.raises(InputError, match=r"i\.rddl: cannot be planned: .*no attribute 'dist"):
         raced(lake, 300.0)
 

@@ -12,7 +12,7 @@ from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.probed import Probed
-from mdpo_rddl.auto.probing import constants_for, probe_by
+from mdpo_rddl.auto.probing import constants_for, probe
 from mdpo_rddl.planner.build import build_planner
 
 NOOP_RETURN = -2400.0
@@ -27,7 +27,7 @@ def clock():
 def plays(lake, clock):
     config = without_scales(preset(1.0))
     plays = constants_for(build_planner(lake, config).planner, 0, clock=clock)
-    probe_by(plays, 0)
+    probe(plays, 0)
     return Probed(config, plays)
 
 

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from helpers.lakes import preset, write_lake
+from helpers.probes import probed
 from helpers.problems import tiny_files
 from helpers.toys import problem_from, toy
 
@@ -22,7 +23,7 @@ def lake(tmp_path_factory):
 
 
 def test_probing_finds_units_and_scales(lake):
-    seen = probing.probe(build_planner(lake, without_scales(preset(1.0))).planner, seed=0)
+    seen = probed(build_planner(lake, without_scales(preset(1.0))).planner, seed=0)
     # 300 above, in a few steps
     assert 10.0 <= seen.units["pump"] <= 320.0
     center, scale = seen.state_scales["depth"]
@@ -64,7 +65,7 @@ instance today {
 def test_a_unit_is_found_that_shows_beside_another_action_only():
     # nothing is shipped of an empty stock, and no-op and all is one beyond it
     planner = build_planner(problem_from(SHOP), without_scales(preset(1.0))).planner
-    seen = probing.probe(planner, seed=0)
+    seen = probed(planner, seed=0)
     assert 10.0 < seen.units["ship"] < 60.0
     assert seen.start_return > -30.0 * 3 / 2
     # nothing is drawn
@@ -76,7 +77,7 @@ def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
     planner = build_planner(lake, without_scales(preset(1.0))).planner
     times = iter([*range(0, 10, 5), *range(20, 10**6, 5)])
-    seen = probing.probe(planner, 0, until=22.0, clock=lambda: float(next(times)))
+    seen = probed(planner, 0, until=22.0, clock=lambda: float(next(times)))
     assert seen.policy_seconds == 5.0
     assert seen.start_return >= seen.noop_return
 
@@ -84,7 +85,7 @@ def test_a_large_problem_is_probed_for_a_while_only(lake, monkeypatch):
 def test_only_a_number_without_a_box_has_a_unit_to_find():
     problem = load_problem("Sokoban_arcade", "0")
     planner = build_planner(problem, without_scales(preset(1.0))).planner
-    assert probing.probe(planner, seed=0).units == {}
+    assert probed(planner, seed=0).units == {}
     # an enum's is its box
     assert set(planner.plan.units) <= set(problem.model.action_fluents)
     for (lower, upper), name in ((planner.plan.bounds[n], n) for n in planner.plan.units):
@@ -105,7 +106,7 @@ def test_plans_fit_unless_they_are_too_large(lake, monkeypatch):
 def test_the_same_seed_starts_the_same_search(tmp_path):
     problem = load_problem(*tiny_files(tmp_path))
     one, two = (
-        probing.probe(build_planner(problem, without_scales(preset(1.0))).planner, seed=0)
+        probed(build_planner(problem, without_scales(preset(1.0))).planner, seed=0)
         for _ in range(2)
     )
     assert one.state_scales == two.state_scales
@@ -114,7 +115,7 @@ def test_the_same_seed_starts_the_same_search(tmp_path):
 
 def test_what_a_batch_takes_is_known_where_one_shows_all():
     planner = build_planner(toy("quest"), without_scales(preset(1.0))).planner
-    assert probing.probe(planner, seed=0).batch_seconds > 0.0
+    assert probed(planner, seed=0).batch_seconds > 0.0
 
 
 def test_where_rollouts_take_long_there_are_as_many_as_there_is_time_for():

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
+from helpers.probes import probed
 from helpers.problems import write_corridor
 
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import sizes
 from mdpo_rddl.auto.fitting import scaled, without_scales
 from mdpo_rddl.auto.gains import NoopReturn
-from mdpo_rddl.auto.probing import probe
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.evolution import Evolved
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
@@ -26,7 +26,7 @@ NOOP_RETURN = NoopReturn(0.0, 0.0)
 
 def plans_of(problem):
     config = auto_preset("toy").without_section("Search")
-    seen = probe(build_planner(problem, without_scales(config)).planner, seed=0)
+    seen = probed(build_planner(problem, without_scales(config)).planner, seed=0)
     planner = build_planner(problem, scaled(config, seen)).planner
     return seen, planner, planner.plan.initializer(np.zeros(2, np.uint32), {}, None)
 

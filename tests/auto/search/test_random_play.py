@@ -3,9 +3,10 @@
 import time
 
 import pytest
+from helpers.probes import probed
 
 from mdpo_rddl.auto.fitting import scaled, without_scales
-from mdpo_rddl.auto.probing import boxes, probe
+from mdpo_rddl.auto.probing import boxes
 from mdpo_rddl.auto.search.population import Wanted, compile_population
 from mdpo_rddl.auto.search.random_play import random_return
 from mdpo_rddl.planner.build import build_planner
@@ -38,7 +39,7 @@ def test_each_action_is_drawn_from_its_box_at_every_step(tmp_path):
     instance.write_text(INSTANCE)
     problem = load_problem(str(domain), str(instance))
     config = auto_preset("pushed").without_section("Search")
-    seen = probe(build_planner(problem, without_scales(config)).planner, seed=0)
+    seen = probed(build_planner(problem, without_scales(config)).planner, seed=0)
     planner = build_planner(problem, scaled(config, seen)).planner
     population = compile_population(planner, 0, Wanted(0.5), time.monotonic)
     noop, places = planner.feedback_plan.noop(0), boxes(planner, seen.units)
