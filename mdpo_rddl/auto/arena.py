@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from mdpo_rddl.auto.candidate import NOOP, Candidate
-from mdpo_rddl.auto.compilations import Compilations
+from mdpo_rddl.auto.compilations import Compilations, TooLateError
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.gains import NoopReturn, return_to_beat
 from mdpo_rddl.auto.judge import Judge, difference_error
@@ -21,7 +23,8 @@ from mdpo_rddl.auto.search.population import (
     Wanted,
     compile_population,
 )
-from mdpo_rddl.auto.search.random_play import random_return
+from mdpo_rddl.auto.search.random_play import mean_until, random_plans
+from mdpo_rddl.auto.search.weights import Weights
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -31,6 +34,8 @@ from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.problem.load import Problem
 
 UNLIMITED = 10**6
+# of the time left, at most, for what random actions return
+_RANDOM = 0.01
 
 
 def _ignore(progress: Progress) -> None:
@@ -115,6 +120,19 @@ class Arena:
         wanted = Wanted(self.search_share, *known, *compiled)
         return compile_population(self.planner, self.seed, wanted, self.clock, self.deadline)
 
+    def after_population_compiles(self, weights: Weights, until: float) -> float:
+        """As `after_plans_compile`, where weights are adapted.
+
+        Raises:
+          TooLateError: if the program is likely to take longer than what is left.
+        """
+        started, population = self.clock(), self.population
+        if not population.is_compiled(weights):
+            if population.compile_seconds > self.deadline - started:
+                raise TooLateError("there is no time to compile what plays such policies")
+            population.compile(weights)
+        return min(until + self.clock() - started, max(until, self.deadline))
+
     def compile_population(self) -> None:
         """Compiles `population`, for the arm that needs it first."""
         assert self.population.population
@@ -164,9 +182,14 @@ class Arena:
         return self.judge.compile_seconds + plans
 
     def random_return(self) -> float:
-        """Mean return of random actions; for a policy that has a plan."""
-        places = boxes(self.planner, self.probe.units)
-        return random_return(self.population, self.noop, places, self.seed)
+        """Mean return of random actions by the judge's rollouts; for a policy that has a plan."""
+        judge, until = self.judge, self.until(_RANDOM)
+
+        def played(params: Params) -> np.ndarray:
+            return judge.returns_of(self.candidate("", "random", params))
+
+        plans = random_plans(self.noop, boxes(self.planner, self.probe.units), self.seed)
+        return mean_until(map(played, plans), lambda: self.clock() >= until)
 
     @property
     def incumbent(self) -> Candidate:

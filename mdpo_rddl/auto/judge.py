@@ -158,7 +158,7 @@ class Judge:
         """
         mean, error, returns = candidate.mean, candidate.error, candidate.returns
         if mean is None:
-            returns = self._play(candidate)
+            returns = self.returns_of(candidate)
             with np.errstate(invalid="ignore"):
                 mean, error = mean_and_error(returns)
         mean, error = (mean, error) if np.isfinite(mean) else (-np.inf, 0.0)
@@ -229,7 +229,12 @@ class Judge:
         of_label = (j.candidate for j in reversed(self.judged) if j.candidate.label == label)
         return next(of_label, None)
 
-    def _play(self, candidate: Candidate) -> np.ndarray:
+    def returns_of(self, candidate: Candidate) -> np.ndarray:
+        """Returns [N] of a candidate, which is not judged by this.
+
+        Raises:
+          TooLateError: as `record`.
+        """
         planner = candidate.planner
         if planner is None:
             raise ValueError(f"{candidate.label}: there is no planner to play it")

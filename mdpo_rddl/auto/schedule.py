@@ -25,6 +25,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
+from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
@@ -311,9 +312,12 @@ class Schedule(Openings):
         self._on_stage("polishing")
         leader = next((arm for arm in self.arms if arm.name == best.arm), None)
         leader = leader or self._reopened(best.arm)
-        if best.planner is self._arena.planner or leader is None:
-            leader = self._polisher
-        self._end_with(leader)
+        is_feedback = best.planner is self._arena.planner
+        if is_feedback or leader is None:
+            self._end_with(self._polisher)
+        # it goes on where there is no time to compile what polishes its policy
+        if leader is not None and (leader.name == GRADIENT or not is_feedback):
+            self._end_with(leader)
 
     def _reopened(self, name: str) -> Arm | None:
         """The arm that led a race which was stopped after its rounds; None if it cannot go on."""

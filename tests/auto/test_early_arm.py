@@ -282,3 +282,25 @@ def test_who_led_a_race_that_was_stopped_after_its_rounds_has_the_rest():
     # the search has what the compilation takes, till 158
     assert finished(["slp"]) == (1, 1)
     assert finished([]) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("polishing_ends", "name", "slices"),
+    [(True, "gradient", 1), (True, "own weights", 0), (False, "gradient", 0)],
+)
+def test_a_gradient_goes_on_where_its_policy_cannot_be_polished(polishing_ends, name, slices):
+    clock = Stopped()
+    clock.now = 150.0
+    judge, planner = Judge(1, 0, clock, 0.0), object()
+    judge.record(Candidate(name, "best", preset(1.0), planner, None, mean=0.0, error=0.0))
+    arena = SimpleNamespace(
+        judge=judge, clock=clock, planner=planner, began=0.0, deadline=160.0, incumbent=None
+    )
+    schedule = Schedule(arena, Search(), lambda name: None)
+    leader, polisher = Scripted(clock, []), Scripted(clock, [])
+    leader.name, polisher.is_exhausted = name, polishing_ends
+    schedule.arms.append(leader)
+    schedule._polishers[False] = polisher
+    schedule._finish()
+    assert leader.log.slices == slices
+    assert polisher.log.slices == int(not polishing_ends)

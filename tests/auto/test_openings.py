@@ -38,7 +38,7 @@ def openings(compiled):
 
 
 def test_what_probing_has_found_is_enough_to_begin(openings, monkeypatch):
-    monkeypatch.setattr(Judge, "_play", lambda self, candidate: pytest.fail("it is compiled"))
+    monkeypatch.setattr(Judge, "returns_of", lambda self, candidate: pytest.fail("it is compiled"))
     probe = openings._arena.probe
     assert openings._knows_by_probing()
     found = {judged.candidate.label: judged.candidate.mean for judged in openings._judge.judged}

@@ -98,6 +98,7 @@ class OwnWeightsArm(ArenaArm):
         weights = weights_of(parent.params, ["shared", "own"])
         if weights.start.size > _MOST_OWN_WEIGHTS:
             weights = weights_of(parent.params, ["shared"])
+        until = arena.after_population_compiles(weights, until)
         start, before = flat_vector(parent.params), self._log.iterations
         if not np.array_equal(start, self._start):
             self._adapting.restore(None)

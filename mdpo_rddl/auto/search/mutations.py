@@ -2,8 +2,9 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jax import Array
@@ -71,9 +72,10 @@ def mutants(
       random: generator.
     """
     children = parents[random.integers(len(parents), size=count)]
-    for child, changes in zip(children, random.geometric(_MUTATIONS, size=count), strict=True):
-        for _ in range(changes):
-            _change(child, parents, layout, random)
+    which = np.repeat(np.arange(count), random.geometric(_MUTATIONS, size=count))
+    changes = _changes(len(which), parents, layout, random)
+    for number, change in zip(which.tolist(), changes, strict=True):
+        _apply(change, children[number], parents)
     return children
 
 
@@ -85,32 +87,77 @@ def random_values(is_bool: bool, count: int, random: np.random.Generator) -> np.
     return np.where(random.random(count) < 0.5, inside, np.sign(inside))
 
 
-def _change(
-    plan: np.ndarray, parents: np.ndarray, layout: Layout, random: np.random.Generator
-) -> None:
-    horizon = len(plan)
+class _Change(NamedTuple):
+    """One change of a plan.
+
+    Attributes:
+      kind: between 0 and 1, says what is done.
+      place: of the action in the plan's vectors.
+      begin: the first step.
+      end: the step after the last one.
+      is_bool: whether the action is a bool.
+      value: it may be set to.
+      move: it may be moved by.
+      shift: steps by which what happens may come later.
+      other: number of the parent that it may come from.
+    """
+
+    kind: float
+    place: int
+    begin: int
+    end: int
+    is_bool: bool
+    value: float
+    move: float
+    shift: int
+    other: int
+
+
+def _changes(
+    count: int, parents: np.ndarray, layout: Layout, random: np.random.Generator
+) -> Iterator[_Change]:
+    """Draws changes, all at once: a generator's calls take longer than its numbers."""
+    horizon = parents.shape[1]
     # every fluent is as likely, however many objects it has
-    places = layout.places[int(random.integers(len(layout.places)))]
-    place = int(random.integers(places.start, places.stop))
-    length = math.ceil(horizon ** random.random())
-    begin = int(random.integers(1 - length, horizon))
-    steps = slice(max(begin, 0), begin + length)
-    is_bool, kind = layout.is_bool[place], random.random()
+    starts, stops = np.array([(each.start, each.stop) for each in layout.places]).T
+    fluents = random.integers(len(layout.places), size=count)
+    places = random.integers(starts[fluents], stops[fluents])
+    lengths = np.ceil(horizon ** random.random(count)).astype(int)
+    begins = random.integers(1 - lengths, horizon)
+    is_bool = layout.is_bool[places]
+    values = [random_values(kind, count, random) for kind in (True, False)]
+    drawn = (
+        random.random(count),
+        places,
+        np.maximum(begins, 0),
+        begins + lengths,
+        is_bool,
+        np.where(is_bool, *values),
+        _SMALLEST_CHANGE ** random.random(count) * random.normal(size=count),
+        random.integers(-_LONGEST_SHIFT, _LONGEST_SHIFT + 1, size=count),
+        random.integers(len(parents), size=count),
+    )
+    return map(_Change, *(each.tolist() for each in drawn))
+
+
+def _apply(change: _Change, plan: np.ndarray, parents: np.ndarray) -> None:
+    kind, place, steps = change.kind, change.place, slice(change.begin, change.end)
     if kind < 0.55:
-        plan[steps, place] = random_values(is_bool, 1, random)[0]
+        plan[steps, place] = change.value
     elif kind < 0.75:
-        if is_bool:
-            plan[:, place] = np.roll(plan[:, place], _shift(random))
+        if change.is_bool:
+            plan[:, place] = _rolled(plan[:, place], change.shift)
         else:
-            size = _SMALLEST_CHANGE ** random.random()
-            plan[steps, place] += size * random.normal()
+            plan[steps, place] += change.move
     elif kind < 0.85:
         plan[steps, place] = 0.0
     elif kind < 0.95:
-        plan[steps] = np.roll(plan[steps], _shift(random), axis=0)
+        plan[steps] = _rolled(plan[steps], change.shift)
     else:
-        plan[:, place] = parents[random.integers(len(parents)), :, place]
+        plan[:, place] = parents[change.other, :, place]
 
 
-def _shift(random: np.random.Generator) -> int:
-    return int(random.integers(-_LONGEST_SHIFT, _LONGEST_SHIFT + 1))
+def _rolled(values: np.ndarray, shift: int) -> np.ndarray:
+    """As `np.roll` along the first axis, which takes several times as long for a plan's few."""
+    last = len(values) - shift % max(1, len(values))
+    return np.concatenate([values[last:], values[:last]])

@@ -13,6 +13,7 @@ from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.gains import NoopReturn, return_to_beat_by_luck
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.search.archive import Archive
+from mdpo_rddl.auto.search.by_parts import ByParts
 from mdpo_rddl.auto.search.evolution import (
     MOST_ELITES,
     Breeding,
@@ -24,10 +25,11 @@ from mdpo_rddl.auto.search.evolution import (
 from mdpo_rddl.auto.search.mutations import Layout, layout_of
 from mdpo_rddl.auto.sizes import PLANS, visits_fit
 from mdpo_rddl.auto.state import State
-from mdpo_rddl.auto.timing import Clock, Timed, made_once
+from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.planner.plans.parts import open_loop
 
 PLAN = "plan"
 """The label of a policy whose plan was found from the no-op."""
@@ -68,11 +70,7 @@ class PlanPopulation:
         self._rollouts = 1 if probe.deterministic else _ROLLOUTS
         self._population = PLANS // self._rollouts
         self._has_states = visits_fit(planner)
-        play = compile_visits if self._has_states else _without_states
-        visits = made_once(lambda: play(planner, self._rollouts))
-        self._visits = Timed(
-            lambda key, params: jax.block_until_ready(visits(key, params)), clock, deadline
-        )
+        self._visits = ByParts(self._make, clock, deadline)
         self._seed = seed
         self._key = key_for(Draws.PLANS, seed)
         self._random = np.random.default_rng([seed, 2])
@@ -82,20 +80,21 @@ class PlanPopulation:
 
     @property
     def compile_seconds(self) -> float:
-        """What the first population took longer than the latest."""
+        """What the first population took longer than the latest, for all programs."""
         return self._visits.compile_seconds
 
     @property
     def is_compiled(self) -> bool:
         """Whether plans were played already."""
-        return self._visits.calls > 0
+        return self._visits.is_compiled()
 
     def compile(self, params: Params) -> None:
         """Plays a population, unless one was played: the first one compiles the program."""
-        if not self.is_compiled:
-            layout, plan = self._layout(params), self.plan_of(params)
-            plans = np.broadcast_to(plan, (self._population, *plan.shape))
-            self._visits(self._key, {**self._repeated(params), "plan": layout.tree(plans)})
+        layout, plan = self._layout(params), self.plan_of(params)
+        plans = np.broadcast_to(plan, (self._population, *plan.shape))
+        population = {**self._repeated(params), "plan": layout.tree(plans)}
+        if not self._visits.is_compiled(population):
+            self._visits(self._key, population)
 
     def archive(self, params: Params) -> Archive | None:
         """An empty archive for plans; None without a state, or with too many to be looked at."""
@@ -195,9 +194,16 @@ class PlanPopulation:
         bools = [name for name in params["plan"] if name not in self._planner.plan.units]
         return layout_of(params["plan"], bools)
 
+    def _make(self) -> Callable[[Array, Params], tuple[Array, dict[str, Array]]]:
+        play = compile_visits if self._has_states else _without_states
+        visits = play(self._planner, self._rollouts)
+        return lambda key, params: jax.block_until_ready(visits(key, params))
+
     def _repeated(self, params: Params) -> Params:
-        """All parts but the plan, once for each policy of a population."""
-        others = {name: part for name, part in params.items() if name != "plan"}
+        """All parts but the plan that have an effect, once for each policy of a population."""
+        alone = open_loop(params)
+        kept = params if alone is None else alone
+        others = {name: part for name, part in kept.items() if name != "plan"}
         count = self._population
         each = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), others)
         return dict(jax.device_put(each))

@@ -2,17 +2,18 @@
 
 import logging
 import math
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import jax
 import numpy as np
 
-from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.search.by_parts import ByParts
 from mdpo_rddl.auto.search.one_by_one import POLICIES, OneByOne
 from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size, fitting_size
-from mdpo_rddl.auto.timing import Clock, Timed
+from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
@@ -79,12 +80,14 @@ class PopulationReturns:
         """Plays nothing yet.
 
         Args:
-          program: plays `size.population` policies.
+          program: plays `size.population` policies; without the parts that have no effect, if it
+            is one for each set of parts.
           size: of a population.
           seed: of the rollouts.
         """
         self.population = size.population
         self._program, self._rollouts = program, size.rollouts
+        self._by_parts = program if isinstance(program, ByParts) else None
         self._key = key_for(Draws.POPULATION, seed)
 
     @property
@@ -100,11 +103,24 @@ class PopulationReturns:
     def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
         key = jax.random.fold_in(self._key, iteration)
-        return np.mean(self._program(key, weights.batch(vectors)), axis=1)
+        return np.mean(self._program(key, self._batch(weights, vectors)), axis=1)
 
-    def returns(self, params: Params) -> np.ndarray:
-        """Returns [P, N] of policies whose parameters have a leading axis P."""
-        return self._program(self._key, params)
+    def compile(self, weights: Weights) -> None:
+        """Plays a population, unless one of such parts was played: the first one compiles."""
+        if not self.is_compiled(weights):
+            self(weights, 0, np.tile(weights.start, (self.population, 1)))
+
+    def is_compiled(self, weights: Weights) -> bool:
+        """Whether there is a program for the parts that have an effect."""
+        vectors = np.tile(weights.start, (self.population, 1))
+        by_parts = self._by_parts
+        return by_parts is None or by_parts.is_compiled(self._batch(weights, vectors))
+
+    def _batch(self, weights: Weights, vectors: np.ndarray) -> Params:
+        params = weights.batch(vectors)
+        if self._by_parts is None:
+            return params
+        return {name: part for name, part in params.items() if name not in weights.idle}
 
     def best(self, weights: Weights, vectors: list[np.ndarray]) -> np.ndarray:
         """The vector [D] of the largest mean return in fresh rollouts."""
@@ -165,8 +181,9 @@ def compile_population(
 
 def _compiled(planner: MDPOPlanner, size: Size, clock: Clock, deadline: float) -> Program:
     """What plays a population; compiled, until the deadline, when it is first called."""
-    returns = compiled_within(
-        deadline - clock(),
-        lambda: compile_exact_returns(planner, size.rollouts, size.side_by_side),
-    )
-    return Timed(lambda key, params: np.asarray(returns(key, params), float), clock, deadline)
+
+    def make() -> Callable[[jax.Array, Params], np.ndarray]:
+        returns = compile_exact_returns(planner, size.rollouts, size.side_by_side)
+        return lambda key, params: np.asarray(returns(key, params), float)
+
+    return ByParts(make, clock, deadline)

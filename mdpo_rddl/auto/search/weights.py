@@ -10,6 +10,7 @@ import numpy as np
 from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.parts import idle_parts
 
 
 class Weights(NamedTuple):
@@ -19,11 +20,13 @@ class Weights(NamedTuple):
       start: the parts as they are, one vector [D].
       to_params: the parameters with the parts replaced by a vector [D].
       batch: the same with a leading axis of policies, of vectors [P, D].
+      idle: the parts that stay and have no effect, for which rollouts need compute nothing.
     """
 
     start: np.ndarray
     to_params: Callable[[np.ndarray], Params]
     batch: Callable[[np.ndarray], Params]
+    idle: frozenset[str] = frozenset()
 
 
 def weights_of(
@@ -60,7 +63,8 @@ def weights_of(
     def batch(vectors: np.ndarray) -> Params:
         return {**others(len(vectors)), **replaced(vectors)}
 
-    return Weights(np.asarray(start[chosen], float), to_params, batch)
+    idle = idle_parts(params) - varying.keys()
+    return Weights(np.asarray(start[chosen], float), to_params, batch, idle)
 
 
 def flat_vector(params: Params) -> np.ndarray:

@@ -15,11 +15,12 @@ from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
-_OUTPUT = "output_"
 # folded into the key of the hidden layer on each object's features; no part of a split
 _LIFTED = 2**30
 GAIN, PAIRS = "gain on ", "gains of pairs on "
 """How the entries of `own` begin that are gains on a fluent: of the same objects, and of each."""
+OUTPUT = "output_"
+"""How the net's last layers begin, one for each action fluent."""
 
 Params = dict[str, Any]
 
@@ -43,7 +44,8 @@ class Feedback:
     "gain on " + fluent: [*shape], "gains of pairs on " + fluent: [*shape, *fluent's shape]}},
     "lifted": {action: {"hidden": [features, units], "output": [units]}}, "plan": {action: [H,
     *shape]}, "net": {...}}, the last three only if there are such units, a plan or a net, and
-    gains of pairs only of actions that are numbers, and if there are few pairs.
+    gains of pairs only of actions that are numbers, and if there are few pairs. Parts that are left
+    out, other than the biases, count as zero, and nothing is computed for them.
 
     Attributes:
       fluents: what the policy reads: observed fluents, then the entries of its memory.
@@ -145,7 +147,7 @@ class Feedback:
             width = size
         if net:
             for name, shape in self.action_shapes.items():
-                net[f"{_OUTPUT}{name}"] = zeros((width, math.prod(shape)), self.dtype)
+                net[f"{OUTPUT}{name}"] = zeros((width, math.prod(shape)), self.dtype)
         parts = {"lifted": lifted, "plan": plan, "net": net}
         return {
             "shared": shared,
@@ -197,18 +199,22 @@ class Feedback:
         actions = {}
         for name, shape in self.action_shapes.items():
             own = params["own"][name]
-            value = own["bias"] + self._shared(name, params["shared"][name], scaled, time)
+            value = own["bias"]
+            if "shared" in params:
+                value = value + self._shared(name, params["shared"][name], scaled, time)
             for fluent in self._own[name]:
-                value = value + own[f"{GAIN}{fluent}"] * scaled[fluent]
+                if (gain := f"{GAIN}{fluent}") in own:
+                    value = value + own[gain] * scaled[fluent]
             for fluent in self._pairs[name]:
-                axes = len(self.shapes[fluent])
-                value = value + jnp.tensordot(own[f"{PAIRS}{fluent}"], scaled[fluent], axes)
-            if self.shape.lifted:
+                if (gains := f"{PAIRS}{fluent}") in own:
+                    axes = len(self.shapes[fluent])
+                    value = value + jnp.tensordot(own[gains], scaled[fluent], axes)
+            if "lifted" in params:
                 value = value + self._lifted(name, params["lifted"][name], scaled, time)
-            if self.shape.plan:
+            if "plan" in params:
                 value = value + params["plan"][name][step]
             if hidden is not None:
-                value = value + jnp.reshape(hidden @ params["net"][f"{_OUTPUT}{name}"], shape)
+                value = value + jnp.reshape(hidden @ params["net"][f"{OUTPUT}{name}"], shape)
             actions[name] = value
         return actions
 

@@ -8,7 +8,9 @@ from helpers.lake_arenas import in_arena, lake_arena
 
 from mdpo_rddl.auto.arms import own_weights
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.search.cma import Adaptation
+from mdpo_rddl.auto.search.weights import weights_of
 
 GENERATIONS = 3
 
@@ -77,3 +79,53 @@ def test_between_slices_the_state_is_that_of_the_adaptation_and_where_it_has_led
     assert adaptations[1].iterations == 2 * GENERATIONS
     worked(arm, is_kept=False)
     assert adaptation.iterations == GENERATIONS
+
+
+def with_net(arena):
+    """The best policy so far, which has a net as well: none of the others has played one."""
+    net = {
+        name: part + 0.1 if "output" in name else part for name, part in arena.noop["net"].items()
+    }
+    candidate = arena.candidate("gradient", "phase 1", {**arena.noop, "net": net})
+    judge = arena.judge
+    judge.record(dataclasses.replace(candidate, mean=judge.best_mean + 1.0, error=0.0))
+
+
+def test_around_a_net_a_program_is_compiled_of_which_the_slice_is_not_charged(arm, adaptations):
+    arena = arm._arena
+    worked(arm, is_kept=True)
+    assert arena.population.is_compiled(weights_of(arena.noop, ["shared", "own"]))
+    with_net(arena)
+    around = weights_of(arena.incumbent.params, ["shared", "own"])
+    assert not arena.population.is_compiled(around)
+    began = arena.clock()
+    end = arena.after_population_compiles(around, began + 1.0)
+    assert arena.population.is_compiled(around)
+    # it takes far longer than a tenth of a second
+    assert end > began + 1.1
+    assert arena.after_population_compiles(around, end) < end + 0.1
+    worked(arm, is_kept=True)
+    net = arm._arena.incumbent.params["net"]
+    assert all(np.any(part) for name, part in net.items() if "output" in name)
+
+
+def test_around_a_net_nothing_is_adapted_where_there_is_no_time_to_compile(compiled, adaptations):
+    arena = in_arena(compiled)
+    late = dataclasses.replace(arena, deadline=arena.clock() + 1.0)
+    late.__dict__["population"] = Slow()
+    with_net(late)
+    with pytest.raises(TooLateError, match="no time to compile"):
+        OwnWeightsArm("polishing the weights", late, Around(sigma=0.01)).work(1.0)
+    assert adaptations == []
+
+
+class Slow:
+    """A population whose next program takes longer than there is."""
+
+    population, compile_seconds = 32, 10.0
+
+    def is_compiled(self, weights):
+        return False
+
+    def compile(self, weights):
+        raise AssertionError("there is no time")

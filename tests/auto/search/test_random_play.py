@@ -2,13 +2,15 @@
 
 import time
 
+import numpy as np
 import pytest
 from helpers.probes import probed
 
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.fitting import scaled, without_scales
+from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.probing import boxes
-from mdpo_rddl.auto.search.population import Wanted, compile_population
-from mdpo_rddl.auto.search.random_play import random_return
+from mdpo_rddl.auto.search.random_play import mean_until, random_plans
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.problem.load import load_problem
@@ -41,13 +43,22 @@ def test_each_action_is_drawn_from_its_box_at_every_step(tmp_path):
     config = auto_preset("pushed").without_section("Search")
     seen = probed(build_planner(problem, without_scales(config)).planner, seed=0)
     planner = build_planner(problem, scaled(config, seen)).planner
-    population = compile_population(planner, 0, Wanted(0.5), time.monotonic)
-    noop, places = planner.feedback_plan.noop(0), boxes(planner, seen.units)
-    found = random_return(population, noop, places, 0)
+    judge = Judge(2, 0, time.monotonic, time.monotonic())
+    config = config.without_section("Search")
+
+    def played(params):
+        return judge.returns_of(Candidate("", "random", config, planner, params))
+
+    def found(seed):
+        plans = random_plans(planner.feedback_plan.noop(0), boxes(planner, seen.units), seed)
+        return mean_until(map(played, plans), lambda: False)
+
     # 1.5 of the real at each step, and 10 of a bool that is true at every other
-    assert found == pytest.approx(40 * (1.5 + 5.0), rel=0.05)
-    assert (
-        found
-        == random_return(population, noop, places, 0)
-        != random_return(population, noop, places, 1)
-    )
+    assert found(0) == pytest.approx(40 * (1.5 + 5.0), rel=0.05)
+    assert found(0) == found(0) != found(1)
+
+
+def test_the_mean_is_that_of_what_there_was_time_for():
+    over = iter([False, True])
+    returns = [np.array(each) for each in ([1.0], [3.0, 5.0], [100.0])]
+    assert mean_until(returns, lambda: next(over)) == 2.5
