@@ -39,7 +39,8 @@ class Archive:
         self._random = np.random.default_rng([seed, 1])
         self._cells: dict[bytes, int] = {}
         self._prefixes: list[tuple[np.ndarray, int]] = []
-        self._taken: list[int] = []
+        # of each cell: the steps of its plan, and plans that began there
+        self._steps, self._taken = np.zeros((2, _MOST_CELLS), int)
         self._horizon = 0
         # of each plan that is kept, by its id: cells that it leads to
         self._uses: Counter[int] = Counter()
@@ -64,13 +65,14 @@ class Archive:
         ]
         joined = np.ascontiguousarray(np.concatenate(cells, axis=1))
         whole = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
-        unique, first = np.unique(whole, return_index=True)
+        first = self._first_places(joined)
+        names = whole[first].tolist()
+        known = np.array([self._cells.get(name, -1) for name in names])
+        steps, rows = first // count + 1, first % count
+        is_found = (known < 0) | (self._steps[known] > steps)
         found: dict[int, list[tuple[int, bytes]]] = {}
-        for cell, place in zip(unique.tolist(), first.tolist(), strict=True):
-            step, row = divmod(place, count)
-            known = self._cells.get(cell)
-            if known is None or self._prefixes[known][1] > step + 1:
-                found.setdefault(row, []).append((step + 1, cell))
+        for number in np.flatnonzero(is_found).tolist():
+            found.setdefault(int(rows[number]), []).append((int(steps[number]), names[number]))
         for row, ways in found.items():
             prefix = plans[row, : max(steps for steps, _ in ways)]
             if self._bytes + prefix.nbytes <= _MOST_BYTES:
@@ -86,11 +88,11 @@ class Archive:
                 self._release(self._prefixes[known][0])
                 self._prefixes[known] = prefix, steps
             elif len(self) < _MOST_CELLS:
-                self._cells[cell] = len(self)
+                known = self._cells[cell] = len(self)
                 self._prefixes.append((prefix, steps))
-                self._taken.append(0)
             else:
                 continue
+            self._steps[known] = steps
             self._uses[id(prefix)] += 1
         self._release(prefix)
 
@@ -102,9 +104,10 @@ class Archive:
 
     def plans(self, count: int) -> np.ndarray:
         """Plans that go to a cell, preferably one from which few began, and on [count, H, D]."""
-        weights = 1.0 / np.sqrt(1.0 + np.array(self._taken))
+        weights = 1.0 / np.sqrt(1.0 + self._taken[: len(self)])
         chosen = self._random.choice(len(self), size=count, p=weights / np.sum(weights))
-        return np.stack([self._go_on(cell) for cell in chosen])
+        np.add.at(self._taken, chosen, 1)
+        return self._gone_on(chosen)
 
     def state(self) -> State:
         """The cells and their plans, the first ones if there are too many of them.
@@ -126,7 +129,7 @@ class Archive:
                 whole[: len(plan)] = plan
                 numbers[id(plan)] = len(plans)
                 plans.append(whole)
-            kept.append((cell, numbers[id(plan)], step, self._taken[place]))
+            kept.append((cell, numbers[id(plan)], step, int(self._taken[place])))
         values = {"generator": generator_place(self._random)}
         if not kept:
             return State({}, values)
@@ -175,7 +178,8 @@ class Archive:
         pairs = zip(of_plan.tolist(), steps.tolist(), strict=True)
         self._prefixes = [(rows[number], step) for number, step in pairs]
         self._uses = Counter(id(prefix) for prefix, _ in self._prefixes)
-        self._horizon, self._taken = horizon, taken.tolist()
+        self._horizon = horizon
+        self._steps[:count], self._taken[:count] = steps, taken
         self._bytes = sum(rows[number].nbytes for number in np.unique(of_plan))
 
     def _cell(self, name: str, values: np.ndarray) -> np.ndarray:
@@ -183,17 +187,45 @@ class Archive:
         cells = np.floor((np.asarray(values, float) - center) / (_CELL * scale))
         return np.clip(np.nan_to_num(cells), -_FARTHEST, _FARTHEST).astype(np.int8)
 
-    def _go_on(self, cell: int) -> np.ndarray:
-        random, is_bool = self._random, self._layout.is_bool
-        prefix, step = self._prefixes[cell]
-        self._taken[cell] += 1
-        plan = np.zeros((self._horizon, prefix.shape[1]), prefix.dtype)
-        plan[:step] = prefix[:step]
-        left, places = len(plan) - step, plan.shape[1]
-        count = min(places, random.geometric(_PLACES))
-        for place in random.choice(places, size=count, replace=False):
-            values = random_values(is_bool[place], left, random)
-            values *= random.random(left) < (_BOOL if is_bool[place] else _HOLD)
-            lengths = np.ceil(_LONGEST_HOLD ** random.random(left)).astype(int)
-            plan[step:, place] = np.repeat(values, lengths)[:left]
-        return plan
+    def _first_places(self, cells: np.ndarray) -> np.ndarray:
+        """The first place of each different cell in an array of them [N, L]."""
+        # numbers are sorted several times as fast as bytes; that two cells share one is as likely
+        # as one in 2^60
+        factors = np.random.default_rng(cells.shape[1]).integers(2**63, size=cells.shape[1]) | 1
+        with np.errstate(over="ignore"):
+            keys = np.sum(cells * factors, axis=1)
+        return np.unique(keys, return_index=True)[1]
+
+    def _gone_on(self, cells: np.ndarray) -> np.ndarray:
+        """Plans that lead to cells, and then set some actions for a while each [C, H, D]."""
+        random, is_bool, horizon = self._random, self._layout.is_bool, self._horizon
+        plans = np.zeros((len(cells), horizon, len(is_bool)), self._prefixes[0][0].dtype)
+        for plan, cell in zip(plans, cells.tolist(), strict=True):
+            prefix, step = self._prefixes[cell]
+            plan[:step] = prefix[:step]
+        counts = np.minimum(len(is_bool), random.geometric(_PLACES, size=len(cells)))
+        order = np.argsort(random.random((len(cells), len(is_bool))), axis=1)
+        rows = np.repeat(np.arange(len(cells)), counts)
+        places = np.concatenate([row[:count] for row, count in zip(order, counts, strict=True)])
+        held = self._held(is_bool[places])
+        begins = self._steps[cells][rows]
+        for row, place, begin, values in zip(
+            rows.tolist(), places.tolist(), begins.tolist(), held, strict=True
+        ):
+            plans[row, begin:, place] = values[: horizon - begin]
+        return plans
+
+    def _held(self, is_bool: np.ndarray) -> np.ndarray:
+        """Values of actions, each for a while [C, H]."""
+        random, shape = self._random, (len(is_bool), self._horizon)
+        bools, numbers = (
+            random_values(kind, shape[0] * shape[1], random) for kind in (True, False)
+        )
+        values = np.where(is_bool[:, np.newaxis], bools.reshape(shape), numbers.reshape(shape))
+        values *= random.random(shape) < np.where(is_bool, _BOOL, _HOLD)[:, np.newaxis]
+        lengths = np.ceil(_LONGEST_HOLD ** random.random(shape)).astype(int)
+        # at each step, how many of the values are over
+        ends = np.zeros((shape[0], shape[1] + 1), int)
+        each = np.arange(shape[0])[:, np.newaxis]
+        ends[each, np.minimum(np.cumsum(lengths, axis=1), shape[1])] = 1
+        return np.take_along_axis(values, np.cumsum(ends[:, :-1], axis=1), axis=1)
