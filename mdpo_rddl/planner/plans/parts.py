@@ -40,6 +40,18 @@ def open_loop(params: Params) -> Params | None:
     return {_OWN: own, **plan}
 
 
+def with_effect(params: Params) -> Params:
+    """The parts of a policy's parameters that have an effect: what is left plays the same.
+
+    Args:
+      params: as `Feedback.initial` makes them.
+    """
+    alone, idle = open_loop(params), idle_parts(params)
+    if alone is not None:
+        return alone
+    return {name: part for name, part in params.items() if name not in idle}
+
+
 def _has_effect(weights: Iterator[Any]) -> bool:
     return any(np.any(leaf) for each in weights for leaf in jax.tree.leaves(each))
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from mdpo_rddl.planner.climbing import Ascent
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.parts import with_effect
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.table import ActionTable, Claim
 from mdpo_rddl.problem.load import Problem
@@ -50,6 +52,15 @@ class Prepared(Protocol):
 
     def save(self, path: str | Path) -> None:
         """Writes it to a file."""
+
+
+def rollout_params(policy: Prepared) -> Any:
+    """Parameters with which its `rollout_policy` plays: of a feedback policy what has an effect."""
+    planner = policy.planner
+    is_own = policy.rollout_policy is planner.legal_policy
+    if is_own and isinstance(planner.plan, FeedbackPlan):
+        return with_effect(policy.params)
+    return policy.params
 
 
 @runtime_checkable

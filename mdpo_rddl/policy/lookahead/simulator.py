@@ -11,7 +11,7 @@ import numpy as np
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planner.climbing import Ascent, Climbing, ClimbSize
 from mdpo_rddl.planner.continuations import Continuations, HiddenRoot, Size
-from mdpo_rddl.policy.lookahead.base import Climbed, Prepared
+from mdpo_rddl.policy.lookahead.base import Climbed, Prepared, rollout_params
 from mdpo_rddl.policy.lookahead.belief import Belief
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.gains import paired_gains
@@ -77,7 +77,7 @@ class Simulator:
         self._climb_seconds = (0.0, 0.0)
         self._least_climb_seconds, self._compile_seconds = 0.0, 0.0
         self.is_random = self.may_draw = has_draws(policy.problem.model)
-        given = policy.params, dict(policy.policy_hyperparams)
+        given = rollout_params(policy), dict(policy.policy_hyperparams)
         self._policy_arguments = jax.device_put(given)
 
     def prepare(

@@ -3,13 +3,13 @@
 import jax
 import numpy as np
 import pytest
-from helpers.problems import tiny_files
+from helpers.problems import assert_same_bits, tiny_files
 
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
-from mdpo_rddl.planner.plans.parts import idle_parts, open_loop
+from mdpo_rddl.planner.plans.parts import idle_parts, open_loop, with_effect
 from mdpo_rddl.problem.load import load_problem
 
 SHAPE = FeedbackShape(topology=(3,), plan=True, squares=True, lifted=2, pairs=100)
@@ -60,6 +60,7 @@ def test_what_follows_a_plan_plays_the_same_without_all_else(planner):
     played = returns(planner, alone)
     assert np.any(played != returns(planner, planner.feedback_plan.noop(0)))
     np.testing.assert_allclose(played, returns(planner, params), rtol=1e-5)
+    assert_same_bits(with_effect(params), alone)
     without = {name: part for name, part in params.items() if name != "plan"}
     assert open_loop(without).keys() == {"own"}
 
@@ -83,8 +84,11 @@ def test_a_rule_plays_the_same_without_plan_and_net(planner):
     params = drawn(planner, is_rule)
     idle = idle_parts(params)
     assert idle == {"lifted", "plan", "net"}
-    alone = {name: part for name, part in params.items() if name not in idle}
+    alone = with_effect(params)
+    assert alone.keys() == params.keys() - idle
     np.testing.assert_allclose(returns(planner, alone), returns(planner, params), rtol=1e-5)
     # what has an effect stays
-    assert idle_parts(drawn(planner, lambda keys: True)) == set()
+    whole = drawn(planner, lambda keys: True)
+    assert idle_parts(whole) == set()
+    assert with_effect(whole).keys() == PARTS
     assert idle_parts(drawn(planner, is_open)) == {"lifted", "net"}
