@@ -141,6 +141,9 @@ class Openings(Slices):
             return  # its part may begin later
         arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
         least = _NUMBERS_AT_LEAST if self._entrants.decides_numbers else _GREEDY_AT_LEAST
-        least = 0.0 if is_rare else least
-        terms = Terms(share, at_least=least, by_policies=is_rare)
+
+        def at_least() -> float:
+            return 0.0 if is_rare and not self._arena.beats_noop(self._best) else least
+
+        terms = Terms(share, at_least=at_least, by_policies=is_rare)
         self._begin_with(_GREEDY_FIRST, arm, terms)

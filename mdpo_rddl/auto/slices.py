@@ -32,13 +32,14 @@ class Terms:
     Attributes:
       share: of the time left, for all of them.
       least_gain: says which share of what the first slice has gained each must gain.
-      at_least: of the time left, for a slice that it has whatever the first one gains.
+      at_least: says of the time left, after the first slice, for another one that it has whatever
+        the first one gains.
       by_policies: whether the best policy must return more each time; else the arm's progress.
     """
 
     share: float
     least_gain: Callable[[], float] = lambda: 0.0
-    at_least: float = 0.0
+    at_least: Callable[[], float] = lambda: 0.0
     by_policies: bool = False
 
 
@@ -236,7 +237,7 @@ class Slices:
             return max(terms.least_gain() * gain, self._to_catch_up(arm, until))
 
         for _ in self._marks.once(part, arena, until):
-            if terms.at_least and not arm.is_exhausted:
-                self.give(arm, min(until, arena.until(terms.at_least)))
+            if (at_least := terms.at_least()) and not arm.is_exhausted:
+                self.give(arm, min(until, arena.until(at_least)))
             level, progress = (lambda: contender.level), (lambda: arm.progress)
             self._give_while(contender, until, level if terms.by_policies else progress, least)

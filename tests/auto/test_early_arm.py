@@ -125,7 +125,7 @@ def test_a_plan_that_comes_first_goes_on_as_long_as_it_gains(returns, is_pending
 
 @pytest.mark.parametrize(("at_least", "slices", "until"), [(0.0, 2, 10.0), (0.25, 3, 45.0)])
 def test_one_that_learns_slowly_at_first_has_a_slice_in_any_case(at_least, slices, until):
-    arm, _, clock = first([-20.0] * 9, at_least=at_least)
+    arm, _, clock = first([-20.0] * 9, at_least=lambda: at_least)
     assert arm.log.slices == slices
     assert clock.now == until
 
@@ -168,19 +168,27 @@ def test_a_plan_that_leads_goes_on_once_its_policies_can_be_judged():
 
 
 def test_one_that_has_given_up_has_no_slice():
-    assert first([1.0, 2.0], at_least=0.25, gives_up=True)[0].log.slices == 1
+    assert first([1.0, 2.0], at_least=lambda: 0.25, gives_up=True)[0].log.slices == 1
 
 
 @pytest.mark.parametrize(
     ("tells", "share", "at_least"),
-    [(set(), 0.85, 0.4), ({"rare"}, 0.6, 0.0), ({"numbers"}, 0.6, 0.2)],
+    [
+        (set(), 0.85, 0.4),
+        ({"rare"}, 0.6, 0.0),
+        # what its first slice has found is a reward
+        ({"rare", "found"}, 0.6, 0.4),
+        ({"numbers"}, 0.6, 0.2),
+    ],
 )
 def test_a_value_that_finds_no_reward_or_decides_numbers_has_less_time(tells, share, at_least):
     clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     arena = raced_arena(judge, clock)
     arena.has_plan, arena.incumbent = True, None
-    arena.beats_noop = lambda candidate: "rare" not in tells
+    better = set() if "rare" in tells else {None}
+    better |= {"greedy"} if "found" in tells else set()
+    arena.beats_noop = lambda candidate: (candidate and candidate.arm) in better
     schedule = Schedule(arena, Search(), lambda name: None)
     asked = []
 
