@@ -47,7 +47,7 @@ def measured(task: str) -> Iterator[tuple[str, float, float]]:
     whole = planner.feedback_plan.noop(0)
     idle = idle_parts(whole)
     rule = {name: part for name, part in whole.items() if name not in idle}
-    plan = {**(open_loop(whole) or {}), "plan": whole["plan"]}
+    plan = open_loop(whole)
     key = jax.random.PRNGKey(0)
     for name, params in (("all", whole), ("rule", rule), ("plan", plan)):
         play = compile_exact_returns(planner, ROLLOUTS)

@@ -131,7 +131,7 @@ class Arena:
             if population.compile_seconds > self.deadline - started:
                 raise TooLateError("there is no time to compile what plays such policies")
             population.compile(weights)
-        return min(until + self.clock() - started, max(until, self.deadline))
+        return self._put_off(until, started)
 
     def compile_population(self) -> None:
         """Compiles `population`, for the arm that needs it first."""
@@ -153,6 +153,10 @@ class Arena:
         """
         started = self.clock()
         self.plans.compile(params)
+        return self._put_off(until, started)
+
+    def _put_off(self, until: float, started: float) -> float:
+        """The end of a slice that compiles something since then, the race's at the latest."""
         return min(until + self.clock() - started, max(until, self.deadline))
 
     @cached_property

@@ -38,8 +38,8 @@ class Archive:
         self._layout, self._scales = layout, scales
         self._random = np.random.default_rng([seed, 1])
         self._cells: dict[bytes, int] = {}
-        self._prefixes: list[tuple[np.ndarray, int]] = []
-        # of each cell: the steps of its plan, and plans that began there
+        self._prefixes: list[np.ndarray] = []
+        # of each cell: the steps of its plan that lead there, and plans that began there
         self._steps, self._taken = np.zeros((2, _MOST_CELLS), int)
         self._horizon = 0
         # of each plan that is kept, by its id: cells that it leads to
@@ -85,11 +85,11 @@ class Archive:
         for steps, cell in ways:
             known = self._cells.get(cell)
             if known is not None:
-                self._release(self._prefixes[known][0])
-                self._prefixes[known] = prefix, steps
+                self._release(self._prefixes[known])
+                self._prefixes[known] = prefix
             elif len(self) < _MOST_CELLS:
                 known = self._cells[cell] = len(self)
-                self._prefixes.append((prefix, steps))
+                self._prefixes.append(prefix)
             else:
                 continue
             self._steps[known] = steps
@@ -120,7 +120,7 @@ class Archive:
         kept: list[tuple[bytes, int, int, int]] = []
         used = 0
         for cell, place in self._cells.items():
-            plan, step = self._prefixes[place]
+            plan, step = self._prefixes[place], int(self._steps[place])
             if id(plan) not in numbers:
                 whole = np.zeros(shape, plan.dtype)
                 used += whole.nbytes
@@ -175,9 +175,8 @@ class Archive:
             raise ValueError("its cells are not different ones")
         self._cells = dict(zip(names, range(count), strict=True))
         rows = [plan.copy() for plan in plans]
-        pairs = zip(of_plan.tolist(), steps.tolist(), strict=True)
-        self._prefixes = [(rows[number], step) for number, step in pairs]
-        self._uses = Counter(id(prefix) for prefix, _ in self._prefixes)
+        self._prefixes = [rows[number] for number in of_plan.tolist()]
+        self._uses = Counter(map(id, self._prefixes))
         self._horizon = horizon
         self._steps[:count], self._taken[:count] = steps, taken
         self._bytes = sum(rows[number].nbytes for number in np.unique(of_plan))
@@ -189,8 +188,8 @@ class Archive:
 
     def _first_places(self, cells: np.ndarray) -> np.ndarray:
         """The first place of each different cell in an array of them [N, L]."""
-        # numbers are sorted several times as fast as bytes; that two cells share one is as likely
-        # as one in 2^60
+        # numbers are sorted several times as fast as bytes; two cells share one with a probability
+        # of about 2^-60
         factors = np.random.default_rng(cells.shape[1]).integers(2**63, size=cells.shape[1]) | 1
         with np.errstate(over="ignore"):
             keys = np.sum(cells * factors, axis=1)
@@ -199,10 +198,9 @@ class Archive:
     def _gone_on(self, cells: np.ndarray) -> np.ndarray:
         """Plans that lead to cells, and then set some actions for a while each [C, H, D]."""
         random, is_bool, horizon = self._random, self._layout.is_bool, self._horizon
-        plans = np.zeros((len(cells), horizon, len(is_bool)), self._prefixes[0][0].dtype)
-        for plan, cell in zip(plans, cells.tolist(), strict=True):
-            prefix, step = self._prefixes[cell]
-            plan[:step] = prefix[:step]
+        plans = np.zeros((len(cells), horizon, len(is_bool)), self._prefixes[0].dtype)
+        for plan, cell, step in zip(plans, cells, self._steps[cells], strict=True):
+            plan[:step] = self._prefixes[cell][:step]
         counts = np.minimum(len(is_bool), random.geometric(_PLACES, size=len(cells)))
         order = np.argsort(random.random((len(cells), len(is_bool))), axis=1)
         rows = np.repeat(np.arange(len(cells)), counts)

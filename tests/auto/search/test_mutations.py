@@ -1,8 +1,9 @@
 """Plans as arrays, and their mutations."""
 
 import numpy as np
+import pytest
 
-from mdpo_rddl.auto.search.mutations import layout_of, mutants, random_values
+from mdpo_rddl.auto.search.mutations import _rolled, layout_of, mutants, random_values
 
 HORIZON = 12
 PLAN = {"push": np.zeros((HORIZON, 2, 3)), "on": np.zeros((HORIZON, 4))}
@@ -45,3 +46,10 @@ def test_values_of_bools_are_to_do_it_or_not():
     numbers = random_values(False, 500, generator())
     assert np.max(np.abs(numbers)) == 1.0
     assert len(np.unique(numbers)) > 100
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 3, 7])
+def test_steps_are_rolled_as_numpy_rolls_them(steps):
+    values = np.arange(2 * steps).reshape(steps, 2)
+    for shift in range(-8, 9):
+        np.testing.assert_array_equal(_rolled(values, shift), np.roll(values, shift, axis=0))
