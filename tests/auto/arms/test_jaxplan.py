@@ -11,7 +11,7 @@ from helpers.processes import is_alive
 
 from mdpo_rddl.auto.arms import jaxplan
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
-from mdpo_rddl.auto.judge import MeanReturn
+from mdpo_rddl.auto.judge import ROLLOUTS, MeanReturn
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.problem.load import load_problem
 
@@ -38,7 +38,7 @@ def test_a_trained_policy_comes_back_as_files(problem):
     planner = build_planner(problem, found.config).planner
     assert planner.horizon == problem.horizon
     # the same return in this process, and better than doing nothing: 2 units at 0.5 for 4 steps
-    mean, error = MeanReturn(planner, jaxplan._ROLLOUTS, 0)(found.params)
+    mean, error = MeanReturn(planner, ROLLOUTS, 0)(found.params)
     assert (mean, error) == pytest.approx((found.mean, found.error))
     assert mean > -2.0
     assert found.iterations > 1
