@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.planner.plans.neighbours import distant_neighbours
+from mdpo_rddl.planner.plans.neighbours import Neighbours, distant_neighbours, mean_weights
 
 
 class Feature(NamedTuple):
@@ -23,13 +23,23 @@ class Feature(NamedTuple):
     Attributes:
       name: for diagnostics, such as "rlevel" or "rlevel via RES_CONNECT".
       fluent: the state fluent that it reads.
-      spread: from that fluent's value [*its shape] to one per object, an array that broadcasts
-        to the action's shape: of size 1 along the axes on which it does not depend.
+      lay: from that fluent's value [*its shape], or its means [objects], to one per object, an
+        array that broadcasts to the action's shape: of size 1 along the axes on which it does not
+        depend.
+      means: what takes the mean over each object's neighbours [objects, values of the fluent];
+        None if the value itself is laid out.
     """
 
     name: str
     fluent: str
-    spread: Callable[[Array], Array]
+    lay: Callable[[Any], Any]
+    means: np.ndarray | None = None
+
+    def spread(self, value: Any) -> Any:
+        """From the fluent's value [*its shape] to one per object, as `lay` lays it out."""
+        if self.means is None:
+            return self.lay(value)
+        return self.lay(jnp.asarray(self.means, value.dtype) @ jnp.ravel(value))
 
 
 class ActionFeatures(NamedTuple):
@@ -78,18 +88,22 @@ def action_features(
     shape = tuple(np.shape(values[action]))
     features = []
     readable = {name: list(rddl.variable_params[name]) for name in observed_fluents(rddl)}
+    # fluents of the same types have the same neighbours, whose means are taken together
+    known: dict[tuple[str, ...], list[Neighbours]] = {}
     for fluent, own in {**readable, **(remembered or {})}.items():
         if len(own) == 1:
-            features.extend(_at_each_end(fluent, fluent, own[0], types, shape, lambda v: v))
-            features.extend(_through_relations(rddl, values, fluent, own[0], types, shape))
+            features.extend(_at_each_end(fluent, fluent, own[0], types, shape))
         else:
             features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
-        for name, kind, weights in distant_neighbours(rddl, values, own, types) if distant else ():
-            mean, label = partial(_mean_of, weights), f"{fluent} {name}"
+        if (key := tuple(own)) not in known:
+            known[key] = _related(rddl, values, own[0], types) if len(own) == 1 else []
+            known[key] += distant_neighbours(rddl, values, own, types) if distant else ()
+        for name, kind, means in known[key]:
+            label = f"{fluent} {name}"
             if kind is None:
-                features.append(Feature(label, fluent, partial(_along, mean, shape)))
+                features.append(Feature(label, fluent, partial(_reshaped, shape), means))
             else:
-                features.extend(_at_each_end(label, fluent, kind, types, shape, mean))
+                features.extend(_at_each_end(label, fluent, kind, types, shape, means))
     return ActionFeatures(tuple(features), *_constants(rddl, values, types, shape))
 
 
@@ -114,14 +128,10 @@ def _aligned(
     return spread
 
 
-def _through_relations(
-    rddl: Any,
-    values: Mapping[str, Any],
-    fluent: str,
-    kind: str,
-    types: Sequence[str],
-    shape: tuple[int, ...],
-) -> list[Feature]:
+def _related(
+    rddl: Any, values: Mapping[str, Any], kind: str, types: Sequence[str]
+) -> list[Neighbours]:
+    """The neighbours of a type through relations of two objects."""
     found = []
     for relation in rddl.non_fluents:
         ends = list(rddl.variable_params[relation])
@@ -130,16 +140,9 @@ def _through_relations(
         matrix = np.asarray(values[relation], float)
         directions = ((ends[0], ends[1], matrix, "from"), (ends[1], ends[0], matrix.T, "to"))
         for here, there, weights, word in directions:
-            if there != kind or here not in types or not np.any(weights):
-                continue
-            mean = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
-            name, neighbours = f"{fluent} {word} {relation}", partial(_mean_of, mean)
-            found.extend(_at_each_end(name, fluent, here, types, shape, neighbours))
+            if there == kind and here in types and np.any(weights):
+                found.append(Neighbours(f"{word} {relation}", here, mean_weights(weights)))
     return found
-
-
-def _mean_of(weights: np.ndarray, value: Array) -> Array:
-    return jnp.asarray(weights, value.dtype) @ jnp.ravel(value)
 
 
 def _at_each_end(
@@ -148,7 +151,7 @@ def _at_each_end(
     kind: str,
     types: Sequence[str],
     shape: tuple[int, ...],
-    change: Callable[[Array], Array],
+    means: np.ndarray | None = None,
 ) -> list[Feature]:
     """A number per object of a type, for each of the action's arguments that has this type.
 
@@ -156,19 +159,17 @@ def _at_each_end(
     """
     places = [place for place, other in enumerate(types) if other == kind]
     if not places:
-        align = _aligned([kind], types, shape)
-        return [Feature(name, fluent, lambda value: align(change(value)))]
+        return [Feature(name, fluent, _aligned([kind], types, shape), means)]
     features = []
     for place in places:
         sizes = tuple(size if axis == place else 1 for axis, size in enumerate(shape))
         label = name if len(places) == 1 else f"{name} at argument {place + 1}"
-        spread = partial(_along, change, sizes)
-        features.append(Feature(label, fluent, spread))
+        features.append(Feature(label, fluent, partial(_reshaped, sizes), means))
     return features
 
 
-def _along(change: Callable[[Array], Array], sizes: tuple[int, ...], value: Array) -> Array:
-    return jnp.reshape(change(value), sizes)
+def _reshaped(sizes: tuple[int, ...], value: Array) -> Array:
+    return jnp.reshape(value, sizes)
 
 
 def _constants(

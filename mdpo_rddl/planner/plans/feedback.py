@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax, random
 
+from mdpo_rddl.planner.plans.feature_values import feature_values, weighted_sum
 from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, observed_fluents
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.memory import Memory, MemoryShape
@@ -15,6 +16,8 @@ from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
+# of a fluent: so few are multiplied in less time than a product of matrices takes to begin
+_FEW_PAIRS = 256
 # folded into the key of the hidden layer on each object's features; no part of a split
 _LIFTED = 2**30
 GAIN, PAIRS = "gain on ", "gains of pairs on "
@@ -201,14 +204,14 @@ class Feedback:
             own = params["own"][name]
             value = own["bias"]
             if "shared" in params:
-                value = value + self._shared(name, params["shared"][name], scaled, time)
+                columns = self._columns(name, scaled, time)
+                value = value + weighted_sum(params["shared"][name], columns)
             for fluent in self._own[name]:
                 if (gain := f"{GAIN}{fluent}") in own:
                     value = value + own[gain] * scaled[fluent]
             for fluent in self._pairs[name]:
                 if (gains := f"{PAIRS}{fluent}") in own:
-                    axes = len(self.shapes[fluent])
-                    value = value + jnp.tensordot(own[gains], scaled[fluent], axes)
+                    value = value + _product(own[gains], scaled[fluent])
             if "lifted" in params:
                 value = value + self._lifted(name, params["lifted"][name], scaled, time)
             if "plan" in params:
@@ -233,19 +236,6 @@ class Feedback:
         scaled = lax.stop_gradient(scaled) if self.shape.cut_feedback else scaled
         return jnp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)
 
-    def _shared(self, name: str, weights: Array, scaled: Mapping[str, Array], time: Any) -> Array:
-        """w_a . phi_a, an array that broadcasts to the action's shape.
-
-        Features that depend on the same axes are summed along these alone: a feature of one
-        object costs little for an action of two or three.
-        """
-        columns = self._columns(name, scaled, time)
-        parts = [
-            jnp.tensordot(weights[numbers], jnp.stack([columns[n] for n in numbers]), 1)
-            for numbers in self._groups(name, columns)
-        ]
-        return sum(parts[1:], start=parts[0])
-
     def _lifted(
         self, name: str, weights: Mapping[str, Array], scaled: Mapping[str, Array], time: Any
     ) -> Array:
@@ -269,7 +259,7 @@ class Feedback:
     def _columns(self, name: str, scaled: Mapping[str, Array], time: Any) -> list[Array]:
         """phi_a, the features in the order of their weights, each as `Feature.spread` gives it."""
         shape, found = self.action_shapes[name], self.features[name]
-        seen = [feature.spread(scaled[feature.fluent]) for feature in found.state]
+        seen = feature_values(found.state, scaled)
         one = jnp.ones((1,) * len(shape), self.dtype)
         columns = [one, *seen]
         if self.shape.squares:
@@ -287,6 +277,14 @@ class Feedback:
             layer = net[f"hidden_{number}"]
             hidden = jnp.tanh(hidden @ layer["kernel"] + layer["bias"])
         return hidden
+
+
+def _product(gains: Array, value: Array) -> Array:
+    """Gains of pairs [*shape, *fluent's shape] times a fluent's value, summed over its objects."""
+    axes = jnp.ndim(value)
+    if jnp.size(gains) > _FEW_PAIRS:
+        return jnp.tensordot(gains, value, axes)
+    return jnp.sum(gains * value, axis=tuple(range(-axes, 0)))
 
 
 def _normals(

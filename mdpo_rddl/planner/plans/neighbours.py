@@ -65,9 +65,9 @@ def _of_tuples(
         array = np.asarray(values[relation], float)
         matrix = array.reshape(int(np.prod(array.shape[: len(own)])), -1)
         if np.any(matrix):
-            yield Neighbours(f"to {relation}", None, _mean(matrix))
+            yield Neighbours(f"to {relation}", None, mean_weights(matrix))
         if not np.array_equal(matrix, matrix.T):
-            yield Neighbours(f"from {relation}", None, _mean(matrix.T))
+            yield Neighbours(f"from {relation}", None, mean_weights(matrix.T))
 
 
 def _in_two_steps(
@@ -90,8 +90,8 @@ def _steps(rddl: Any, values: Mapping[str, Any]) -> Iterator[_Step]:
     for relation in _relations(rddl, 2):
         here, there = rddl.variable_params[relation]
         matrix = np.asarray(values[relation], float)
-        yield _Step(f"from {relation}", here, there, _mean(matrix))
-        yield _Step(f"to {relation}", there, here, _mean(matrix.T))
+        yield _Step(f"from {relation}", here, there, mean_weights(matrix))
+        yield _Step(f"to {relation}", there, here, mean_weights(matrix.T))
 
 
 def _relations(rddl: Any, arguments: int) -> list[str]:
@@ -100,5 +100,6 @@ def _relations(rddl: Any, arguments: int) -> list[str]:
     return [n for n in names if ranges[n] == "bool" and len(params[n]) == arguments]
 
 
-def _mean(weights: np.ndarray) -> np.ndarray:
+def mean_weights(weights: np.ndarray) -> np.ndarray:
+    """Turns who is whose neighbour [objects, others] into what takes means over neighbours."""
     return weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)

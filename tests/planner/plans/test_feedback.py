@@ -91,7 +91,9 @@ def test_own_weights_are_one_objects(feedback):
     assert np.count_nonzero(raw) == 2
 
 
-def test_gains_of_pairs_are_felt_by_one_action_of_one_fluent():
+@pytest.mark.parametrize("few", [0, 225])
+def test_gains_of_pairs_are_felt_by_one_action_of_one_fluent(monkeypatch, few):
+    monkeypatch.setattr("mdpo_rddl.planner.plans.feedback._FEW_PAIRS", few)
     paired = make(dataclasses.replace(SHAPE, pairs=225))
     params = paired.initial(KEY)
     gains = params["own"]["release"]["gains of pairs on rlevel"]
