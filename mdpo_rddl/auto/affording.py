@@ -15,15 +15,13 @@ PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
-# the judge's program takes a little longer to compile than what plays constants
-_LIKE_PROBING = 1.2
 # programs like the judge's: what a gradient's is expected to take to compile, a quick one in its
 # share of that (`results/compile_times`); and evaluations of a population, in the time of the
 # fewest iterations that help
-_COMPILATIONS, _EVALUATIONS = {GRADIENT: 9.3, STRAIGHT_LINE: 4.0, REACTIVE: 6.0}, 100.0
-_SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.0, 20.0
+_COMPILATIONS, _EVALUATIONS = {GRADIENT: 10.9, STRAIGHT_LINE: 4.7, REACTIVE: 7.0}, 100.0
+_SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.3, 20.0
 # programs like the judge's: the exploration's comes beside a population's
-_EXPLORATION_PROGRAMS = 4.0
+_EXPLORATION_PROGRAMS = 4.7
 # of the time left, that the program of plans may take beside feedback policies that work, and where
 # chance plays no part, or the state is not observed: there a plan may well be as good
 _PLANS_SHARE, _GOOD_PLANS_SHARE = 0.15, 0.3
@@ -174,8 +172,8 @@ class Affording:
 
     @property
     def _usual_seconds(self) -> float:
-        """What the judge's program took to compile, or is likely to take."""
-        return self._arena.judge.usual_seconds or _LIKE_PROBING * self._arena.probe.compile_seconds
+        """What the judge's program took to compile, or else what plays constants, about as much."""
+        return self._arena.judge.usual_seconds or self._arena.probe.compile_seconds
 
     @property
     def _rollout_seconds(self) -> float:
