@@ -5,8 +5,8 @@
 For each problem a population of a search (32 policies, four rollouts of each) is compiled and
 played with parameters of all parts, and with those of a rule and of a plan alone, the others of
 which have no effect (`mdpo_rddl.planner.plans.parts`), without JAX's cache. Times are by the clock:
-seconds to compile, and milliseconds of a call, the shortest of forty. Rows are added to ROWS. Run it
-on one core, with nothing beside it.
+seconds to compile, and milliseconds of a call, the shortest of forty. Rows are added to ROWS. Run
+it on one core, with nothing beside it.
 """
 
 import sys

@@ -1,7 +1,8 @@
 """The values of an action fluent's features, and sums of them, in few and small operations.
 
 Searches play many policies side by side, with a few rollouts of each. A product of matrices for
-each feature and policy would take about a microsecond each on a CPU, more than what it computes.
+each feature and policy would take about a microsecond each on a CPU, more than what it computes:
+with those, rollouts of rules last up to four times as long (`results/part_times`, 070e70f).
 """
 
 import math

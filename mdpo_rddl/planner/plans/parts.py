@@ -24,8 +24,8 @@ def idle_parts(params: Params) -> frozenset[str]:
 def open_loop(params: Params) -> Params | None:
     """The biases and the plan of a policy, if it plays nothing else.
 
-    What is left plays the same, and its rollouts compute no features: they take from half to a
-    twentieth of the time, and less to compile (`results/part_times`).
+    What is left plays the same, and its rollouts compute no features: they take from three quarters
+    to a ninth of the time, and less to compile (`results/part_times`).
 
     Args:
       params: as `Feedback.initial` makes them.
