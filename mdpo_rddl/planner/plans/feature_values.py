@@ -16,7 +16,7 @@ from mdpo_rddl.planner.plans.features import Feature
 
 
 def feature_values(features: Sequence[Feature], scaled: Mapping[str, Array]) -> list[Array]:
-    """The value of each feature, as `Feature.spread` gives it.
+    """The value of each feature, one per object, an array that broadcasts to the action's shape.
 
     Fluents with the same neighbours are side by side in one product with the means of all of them.
 

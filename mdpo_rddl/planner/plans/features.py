@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.planner.plans.neighbours import Neighbours, distant_neighbours, mean_weights
+from mdpo_rddl.planner.plans.neighbours import Neighbours, distant_neighbours, related_neighbours
 
 
 class Feature(NamedTuple):
@@ -34,12 +34,6 @@ class Feature(NamedTuple):
     fluent: str
     lay: Callable[[Any], Any]
     means: np.ndarray | None = None
-
-    def spread(self, value: Any) -> Any:
-        """From the fluent's value [*its shape] to one per object, as `lay` lays it out."""
-        if self.means is None:
-            return self.lay(value)
-        return self.lay(jnp.asarray(self.means, value.dtype) @ jnp.ravel(value))
 
 
 class ActionFeatures(NamedTuple):
@@ -96,8 +90,9 @@ def action_features(
         else:
             features.append(Feature(fluent, fluent, _aligned(own, types, shape)))
         if (key := tuple(own)) not in known:
-            known[key] = _related(rddl, values, own[0], types) if len(own) == 1 else []
-            known[key] += distant_neighbours(rddl, values, own, types) if distant else ()
+            near = related_neighbours(rddl, values, own, types)
+            far = distant_neighbours(rddl, values, own, types) if distant else []
+            known[key] = [*near, *far]
         for name, kind, means in known[key]:
             label = f"{fluent} {name}"
             if kind is None:
@@ -126,23 +121,6 @@ def _aligned(
         return value.transpose(order).reshape(broadcast)
 
     return spread
-
-
-def _related(
-    rddl: Any, values: Mapping[str, Any], kind: str, types: Sequence[str]
-) -> list[Neighbours]:
-    """The neighbours of a type through relations of two objects."""
-    found = []
-    for relation in rddl.non_fluents:
-        ends = list(rddl.variable_params[relation])
-        if rddl.variable_ranges[relation] != "bool" or len(ends) != 2:
-            continue
-        matrix = np.asarray(values[relation], float)
-        directions = ((ends[0], ends[1], matrix, "from"), (ends[1], ends[0], matrix.T, "to"))
-        for here, there, weights, word in directions:
-            if there == kind and here in types and np.any(weights):
-                found.append(Neighbours(f"{word} {relation}", here, mean_weights(weights)))
-    return found
 
 
 def _at_each_end(

@@ -257,7 +257,7 @@ class Feedback:
         return [np.array(numbers) for numbers in places]
 
     def _columns(self, name: str, scaled: Mapping[str, Array], time: Any) -> list[Array]:
-        """phi_a, the features in the order of their weights, each as `Feature.spread` gives it."""
+        """phi_a, the features in the order of their weights, each as `feature_values` gives it."""
         shape, found = self.action_shapes[name], self.features[name]
         seen = feature_values(found.state, scaled)
         one = jnp.ones((1,) * len(shape), self.dtype)

@@ -1,9 +1,9 @@
-"""Neighbours that are not related to an action's objects by one relation of two objects.
+"""Neighbours of an action's objects, found by types alone.
 
-They are found by types alone. Of a grid, whose places are tuples, neighbours are related by a
-relation of two tuples: NEIGHBOR(?x1, ?y1, ?x2, ?y2). And where a relation leads from an action's
-objects to those of another type, what lies a step before or behind matters as well: the cells
-that flow into the cells that flow into a junction.
+The nearest are those that one relation of two objects leads to. Of a grid, whose places are tuples,
+neighbours are related by a relation of two tuples: NEIGHBOR(?x1, ?y1, ?x2, ?y2). And where a
+relation leads from an action's objects to those of another type, what lies a step before or behind
+matters as well: the cells that flow into the cells that flow into a junction.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,6 +38,24 @@ class _Step(NamedTuple):
     mean: np.ndarray
 
 
+def related_neighbours(
+    rddl: Any, values: Mapping[str, Any], own: Sequence[str], types: Sequence[str]
+) -> list[Neighbours]:
+    """Neighbours through one relation of two objects, in both directions.
+
+    Args:
+      rddl: pyRDDLGym's lifted model.
+      values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
+      own: types of the fluent's arguments; of more or fewer than one there are no such neighbours.
+      types: types of the action's arguments.
+    """
+    return [
+        Neighbours(step.name, step.here, step.mean)
+        for step in _steps(rddl, values)
+        if [step.there] == list(own) and step.here in types and np.any(step.mean)
+    ]
+
+
 def distant_neighbours(
     rddl: Any, values: Mapping[str, Any], own: Sequence[str], types: Sequence[str]
 ) -> list[Neighbours]:
@@ -65,9 +83,9 @@ def _of_tuples(
         array = np.asarray(values[relation], float)
         matrix = array.reshape(int(np.prod(array.shape[: len(own)])), -1)
         if np.any(matrix):
-            yield Neighbours(f"to {relation}", None, mean_weights(matrix))
+            yield Neighbours(f"to {relation}", None, _mean(matrix))
         if not np.array_equal(matrix, matrix.T):
-            yield Neighbours(f"from {relation}", None, mean_weights(matrix.T))
+            yield Neighbours(f"from {relation}", None, _mean(matrix.T))
 
 
 def _in_two_steps(
@@ -90,8 +108,8 @@ def _steps(rddl: Any, values: Mapping[str, Any]) -> Iterator[_Step]:
     for relation in _relations(rddl, 2):
         here, there = rddl.variable_params[relation]
         matrix = np.asarray(values[relation], float)
-        yield _Step(f"from {relation}", here, there, mean_weights(matrix))
-        yield _Step(f"to {relation}", there, here, mean_weights(matrix.T))
+        yield _Step(f"from {relation}", here, there, _mean(matrix))
+        yield _Step(f"to {relation}", there, here, _mean(matrix.T))
 
 
 def _relations(rddl: Any, arguments: int) -> list[str]:
@@ -100,6 +118,5 @@ def _relations(rddl: Any, arguments: int) -> list[str]:
     return [n for n in names if ranges[n] == "bool" and len(params[n]) == arguments]
 
 
-def mean_weights(weights: np.ndarray) -> np.ndarray:
-    """Turns who is whose neighbour [objects, others] into what takes means over neighbours."""
+def _mean(weights: np.ndarray) -> np.ndarray:
     return weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from helpers.problems import shipped
 
-from mdpo_rddl.planner.plans.features import action_features, observed_fluents
+from mdpo_rddl.planner.plans.feature_values import feature_values
+from mdpo_rddl.planner.plans.features import Feature, action_features, observed_fluents
 
 # two rooms, three doors; a door joins rooms, a room has doors
 PARAMS = {
@@ -36,10 +37,15 @@ HOUSE = SimpleNamespace(
 )
 
 
+def seen(feature: Feature, value: np.ndarray) -> np.ndarray:
+    (one,) = feature_values([feature], {feature.fluent: value})
+    return np.asarray(one)
+
+
 def spread(name: str, value: object) -> np.ndarray:
     features = action_features(HOUSE, VALUES, "open").state
     feature = next(feature for feature in features if feature.name == name)
-    return np.broadcast_to(feature.spread(np.asarray(value, float)), (3, 2))
+    return np.broadcast_to(seen(feature, np.asarray(value, float)), (3, 2))
 
 
 def test_a_fluent_counts_at_the_actions_own_objects():
@@ -64,7 +70,7 @@ def test_objects_that_the_action_does_not_know_are_averaged():
     assert "warm" in [feature.name for feature in features.state]
     house = SimpleNamespace(**vars(HOUSE) | {"variable_params": {**PARAMS, "calm": []}})
     calm = action_features(house, {**VALUES, "calm": np.zeros(())}, "calm").state
-    means = {f.name: float(f.spread(np.array([1.0, 3.0]))) for f in calm if f.name == "warm"}
+    means = {f.name: float(seen(f, np.array([1.0, 3.0]))) for f in calm if f.name == "warm"}
     assert means == {"warm": 2.0}
 
 
@@ -81,7 +87,7 @@ def test_two_axes_of_one_type_are_two_axes():
     )
     features = action_features(house, {**VALUES, "move": np.zeros((2, 2))}, "move").state
     value = np.array([[1.0, 2.0], [3.0, 4.0]])
-    np.testing.assert_array_equal(features[0].spread(value), value)
+    np.testing.assert_array_equal(seen(features[0], value), value)
 
 
 def test_a_fluent_of_one_object_is_seen_at_both_ends_of_an_action():
@@ -91,7 +97,7 @@ def test_a_fluent_of_one_object_is_seen_at_both_ends_of_an_action():
     )
     features = action_features(house, {**VALUES, "move": np.zeros((2, 2))}, "move").state
     spreads = {
-        feature.name: np.broadcast_to(feature.spread(np.array([1.0, 2.0])), (2, 2))
+        feature.name: np.broadcast_to(seen(feature, np.array([1.0, 2.0])), (2, 2))
         for feature in features
     }
     np.testing.assert_array_equal(spreads["warm at argument 1"], [[1, 1], [2, 2]])

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from mdpo_rddl.planner.plans.feature_values import feature_values
 from mdpo_rddl.planner.plans.features import action_features
 from mdpo_rddl.planner.plans.neighbours import distant_neighbours
 
@@ -42,7 +43,12 @@ WORLD = SimpleNamespace(
 
 def features(action: str, distant: bool = True) -> dict[str, object]:
     found = action_features(WORLD, VALUES, action, distant).state
-    return {feature.name: feature.spread for feature in found}
+    return {
+        feature.name: lambda value, feature=feature: np.asarray(
+            feature_values([feature], {feature.fluent: value})[0]
+        )
+        for feature in found
+    }
 
 
 def test_the_places_of_a_grid_see_the_mean_of_their_neighbours():
