@@ -70,10 +70,10 @@ _Grounded = tuple[DynamicProgrammingArm | None, TrialsArm | None]
 """The arms that work on the ground model."""
 
 
-def plan_automatically(
-    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions | None = None
+def run_race(
+    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
 ) -> RaceOutcome:
-    """Finds a policy.
+    """Finds a policy by the race.
 
     Args:
       problem: the parsed problem.
@@ -86,7 +86,6 @@ def plan_automatically(
       InputError: if JaxPlan refuses the problem or the configuration.
       KeyboardInterrupt: if interrupted before there was any policy.
     """
-    options = RaceOptions() if options is None else options
     clock, earlier = options.clock, options.earlier
     used = 0.0 if earlier is None else earlier.seconds
     started = clock() - used

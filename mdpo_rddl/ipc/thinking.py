@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.auto.underlying import underlying_seconds, with_underlying
 from mdpo_rddl.ipc.mdpo import MDPO, race_seconds
-from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
@@ -97,13 +95,6 @@ class ThinkingMDPO(MDPO):
     ) -> Mapping[str, Any]:
         """As `MDPO.act`: what the prepared policy does without thinking."""
         return super().act(step, state, rng)
-
-    def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
-        """A policy, and where the state is observed in part one of the underlying MDP."""
-        thinks = self._decision_of(problem) >= _SHORTEST_SECONDS
-        kept = underlying_seconds(problem, seconds) if thinks else 0.0
-        policy = super()._find(problem, seconds - kept, seed)
-        return with_underlying(policy, self._config(problem, kept)) if kept > 0.0 else policy
 
     def _seconds_at(self, step: int, now: float) -> float:
         """For the decision at a step."""

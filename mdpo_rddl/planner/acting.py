@@ -46,7 +46,7 @@ class ActingPlanner(JaxBackpropPlanner):
         hyperparams = self._complete_hyperparams(policy_hyperparams)
         with self.computing():
             actions = super().get_action(key, params, step, state, hyperparams, history)
-        return self._clipped(actions)
+        return self.clipped(actions)
 
     def get_actions(
         self,
@@ -75,7 +75,7 @@ class ActingPlanner(JaxBackpropPlanner):
         with self.computing():
             given = key, params, hyperparams, step, numbers, memories or {}
             actions = self._batched_policies[np.ndim(key) > 1](*given)
-        return self._clipped({name: np.asarray(values) for name, values in actions.items()})
+        return self.clipped({name: np.asarray(values) for name, values in actions.items()})
 
     @cached_property
     def _batched_policies(self) -> list[Callable[..., Mapping[str, Array]]]:
@@ -126,7 +126,8 @@ class ActingPlanner(JaxBackpropPlanner):
         with computing_on(self._device), enable_x64(jnp.float64 == self.compiled.REAL):
             yield
 
-    def _clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
+    def clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
+        """Actions with reals in 64 bit within the RDDL's box, per action fluent [..., *shape]."""
         actions = dict(found)
         for name, prange in self.rddl.action_ranges.items():
             if prange == "real" and name in actions:

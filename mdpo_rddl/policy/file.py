@@ -38,7 +38,7 @@ ESTIMATE_FORMAT = "mdpo-rddl table 3"
 _SEEDS = 2**31
 _MOST_PARTS = 64
 _PART = re.compile(r"\[[0-9]+\]")
-_UNDERLYING = "underlying"
+_UNDERLYING, _VOTES = "underlying", "votes"
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class SavedPolicy:
       candidates: what planning judged on the way, in its order, as JSON can hold it.
       underlying: a policy of the underlying MDP, where the state is observed in part only; None if
         there is none.
+      votes: whether it is played by a vote of what that policy does.
     """
 
     params: dict[str, Any]
@@ -66,6 +67,7 @@ class SavedPolicy:
     source: ProblemSource | None = None
     candidates: tuple[Mapping[str, Any], ...] = ()
     underlying: "SavedPolicy | SavedTable | None" = None
+    votes: bool = False
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,8 @@ def _contents(policy: SavedPolicy | SavedTable) -> tuple[Tensors, Metadata]:
     if policy.underlying is not None:
         content = packed(*_contents(policy.underlying))
         tensors[_UNDERLYING] = np.frombuffer(content, np.uint8)
+    if policy.votes:
+        common[_VOTES] = "true"
     return tensors, {"format": FORMAT, "config": policy.config, **common}
 
 
@@ -197,6 +201,7 @@ def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
         source=_source(metadata),
         candidates=_candidates(metadata),
         underlying=_underlying(tensors),
+        votes=_votes(metadata, tensors),
     )
 
 
@@ -211,6 +216,13 @@ def _underlying(tensors: Tensors) -> SavedPolicy | SavedTable | None:
         raise ValueError(str(error)) from error
     _require(_UNDERLYING not in own, "policy of the underlying MDP")
     return _READERS[metadata["format"]](metadata, own)
+
+
+def _votes(metadata: Metadata, tensors: Tensors) -> bool:
+    """Whether it is played by a vote; raises ValueError if it cannot be."""
+    votes = _VOTES in metadata
+    _require(not votes or (metadata[_VOTES] == "true" and _UNDERLYING in tensors), "votes")
+    return votes
 
 
 def _identity(metadata: Metadata) -> dict[str, Any]:

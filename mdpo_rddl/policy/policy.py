@@ -20,6 +20,7 @@ from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.start import unit_hyperparams, with_preprocessor
+from mdpo_rddl.policy.action_voting import ActionVoting
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import (
     SavedPolicy,
@@ -55,6 +56,7 @@ class Policy(PolicyAgent):
         One that was loaded does not know the seconds.
       saved_underlying: a policy of the underlying MDP, with which it thinks where the state is
         observed in part only; None if there is none.
+      votes: whether it is played by a vote over its belief of the state, of what that policy does.
     """
 
     problem: Problem
@@ -65,6 +67,7 @@ class Policy(PolicyAgent):
     seed: int
     candidates: tuple[Mapping[str, Any], ...] = ()
     saved_underlying: SavedPolicy | SavedTable | None = None
+    votes: bool = False
 
     @classmethod
     def from_saved(cls, saved: SavedPolicy, problem: Problem, source: str) -> "Policy":
@@ -86,7 +89,7 @@ class Policy(PolicyAgent):
         saved = _with_tuples(saved, planner)
         _require_params(saved, planner, source)
         hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
-        own = saved.params, hyperparams, saved.seed, saved.candidates, saved.underlying
+        own = saved.params, hyperparams, saved.seed, saved.candidates, saved.underlying, saved.votes
         return cls(problem, config, planner, *own)
 
     def to_saved(self) -> SavedPolicy:
@@ -106,6 +109,7 @@ class Policy(PolicyAgent):
                 for each in self.candidates
             ),
             underlying=self.saved_underlying,
+            votes=self.votes,
         )
 
     def save(self, path: str | Path) -> None:
@@ -209,8 +213,15 @@ class Policy(PolicyAgent):
         """
         return self._play.batch(step, observations)
 
+    @property
+    def vote(self) -> Callable[[int, Mapping[str, Any]], Mapping[str, Any]] | None:
+        """What decides at a step by the particles of a belief [P, *shape], if `votes`."""
+        return self._play.vote if isinstance(self._play, ActionVoting) else None
+
     @cached_property
-    def _play(self) -> Playable:
+    def _play(self) -> Playable | ActionVoting:
+        if self.votes and self.underlying is not None:
+            return ActionVoting(self, self.underlying)
         return playable(self.planner, self.params, self.policy_hyperparams, self.seed)
 
     def explain(self, seconds: float = math.inf) -> Explanation:
@@ -219,6 +230,8 @@ class Policy(PolicyAgent):
         Args:
           seconds: for measuring what the return loses without each term; 0 measures nothing.
         """
+        if self.votes:
+            return Explanation((), "the policy is a vote over a belief of the state, not a rule")
         with self.planner.computing():
             return explain(self.problem, self.planner, self.params, seconds)
 
@@ -251,7 +264,7 @@ class Policy(PolicyAgent):
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
-            "plan": type(self.planner.plan).__name__,
+            "plan": "vote over a belief" if self.votes else type(self.planner.plan).__name__,
             "parameters": f"{self._size:,}",
             "seed": f"{self.seed}",
         }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import jax
 
-from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.checkpoints import Checkpoints
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -99,7 +99,6 @@ def find_by_race(
     terms: FindTerms,
     reporter: Reporter,
     options: "RaceOptions | None" = None,
-    thinks: bool = False,
 ) -> "RaceOutcome":
     """The race of the preset `auto`.
 
@@ -107,8 +106,6 @@ def find_by_race(
       terms: what to plan.
       reporter: is told how it gets on; what it raises as `Cancelled` ends it.
       options: of the race; without them those that follow from the other two.
-      thinks: whether its policy will think at its decisions, for which a part of the time goes to
-        the underlying MDP where the state is observed in part only.
 
     Raises:
       InputError: if the problem or the configuration cannot be used.
@@ -116,7 +113,6 @@ def find_by_race(
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
     from mdpo_rddl.auto.start import accepted_start, start_candidates
-    from mdpo_rddl.auto.underlying import underlying_seconds, with_underlying
 
     options = options or RaceOptions(
         terms.traced_cache, reporter.stage, reporter.training, reporter.judged
@@ -125,22 +121,4 @@ def find_by_race(
         start = accepted_start(terms.start_from, terms.problem)
         initial = functools.partial(start_candidates, policy=start)
         options = dataclasses.replace(options, initial=initial)
-    seconds = terms.config.budget().seconds
-    kept = underlying_seconds(terms.problem, seconds) if thinks else 0.0
-    config = _within(terms.config, seconds - kept) if kept > 0.0 else terms.config
-    outcome = plan_automatically(terms.problem, config, terms.seed, options)
-    if kept == 0.0 or outcome.interrupted:
-        return outcome
-    reporter.stage("underlying MDP")
-    second = RaceOptions(options.traced_cache, clock=options.clock)
-    try:
-        began = options.clock()
-        policy = with_underlying(outcome.policy, _within(terms.config, kept), second)
-        seconds = outcome.seconds + options.clock() - began
-    except (Cancelled, KeyboardInterrupt):
-        return dataclasses.replace(outcome, interrupted=True)
-    return dataclasses.replace(outcome, policy=policy, seconds=seconds)
-
-
-def _within(config: PlannerConfig, seconds: float) -> PlannerConfig:
-    return config.with_values("Optimize", train_seconds=seconds)
+    return plan_automatically(terms.problem, terms.config, terms.seed, options)

@@ -153,7 +153,7 @@ def plan(
         key = config.key if seed is None else seed
         terms = _Terms(problem, config, key, start_from=chosen.start_from)
         thinks, began = kept > 0.0, watch.elapsed
-        policy: PlannedPolicy = _find(terms, watch, seconds is not None, thinks)
+        policy: PlannedPolicy = _find(terms, watch, seconds is not None)
         if watch.error is not None:
             raise watch.error
         if thinks and not watch.is_cancelled:
@@ -167,7 +167,7 @@ def plan(
     return policy
 
 
-def _find(terms: _Terms, watch: Watch, counts_compilation: bool, thinks: bool) -> AnyPolicy:
+def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> AnyPolicy:
     if not is_race(terms.config):
         return find_by_training(terms, watch, counts_compilation)[0]
     from mdpo_rddl.auto import RaceOptions
@@ -178,7 +178,7 @@ def _find(terms: _Terms, watch: Watch, counts_compilation: bool, thinks: bool) -
         on_judged=watch.judged,
         clock=watch.clock,
     )
-    return find_by_race(terms, watch, options, thinks).policy
+    return find_by_race(terms, watch, options).policy
 
 
 def _check(seconds: Any, seed: Any) -> None:

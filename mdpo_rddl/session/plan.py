@@ -194,8 +194,7 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
         on_pulse=kept.pulse,
         on_wait=kept.waits,
     )
-    thinks = request.decision_seconds > 0.0
-    outcome = find_by_race(without_choice(request), reporter, options, thinks)
+    outcome = find_by_race(without_choice(request), reporter, options)
     if outcome.interrupted:
         kept.stopped(outcome.seconds)
     return outcome

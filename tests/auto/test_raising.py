@@ -9,9 +9,9 @@ import pytest
 from helpers.lakes import preset
 from helpers.toys import toy
 
+from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
-from mdpo_rddl.auto.race import plan_automatically
 from mdpo_rddl.auto.raising import watched
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import LOST, compile_exact_returns

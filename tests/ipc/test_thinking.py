@@ -5,10 +5,8 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.levers import NONE, lever_policy
 from helpers.slow_simulator import SlowSimulator
-from helpers.toys import toy
 
 from mdpo_rddl.ipc import thinking
-from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.ipc.planner import Improving, Restorable, Timed
 from mdpo_rddl.ipc.thinking import ThinkingMDPO
 from mdpo_rddl.policy.lookahead.choice import Choice
@@ -123,26 +121,3 @@ def test_without_time_or_gain_the_policy_plays(ready):
         action, ends = play(planner, clock)
         assert ends[-1] == 0.0
         assert not np.any(action["pull"])
-
-
-def test_where_the_state_is_hidden_the_underlying_mdp_has_a_part_of_the_time(monkeypatch):
-    policy, asked = lever_policy(NONE), []
-
-    def find(self, problem, seconds, seed):
-        asked.append((seconds, seed))
-        return policy
-
-    def added(found, config):
-        asked.append(config.budget().seconds)
-        return found
-
-    monkeypatch.setattr(MDPO, "_find", find)
-    monkeypatch.setattr(thinking, "with_underlying", added)
-    planner, hidden = ThinkingMDPO(Stopped()), toy("tiger")
-    assert planner._find(hidden, 50.0, 3) is policy
-    # without time for decisions, as without need
-    assert asked == [(50.0, 3)]
-    planner.decide_within(0.2)
-    planner._find(hidden, 50.0, 3)
-    planner._find(policy.problem, 50.0, 3)
-    assert asked[1:] == [(30.0, 3), 20.0, (50.0, 3)]

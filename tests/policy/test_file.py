@@ -249,6 +249,20 @@ def test_a_policy_of_the_underlying_mdp_comes_back_too(tmp_path: Path) -> None:
     assert saved.underlying.underlying is None
 
 
+def test_whether_it_votes_comes_back_too(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    for policy in (POLICY, dataclasses.replace(POLICY, underlying=POLICY, votes=True)):
+        save_policy(path, policy)
+        assert load_policy(path).votes == policy.votes
+    metadata, tensors = read_container(path, [FORMAT])
+    write_container(path, tensors, {**metadata, "votes": "perhaps"})
+    assert refused(path).endswith("its votes cannot be what was saved")
+    # nobody votes without a policy of the underlying MDP
+    del tensors["underlying"]
+    write_container(path, tensors, metadata)
+    assert refused(path).endswith("its votes cannot be what was saved")
+
+
 def test_what_is_no_policy_of_the_underlying_mdp_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     save_policy(path, dataclasses.replace(POLICY, underlying=POLICY))

@@ -19,6 +19,7 @@ VARIANT_NAMES = (
     "auto-without-drp",
     "auto-without-polishing-the-plan",
     "auto-without-polishing-the-weights",
+    "auto-without-action-voting",
     "auto-without-noise",
     "auto-with-analysis-rollouts",
     "auto-without-open-loop-part",

@@ -21,6 +21,7 @@ OPTIONAL_ARMS = (
     "drp",
     "polishing the plan",
     "polishing the weights",
+    "action voting",
 )
 """Arms that can be left out of the race."""
 

@@ -47,6 +47,10 @@ class Prepared(Protocol):
     def underlying(self) -> "Prepared | Tabled | None":
         """A policy of the underlying MDP, where the state is observed in part only, if any."""
 
+    @property
+    def vote(self) -> Callable[[int, Mapping[str, Any]], Mapping[str, Any]] | None:
+        """What decides at a step by the particles of a belief, if that is how it is played."""
+
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step."""
 

@@ -68,12 +68,16 @@ class Believer:
     Attributes:
       policy: the prepared policy, with a memory or without one.
       clock: tells the seconds.
+      particles: that the filter has, or fewer once `prepare` has seen how long it takes.
+      attempts_seconds: where no particle matches, others are drawn as long as there is that time.
       continuing: what plays in compiled rollouts, where that is not the policy.
       filter_seconds: that a step of the filter takes, once it is prepared.
     """
 
     policy: Prepared
     clock: Callable[[], float] = time.perf_counter
+    particles: int = _PARTICLES
+    attempts_seconds: float = 0.0
     continuing: Prepared | None = field(default=None, init=False)
     filter_seconds: float = field(default=0.0, init=False)
     _now: Belief | None = field(default=None, init=False)
@@ -82,7 +86,6 @@ class Believer:
     # what was played last, and what was played before the latest step
     _action: Mapping[str, Any] = field(init=False)
     _led: Mapping[str, Any] = field(init=False)
-    _seconds: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         """Compiles nothing yet."""
@@ -91,7 +94,12 @@ class Believer:
         self._advance = self._filter.compile()
         self._keys = step_keys(planner, self.policy.seed)
         self._recall = Recall(planner)
-        self._count, self._action, self._led = _PARTICLES, self._noop(), self._noop()
+        self._action, self._led = self._noop(), self._noop()
+
+    @property
+    def now(self) -> Belief | None:
+        """The latest belief of the episode that is followed."""
+        return self._now
 
     @property
     def problem(self) -> Problem:
@@ -124,6 +132,11 @@ class Believer:
         return self.policy.underlying
 
     @property
+    def vote(self) -> Callable[[int, Mapping[str, Any]], Mapping[str, Any]] | None:
+        """The policy's."""
+        return self.policy.vote
+
+    @property
     def _continuing(self) -> Prepared:
         return self.policy if self.continuing is None else self.continuing
 
@@ -145,6 +158,8 @@ class Believer:
         """
         known, memory = dict(observation), dict[str, Any]()
         if isinstance(observation, Belief):
+            if (vote := self.policy.vote) is not None:
+                return vote(step, observation.root.particles)
             # of the same types at each step, so that nothing is compiled twice
             known, memory = dict(observation.root.observed), dict(observation.root.memory)
         own = self.policy
@@ -158,9 +173,13 @@ class Believer:
         Args:
           policy: of the underlying MDP, which reads the state.
         """
-        other = copy.copy(self)
+        other = self.anew()
         other.continuing = policy
-        # each follows episodes of its own
+        return other
+
+    def anew(self) -> "Believer":
+        """The same for episodes of its own, with nothing compiled again."""
+        other = copy.copy(self)
         other._now, other._step, other._before = None, -1, []
         other._recall = Recall(self.planner)
         return other
@@ -178,11 +197,11 @@ class Believer:
         self.filter_seconds = self._measured(observed)
         now = self.clock()
         is_in_time = now + (now - began) <= until
-        count = max(_FEWEST, int(self._count * _SHARE * seconds / self.filter_seconds))
-        if is_in_time and count < self._count:
-            self._count = count
+        count = max(_FEWEST, int(self.particles * _SHARE * seconds / self.filter_seconds))
+        if is_in_time and count < self.particles:
+            self.particles = count
             self.filter_seconds = self._measured(observed)
-        self._seconds = _SHARE * seconds
+        self.attempts_seconds = _SHARE * seconds
 
     def believe(self, step: int, observation: Mapping[str, Any], is_tried: bool = False) -> Belief:
         """The belief at a step, and at the first one the initial state.
@@ -229,11 +248,11 @@ class Believer:
     def _filtered(self, number: int, seen: Mapping[str, Any]) -> Filtered:
         """What the first or the second filter makes of what was seen."""
         if not self._before:
-            count = self._count
+            count = self.particles
             return Filtered(self._filter.start(count), np.float64(count), np.bool_(True))
         # a second filter may begin later than the first, with its particles
         before = self._before[min(number, len(self._before) - 1)]
-        until = self.clock() + self._seconds
+        until = self.clock() + self.attempts_seconds
         key = jax.random.fold_in(jax.random.PRNGKey(self.seed), 2 * self._step + number)
         for attempt in range(_ATTEMPTS):
             began = self.clock()
@@ -250,7 +269,9 @@ class Believer:
         for attempt in range(2):
             began = self.clock()
             key = jax.random.PRNGKey(attempt)
-            jax.block_until_ready(self._advance(key, self._filter.start(self._count), action, seen))
+            jax.block_until_ready(
+                self._advance(key, self._filter.start(self.particles), action, seen)
+            )
             took = self.clock() - began
         return took
 

@@ -193,7 +193,8 @@ def _tried(
     if isinstance(policy, Believer):
         ends = clock() + _QMDP_SHARE * (until - clock())
         found, shown = try_qmdp(policy, methods, (seconds, ends), clock)
-        if found is not None:
+        # in others' rollouts a policy goes on that is not played
+        if found is not None or policy.vote is not None:
             return found, shown
     within, began = until - clock(), clock()
     visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)

@@ -8,7 +8,6 @@ too much, or too little; episodes on the exact environment tell whether it pays.
 """
 
 import logging
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -20,23 +19,16 @@ from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import WIDE, Simulator
 from mdpo_rddl.policy.lookahead.table_base import TableBase
 from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
-from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, mean_and_error, paired_returns
 from mdpo_rddl.problem.load import make_environment
 
 logger = logging.getLogger(__name__)
 
-# episodes that are played with thinking and without
-_FEWEST, _WANTED, _MOST = 3, 12, 40
-# decisions are shortened, if so many episodes take too long, to no less than so many calls beside
-# the filter's time; so that calls are short, they are sized for decisions of this share of the time
+# so many episodes are to be played with thinking and without: decisions are shortened, if they take
+# too long, to no less than so many calls beside the filter's time; so that calls are short, they
+# are sized for decisions of this share of the time
+_WANTED = 12
 _SHORTEST_CALLS, _SIZED_FOR = 5.0, 0.25
-# the gain must be so many errors: decisions in play are longer and gain more, and the error of a
-# few episodes hides gains worth having
-_ERRORS = 0.5
-# no more are played, after so many, once the gain is so many errors
-_CLEAR, _CLEAR_EPISODES = 4.0, 5
-# no episode of an evaluation
-_STREAM = 2**31
 
 
 def try_qmdp(
@@ -73,17 +65,17 @@ def try_qmdp(
     each = (until - clock()) / simulator.horizon
     least = policy.filter_seconds + _SHORTEST_CALLS * simulator.seconds(WIDE, 0)
     least = min(least, seconds)
-    if _FEWEST * least > each:
+    if FEWEST * least > each:
         return no_time
     short = float(np.clip(each / _WANTED, least, seconds))
     trying = LookaheadPolicy(simulator, method, short, *given)
-    gains = _gains(trying, believer.policy, until, clock)
-    if len(gains) < _FEWEST:
+    both = trying, believer.policy
+    returns = paired_returns(policy.problem, both, until, clock, policy.seed)
+    if len(returns) < FEWEST:
         return no_time
-    rates = gains / simulator.horizon
-    error = float(np.std(rates, ddof=1) / math.sqrt(len(rates)))
-    found = float(np.mean(rates)), error, "", len(trying.decisions)
-    trial = Trial(thinker.label, *found, beyond=_ERRORS)
+    rates = (returns[:, 0] - returns[:, 1]) / simulator.horizon
+    found = *mean_and_error(rates), "", len(trying.decisions)
+    trial = Trial(thinker.label, *found, beyond=ERRORS)
     return thinker if trial.pays else None, [trial]
 
 
@@ -95,27 +87,3 @@ def _knowing(believer: Believer) -> Prepared | None:
     except (InputError, ValueError) as error:
         logger.warning("no policy of the underlying MDP: %s", one_line_cause(error))
         return None
-
-
-def _gains(
-    trying: LookaheadPolicy, alone: Prepared, until: float, clock: Callable[[], float]
-) -> np.ndarray:
-    """What episodes return more with thinking than without [N]."""
-    gains: list[float] = []
-    longest, before = 0.0, clock()
-    env = make_environment(trying.problem)
-    while len(gains) < _MOST and before + longest <= until and not _is_clear(gains):
-        # an episode of its own each time, the same for both
-        seed = (_STREAM + alone.seed) * _MOST + len(gains)
-        returns = [evaluate(env, policy, 1, seed).mean for policy in (trying, alone)]
-        gains.append(returns[0] - returns[1])
-        now = clock()
-        longest, before = max(longest, now - before), now
-    return np.array(gains)
-
-
-def _is_clear(gains: Sequence[float]) -> bool:
-    if len(gains) < _CLEAR_EPISODES:
-        return False
-    error = np.std(gains, ddof=1) / math.sqrt(len(gains))
-    return bool(abs(np.mean(gains)) > _CLEAR * error)

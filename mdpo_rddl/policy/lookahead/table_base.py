@@ -66,6 +66,10 @@ class TableBase:
     def underlying(self) -> None:
         """None: the state is observed."""
 
+    @property
+    def vote(self) -> None:
+        """None: the state is observed."""
+
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The table's action at a step."""
         return self._table(step, observation)

@@ -78,7 +78,8 @@ def policy_figures(policy: AnyPolicy) -> dict[str, Any]:
     """The noise that a policy was trained with, and its kind."""
     if isinstance(policy, TablePolicy):
         return {"noise": "none", "noise_parameters": {}, "policy": "table"}
-    return planner_figures(policy.config, policy.planner)
+    figures = planner_figures(policy.config, policy.planner)
+    return {**figures, "policy": "vote over a belief"} if policy.votes else figures
 
 
 def optimum_figures(policy: AnyPolicy) -> dict[str, Any]:

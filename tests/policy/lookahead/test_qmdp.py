@@ -47,6 +47,11 @@ def believer():
     return found
 
 
+def gaining(*gains):
+    """Returns of both in episodes in which the first gains so much."""
+    return np.array([(gain - 7.0, -7.0) for gain in gains])
+
+
 def tried(believer, methods, until=1000.0):
     components = Components.of(believer.planner)
     applying = [method for method in methods if method.applies(components)]
@@ -126,7 +131,7 @@ def test_it_is_chosen_where_it_pays():
 
 def test_the_other_methods_are_tried_where_it_does_not_pay(monkeypatch):
     monkeypatch.setattr(choosing, "_methods", lambda: [FirstActions()])
-    monkeypatch.setattr(qmdp, "_gains", lambda *_: np.array([1.0, -1.0, 1.0, -1.5]))
+    monkeypatch.setattr(qmdp, "paired_returns", lambda *_: gaining(1.0, -1.0, 1.0, -1.5))
     choice = choose(seeing(), SECONDS, clock=Ticking(0.01))
     first, second = choice.trials
     assert (first.method, first.pays) == ("first actions, QMDP", False)
@@ -139,7 +144,7 @@ def test_the_other_methods_are_tried_where_it_does_not_pay(monkeypatch):
 
 def test_half_an_error_is_gain_enough(believer, monkeypatch):
     for gains, pays in (([3.0, -1.0, 2.0, -1.0], True), ([1.0, -1.0, 1.0, -0.5], False)):
-        monkeypatch.setattr(qmdp, "_gains", lambda *_, gains=gains: np.array(gains))
+        monkeypatch.setattr(qmdp, "paired_returns", lambda *_, gains=gains: gaining(*gains))
         thinker, (trial,) = tried(believer, [FirstActions()])
         assert 0.0 < trial.mean < trial.error
         assert (trial.pays, thinker is not None) == (pays, pays)
@@ -154,3 +159,18 @@ def test_it_is_saved_with_the_policy(tmp_path):
     policy.save(path)
     again = restored(load_policy(path), toy("tiger"), str(path))
     assert again.underlying.table.action.tolist() == policy.underlying.table.action.tolist()
+
+
+@pytest.mark.long
+def test_who_votes_thinks_on_from_the_vote():
+    voter = dataclasses.replace(seeing(), votes=True)
+    believer = Believer(voter, Ticking(0.01))
+    believer.prepare(SECONDS)
+    belief = believer.believe(0, NOTHING_SHOWN)
+    believer.played(belief, voter.vote(0, belief.root.particles))
+    heard = believer.believe(1, {"growl-left": np.bool_(True)})
+    # the tiger is on the left: the listener's own action would open nothing
+    assert bool(believer(1, heard)["open-right"])
+    # only what goes on with the underlying MDP's policy is tried
+    choice = choose(voter, SECONDS, clock=Ticking(0.01))
+    assert [trial.method for trial in choice.trials] == ["first actions, QMDP"]

@@ -1,0 +1,228 @@
+"""Planning where the state is observed in part only.
+
+The race looks for a policy that remembers. Then the underlying MDP is planned, and a vote over the
+belief of the state, of what its policy does, is played in the same episodes as the race's policy;
+the better one is the result. The underlying policy stays with it, for thinking at the decision.
+"""
+
+import dataclasses
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
+from mdpo_rddl.auto.candidate import Judged
+from mdpo_rddl.auto.options import RaceOptions
+from mdpo_rddl.auto.outcome import RaceOutcome
+from mdpo_rddl.auto.race import run_race
+from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
+from mdpo_rddl.machine.device import computing_on
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.search_section import read_search
+from mdpo_rddl.planner.device import fitting_device
+from mdpo_rddl.policy.file import SavedPolicy, SavedTable
+from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, mean_and_error, paired_returns
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.enumeration.discrete import is_discrete
+from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.underlying import underlying_mdp
+
+logger = logging.getLogger(__name__)
+
+ACTION_VOTING = "action voting"
+"""What the part is called that plays by a vote over the belief, and can be left out by."""
+UNDERLYING = "underlying MDP"
+
+# of the time: the enumeration of the underlying MDP, and a race for it where that fails
+_OPTIMUM_SHARE, _RACE_SHARE = 0.1, 0.35
+# of the time, and the most of it: the vote's compilation, and its and the race's policy's episodes;
+# the vote of an optimum is mostly the better one, and has more
+_TRIAL_SHARE, _LONGER_SHARE, _TRIAL_SECONDS = 0.25, 0.4, 15.0
+# what the vote takes to compile, in the times that what plays constants does: a filter and policies
+_COMPILING = 1.5
+_STEPS = 3
+_LEAST_SECONDS = 0.1
+# no seed of a run, nor of the trials of thinking
+_SEED = 2**30
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The vote in the same episodes as the race's policy.
+
+    Attributes:
+      policy: that votes.
+      returns: of both [N, 2].
+    """
+
+    policy: Policy
+    returns: np.ndarray
+
+    @property
+    def pays(self) -> bool:
+        """Whether the vote gains enough."""
+        if len(self.returns) < FEWEST:
+            return False
+        gain, error = mean_and_error(self.returns[:, 0] - self.returns[:, 1])
+        return gain > ERRORS * error
+
+
+def plan_partially_observed(
+    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+) -> RaceOutcome:
+    """Finds a policy as `run_race` does, and whether a vote over the belief is a better one.
+
+    Args:
+      problem: whose state is observed in part only.
+      config: as for the race; its time is for everything.
+      seed: of everything that is drawn.
+      options: of the race.
+
+    Raises:
+      InputError: if JaxPlan refuses the problem or the configuration.
+      KeyboardInterrupt: if interrupted before there was any policy.
+    """
+    clock = options.clock
+    began, seconds = clock(), config.budget().seconds
+    used = 0.0 if options.earlier is None else options.earlier.seconds
+    deadline = began + seconds - used
+    search = read_search(config.sections)
+    if search is not None and ACTION_VOTING in search.without:
+        return run_race(problem, config, seed, options)
+    saved: SavedPolicy | SavedTable | None = _optimum(problem, config, seed, options)
+    share, raced = (_TRIAL_SHARE, _RACE_SHARE) if saved is None else (_LONGER_SHARE, 0.0)
+    trial = min(share * seconds, _TRIAL_SECONDS)
+    left = seconds - (clock() - began) - trial - raced * seconds
+    outcome = run_race(problem, _within(config, left), seed, options)
+    if outcome.interrupted or not isinstance(outcome.policy, Policy):
+        return outcome
+    try:
+        options.on_stage(UNDERLYING)
+        if saved is None:
+            left = deadline - trial - clock()
+            saved = _raced(problem, _within(config, left), seed, options)
+        if saved is not None:
+            outcome = _with_vote(outcome, saved, deadline, options)
+    except (KeyboardInterrupt, Cancelled) as stop:
+        note_heard(stop)
+        outcome = dataclasses.replace(outcome, interrupted=True)
+    return dataclasses.replace(outcome, seconds=clock() - began + used)
+
+
+def _optimum(
+    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+) -> SavedTable | None:
+    """The underlying MDP's, if its states can be enumerated in a small part of the time."""
+    options.on_stage("enumerating")
+    try:
+        underlying = underlying_mdp(problem)
+    except InputError as error:
+        logger.warning("no underlying MDP: %s", one_line_cause(error))
+        return None
+    if not is_discrete(underlying):
+        return None
+    exact = DynamicProgrammingArm(underlying, config, options.clock)
+    exact.work(options.clock() + _OPTIMUM_SHARE * config.budget().seconds)
+    return None if exact.solution is None else exact.solution.policy(seed).to_saved()
+
+
+def _raced(
+    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+) -> SavedPolicy | SavedTable | None:
+    """What a race for the underlying MDP finds.
+
+    Raises:
+      KeyboardInterrupt: if it was interrupted.
+    """
+    second = RaceOptions(options.traced_cache, clock=options.clock)
+    try:
+        found = run_race(underlying_mdp(problem), config, seed, second)
+    except InputError as error:
+        logger.warning("no policy of the underlying MDP: %s", one_line_cause(error))
+        return None
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return found.policy.to_saved()
+
+
+def _with_vote(
+    outcome: RaceOutcome,
+    saved: SavedPolicy | SavedTable,
+    deadline: float,
+    options: RaceOptions,
+) -> RaceOutcome:
+    """The race's outcome with the underlying MDP's policy, and the vote if that is better."""
+    assert isinstance(outcome.policy, Policy)
+    clock, log = options.clock, ArmLog(ACTION_VOTING)
+    began = clock()
+    alone = dataclasses.replace(outcome.policy, saved_underlying=saved)
+    outcome = dataclasses.replace(outcome, policy=alone, arms=[*outcome.arms, log])
+    probe = outcome.probe
+    compiling = 0.0 if probe is None else _COMPILING * probe.compile_seconds
+    if began + compiling > deadline:
+        log.details = {"cause": "no time"}
+        return outcome
+    log.slices = 1
+    try:
+        trial = _tried(alone, deadline, log, clock)
+    except InputError as error:
+        logger.warning("no vote over the belief: %s", one_line_cause(error))
+        log.details = {"cause": one_line_cause(error)}
+        return outcome
+    finally:
+        log.seconds = clock() - began
+    compiled = outcome.compile_seconds + log.compile_seconds
+    outcome = dataclasses.replace(outcome, compile_seconds=compiled)
+    log.iterations = len(trial.returns)
+    if len(trial.returns) < FEWEST:
+        return outcome
+    mean, spread = mean_and_error(trial.returns[:, 0])
+    log.best_return = mean
+    log.details = {"race_return": float(np.mean(trial.returns[:, 1]))}
+    chosen = outcome.chosen.child(ACTION_VOTING, "vote over the belief", outcome.chosen.params)
+    chosen = dataclasses.replace(chosen, parents=(), mean=mean, error=spread)
+    pays = trial.pays
+    judged = Judged(chosen, outcome.seconds + log.seconds, pays)
+    options.on_judged(judged)
+    outcome = dataclasses.replace(outcome, judged=[*outcome.judged, judged])
+    if not pays:
+        return outcome
+    policy = dataclasses.replace(trial.policy, candidates=tuple(outcome.curve))
+    return dataclasses.replace(outcome, policy=policy, chosen=chosen)
+
+
+def _tried(alone: Policy, deadline: float, log: ArmLog, clock: Callable[[], float]) -> _Trial:
+    """Plays the vote and the policy alone in the same episodes.
+
+    Raises:
+      InputError: if there can be no vote.
+    """
+    began = clock()
+    with computing_on(fitting_device(alone.problem)):
+        voting = dataclasses.replace(alone, votes=True)
+        for policy in (alone, voting):
+            _compile(policy)
+        log.compile_seconds = clock() - began
+        both = voting, alone
+        returns = paired_returns(alone.problem, both, deadline, clock, _SEED + alone.seed)
+    return _Trial(voting, returns)
+
+
+def _compile(policy: Policy) -> None:
+    """Plays a few steps: what follows an episode is compiled at the second and the third."""
+    env = make_environment(policy.problem)
+    state: Mapping[str, Any] = env.reset(seed=policy.seed)[0]
+    policy.reset()
+    for _ in range(_STEPS):
+        if not env.done:
+            state = env.step(policy.sample_action(state))[0]
+    policy.reset()
+
+
+def _within(config: PlannerConfig, seconds: float) -> PlannerConfig:
+    """The configuration with so much time, or with next to none if nothing is left."""
+    return config.with_values("Optimize", train_seconds=max(seconds, _LEAST_SECONDS))

@@ -1,0 +1,60 @@
+"""Two policies in the same episodes of the exact environment: which of them to play."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from mdpo_rddl.problem.episode import Policy
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.load import Problem, make_environment
+
+FEWEST, MOST = 3, 40
+"""Episodes that tell anything, and that are played at most."""
+ERRORS = 0.5
+"""A gain of so many errors is taken: the error of a few episodes hides gains worth having."""
+# no more are played, after so many, once the gain is so many errors
+_CLEAR, _CLEAR_EPISODES = 4.0, 5
+# no episode of an evaluation
+_STREAM = 2**31
+
+
+def paired_returns(
+    problem: Problem,
+    policies: tuple[Policy, Policy],
+    until: float,
+    clock: Callable[[], float],
+    seed: int = 0,
+) -> np.ndarray:
+    """What both return in the same episodes [N, 2], as many as there is time for.
+
+    They end early once the difference is clear.
+
+    Args:
+      problem: what is played.
+      policies: as `evaluate` plays them, in turn.
+      until: no episode is begun that is likely to end later.
+      clock: tells the seconds.
+      seed: of the episodes, which are none that `evaluate` plays with a seed of a run.
+    """
+    returns: list[list[float]] = []
+    longest, before = 0.0, clock()
+    env = make_environment(problem)
+    while len(returns) < MOST and before + longest <= until and not _is_clear(returns):
+        episode = (_STREAM + seed) * MOST + len(returns)
+        returns.append([evaluate(env, policy, 1, episode).mean for policy in policies])
+        now = clock()
+        longest, before = max(longest, now - before), now
+    return np.array(returns).reshape(-1, 2)
+
+
+def mean_and_error(values: np.ndarray) -> tuple[float, float]:
+    """The mean of some values [N], at least two, and its standard error."""
+    return float(np.mean(values)), float(np.std(values, ddof=1) / math.sqrt(len(values)))
+
+
+def _is_clear(returns: list[list[float]]) -> bool:
+    if len(returns) < _CLEAR_EPISODES:
+        return False
+    mean, error = mean_and_error(np.array([first - second for first, second in returns]))
+    return abs(mean) > _CLEAR * error

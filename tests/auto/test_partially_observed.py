@@ -1,0 +1,172 @@
+"""The race where the state is hidden, the underlying MDP, and the vote over the belief."""
+
+import dataclasses
+import logging
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.clocks import Stopped
+from helpers.lakes import preset
+from helpers.levers import NONE, lever_policy
+from helpers.tiger import listener
+from helpers.toys import toy
+from helpers.umbrella import careless, voting
+
+from mdpo_rddl.auto import RaceOptions, RaceOutcome, partially_observed, plan_automatically
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.policy.file import SavedTable
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.load import make_environment
+
+LONG = preset(100.0)
+
+
+def race_outcome(policy, interrupted=False):
+    """Of a race that found the policy in a second."""
+    candidate = Candidate("own weights", "own weights", LONG, None, {}, mean=1.0)
+    rest = {"probe": None, "noop_return": None, "random_return": None, "compile_seconds": 0.25}
+    return RaceOutcome(policy, candidate, (), [], seconds=1.0, interrupted=interrupted, **rest)
+
+
+@pytest.fixture
+def raced(monkeypatch):
+    """Plans with races of which the seconds are noted, and which give what they are told to."""
+
+    def use(first, second=None, without=(), enumerates=True):
+        asked, ends = [], iter((first, second))
+
+        def run(problem, config, seed, options):
+            asked.append((bool(problem.model.observ_fluents), config.budget().seconds))
+            end = next(ends)
+            if isinstance(end, BaseException):
+                raise end
+            return end
+
+        monkeypatch.setattr(partially_observed, "run_race", run)
+        if not enumerates:
+            monkeypatch.setattr(partially_observed, "is_discrete", lambda problem: False)
+        stages, judged = [], []
+        options = RaceOptions(on_stage=stages.append, on_judged=judged.append, clock=Stopped())
+        problem = first.policy.problem
+        config = LONG.with_values("Search", without=[*without])
+        outcome = plan_automatically(problem, config, 0, options)
+        return SimpleNamespace(asked=asked, outcome=outcome, stages=stages, judged=judged)
+
+    return use
+
+
+def test_an_observed_state_needs_one_race(monkeypatch):
+    asked, policy = [], lever_policy(NONE)
+    monkeypatch.setattr(
+        "mdpo_rddl.auto.planning.run_race", lambda *given: asked.append(given) or "outcome"
+    )
+    options = RaceOptions()
+    assert plan_automatically(policy.problem, LONG, 3, options) == "outcome"
+    assert asked == [(policy.problem, LONG, 3, options)]
+
+
+def test_the_vote_is_taken_where_it_returns_more(raced):
+    found = raced(race_outcome(careless()))
+    # the underlying MDP's states are enumerated, and no race is for them
+    assert found.asked == [(True, 85.0)]
+    assert found.stages == ["enumerating", "underlying MDP"]
+    outcome = found.outcome
+    assert outcome.policy.votes
+    assert (outcome.chosen.arm, outcome.chosen.label) == ("action voting", "vote over the belief")
+    assert [one.became_incumbent for one in found.judged] == [True]
+    (log,) = outcome.arms
+    assert log.best_return == outcome.chosen.mean == found.judged[0].candidate.mean
+    assert log.best_return > log.details["race_return"] + 2.0
+    assert outcome.policy.candidates[-1]["candidate"] == "vote over the belief"
+    assert not outcome.interrupted
+
+
+def test_it_is_not_where_it_returns_less(raced):
+    # whoever votes opens a door at once, and is eaten
+    found = raced(race_outcome(listener()))
+    outcome = found.outcome
+    assert not outcome.policy.votes
+    assert isinstance(outcome.policy.saved_underlying, SavedTable)
+    assert outcome.chosen.arm == "own weights"
+    assert outcome.arms[0].best_return < outcome.arms[0].details["race_return"]
+    assert [one.became_incumbent for one in found.judged] == [False]
+
+
+def test_where_states_cannot_be_enumerated_a_second_race_is_for_who_sees_them(raced):
+    second = race_outcome(voting().underlying)
+    found = raced(race_outcome(careless()), second, enumerates=False)
+    # 35 s for the second race, 15 for the vote; the stopped clock has left it all
+    assert found.asked == [(True, 50.0), (False, 85.0)]
+    assert found.outcome.policy.votes
+
+
+def test_a_second_race_that_fails_costs_nothing_but_a_warning(raced, caplog):
+    error = InputError("it cannot\nbe planned")
+    found = raced(race_outcome(careless()), error, enumerates=False)
+    assert "no policy of the underlying MDP: it cannot be planned" in caplog.text
+    assert (found.outcome.policy.votes, found.outcome.chosen.arm) == (False, "own weights")
+    assert found.outcome.policy.saved_underlying is None
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), Cancelled(), None])
+def test_an_interruption_of_the_second_race_keeps_the_first(raced, end):
+    second = end or race_outcome(voting().underlying, interrupted=True)
+    found = raced(race_outcome(careless()), second, enumerates=False)
+    assert (len(found.asked), found.outcome.interrupted) == (2, True)
+    assert found.outcome.policy.saved_underlying is None
+
+
+def test_an_interruption_of_the_first_race_ends_all(raced):
+    found = raced(race_outcome(careless(), interrupted=True))
+    assert (found.outcome.interrupted, found.stages) == (True, ["enumerating"])
+    assert found.outcome.policy.saved_underlying is None
+
+
+def test_the_vote_can_be_left_out(raced):
+    found = raced(race_outcome(careless()), without=["action voting"])
+    assert (found.asked, found.stages) == ([(True, 100.0)], [])
+
+
+def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypatch):
+    two = np.array([[9.0, 1.0], [8.0, 1.0]])
+    monkeypatch.setattr(partially_observed, "paired_returns", lambda *_: two)
+    found = raced(race_outcome(careless()))
+    (log,) = found.outcome.arms
+    assert not found.outcome.policy.votes
+    assert (log.iterations, log.best_return, found.judged) == (2, None, [])
+    # what can think with it has it
+    assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
+
+
+def test_nothing_is_compiled_that_would_end_late(raced):
+    slow = dataclasses.replace(
+        race_outcome(careless()), probe=SimpleNamespace(compile_seconds=1000.0)
+    )
+    (log,) = raced(slow).outcome.arms
+    assert (log.slices, log.details) == (0, {"cause": "no time"})
+
+
+def test_a_vote_that_cannot_be_made_is_told_in_one_line(raced, monkeypatch, caplog):
+    def refused(*given):
+        raise InputError("it reads\nmore than the state")
+
+    monkeypatch.setattr("mdpo_rddl.policy.policy.ActionVoting", refused)
+    (log,) = raced(race_outcome(careless())).outcome.arms
+    assert "no vote over the belief: it reads more than the state" in caplog.text
+    assert log.details == {"cause": "it reads more than the state"}
+
+
+@pytest.mark.long
+def test_the_whole_plays_as_well_as_who_counts(caplog):
+    caplog.set_level(logging.WARNING)
+    outcome = plan_automatically(toy("umbrella"), preset(25.0), 0)
+    assert {"constants and rules", "action voting"} <= {log.name for log in outcome.arms}
+    assert outcome.seconds < 30.0
+    # the rule remembers what it has heard, so that both may play alike
+    voted = outcome.arms[-1]
+    assert voted.best_return == pytest.approx(voted.details["race_return"], abs=2.0)
+    env = make_environment(toy("umbrella"))
+    found, alone = (evaluate(env, p, 50, 0).mean for p in (outcome.policy, careless()))
+    assert found > alone + 2.0

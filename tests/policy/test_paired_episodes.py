@@ -1,0 +1,37 @@
+"""Two policies in the same episodes, as many as there is time for."""
+
+import numpy as np
+import pytest
+from helpers.clocks import Stopped, Ticking
+from helpers.toys import toy
+from helpers.umbrella import careless, voting
+
+from mdpo_rddl.policy.paired_episodes import FEWEST, MOST, mean_and_error, paired_returns
+
+PROBLEM = toy("umbrella")
+
+
+def test_both_play_the_same_episodes():
+    same = paired_returns(PROBLEM, (careless(), careless()), 1000.0, Stopped())
+    assert same.shape == (MOST, 2)
+    assert same[:, 0].tolist() == same[:, 1].tolist()
+    assert len(np.unique(same[:, 0])) > 3
+    other = paired_returns(PROBLEM, (careless(), careless()), 1000.0, Stopped(), seed=1)
+    assert other[:, 0].tolist() != same[:, 0].tolist()
+
+
+def test_a_clear_gain_ends_them():
+    returns = paired_returns(PROBLEM, (voting(), careless()), 1000.0, Stopped())
+    assert FEWEST < len(returns) < MOST
+    gain, error = mean_and_error(returns[:, 0] - returns[:, 1])
+    assert gain > 4.0 * error
+
+
+@pytest.mark.parametrize(("until", "count"), [(0.5, 0), (1.5, 1), (4.5, 3)])
+def test_none_is_begun_that_would_end_late(until, count):
+    returns = paired_returns(PROBLEM, (careless(), careless()), until, Ticking(1.0))
+    assert returns.shape == (count, 2)
+
+
+def test_the_error_is_that_of_a_mean():
+    assert mean_and_error(np.array([1.0, 3.0, 5.0, 7.0])) == pytest.approx((4.0, 1.2909944))
