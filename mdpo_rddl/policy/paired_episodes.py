@@ -13,8 +13,8 @@ FEWEST, MOST = 3, 40
 """Episodes that tell anything, and that are played at most."""
 ERRORS = 0.5
 """A gain of so many errors is taken: the error of a few episodes hides gains worth having."""
-# no more are played, after so many, once the gain is so many errors
-_CLEAR, _CLEAR_EPISODES = 4.0, 5
+# no more are played once the gain is so many errors
+_CLEAR = 4.0
 # no episode of an evaluation
 _STREAM = 2**31
 
@@ -25,10 +25,12 @@ def paired_returns(
     until: float,
     clock: Callable[[], float],
     seed: int = 0,
+    least: int = 20,
 ) -> np.ndarray:
     """What both return in the same episodes [N, 2], as many as there is time for.
 
-    They end early once the difference is clear.
+    They end early once the difference is clear, which a few episodes with the same luck may seem to
+    make it.
 
     Args:
       problem: what is played.
@@ -36,11 +38,16 @@ def paired_returns(
       until: no episode is begun that is likely to end later.
       clock: tells the seconds.
       seed: of the episodes, which are none that `evaluate` plays with a seed of a run.
+      least: episodes before they may end early.
     """
     returns: list[list[float]] = []
     longest, before = 0.0, clock()
     env = make_environment(problem)
-    while len(returns) < MOST and before + longest <= until and not _is_clear(returns):
+    while (
+        len(returns) < MOST
+        and before + longest <= until
+        and not (len(returns) >= least and _is_clear(returns))
+    ):
         episode = (_STREAM + seed) * MOST + len(returns)
         returns.append([evaluate(env, policy, 1, episode).mean for policy in policies])
         now = clock()
@@ -54,7 +61,5 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
 
 
 def _is_clear(returns: list[list[float]]) -> bool:
-    if len(returns) < _CLEAR_EPISODES:
-        return False
     mean, error = mean_and_error(np.array([first - second for first, second in returns]))
     return abs(mean) > _CLEAR * error

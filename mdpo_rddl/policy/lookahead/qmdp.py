@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 # too long, to no less than so many calls beside the filter's time; so that calls are short, they
 # are sized for decisions of this share of the time
 _WANTED = 12
+# decisions take long: so few may make the gain clear
+_CLEAR_EPISODES = 5
 _SHORTEST_CALLS, _SIZED_FOR = 5.0, 0.25
 
 
@@ -70,7 +72,7 @@ def try_qmdp(
     short = float(np.clip(each / _WANTED, least, seconds))
     trying = LookaheadPolicy(simulator, method, short, *given)
     both = trying, believer.policy
-    returns = paired_returns(policy.problem, both, until, clock, policy.seed)
+    returns = paired_returns(policy.problem, both, until, clock, policy.seed, _CLEAR_EPISODES)
     if len(returns) < FEWEST:
         return no_time
     rates = (returns[:, 0] - returns[:, 1]) / simulator.horizon
