@@ -15,7 +15,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
-from mdpo_rddl.auto.candidate import Judged
+from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
 from mdpo_rddl.auto.race import run_race
@@ -35,10 +35,10 @@ logger = logging.getLogger(__name__)
 
 ACTION_VOTING = "action voting"
 """What the part is called that plays by a vote over the belief, and can be left out by."""
-UNDERLYING = "underlying MDP"
+UNDERLYING, _LABEL = "underlying MDP", "vote over the belief"
 
 # of the time: the enumeration of the underlying MDP, and a race for it where that fails
-_OPTIMUM_SHARE, _RACE_SHARE = 0.1, 0.35
+_OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.35
 # of the time, and the most of it: the vote's compilation, and its and the race's policy's episodes;
 # the vote of an optimum is mostly the better one, and has more
 _TRIAL_SHARE, _LONGER_SHARE, _TRIAL_SECONDS = 0.25, 0.4, 15.0
@@ -91,9 +91,11 @@ def plan_partially_observed(
     used = 0.0 if options.earlier is None else options.earlier.seconds
     deadline = began + seconds - used
     search = read_search(config.sections)
-    if search is not None and ACTION_VOTING in search.without:
+    is_left_out = search is not None and ACTION_VOTING in search.without
+    underlying = None if is_left_out else _underlying(problem)
+    if underlying is None:
         return run_race(problem, config, seed, options)
-    saved: SavedPolicy | SavedTable | None = _optimum(problem, config, seed, options)
+    saved: SavedPolicy | SavedTable | None = _optimum(underlying, config, seed, options)
     share, raced = (_TRIAL_SHARE, _RACE_SHARE) if saved is None else (_LONGER_SHARE, 0.0)
     trial = min(share * seconds, _TRIAL_SECONDS)
     left = seconds - (clock() - began) - trial - raced * seconds
@@ -104,34 +106,37 @@ def plan_partially_observed(
         options.on_stage(UNDERLYING)
         if saved is None:
             left = deadline - trial - clock()
-            saved = _raced(problem, _within(config, left), seed, options)
+            saved = _raced(underlying, _within(config, left), seed, options)
         if saved is not None:
             outcome = _with_vote(outcome, saved, deadline, options)
+        return dataclasses.replace(outcome, seconds=clock() - began + used)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
-        outcome = dataclasses.replace(outcome, interrupted=True)
-    return dataclasses.replace(outcome, seconds=clock() - began + used)
+        return dataclasses.replace(outcome, interrupted=True)
 
 
-def _optimum(
-    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
-) -> SavedTable | None:
-    """The underlying MDP's, if its states can be enumerated in a small part of the time."""
-    options.on_stage("enumerating")
+def _underlying(problem: Problem) -> Problem | None:
     try:
-        underlying = underlying_mdp(problem)
+        return underlying_mdp(problem)
     except InputError as error:
         logger.warning("no underlying MDP: %s", one_line_cause(error))
         return None
+
+
+def _optimum(
+    underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+) -> SavedTable | None:
+    """The optimum, if the states can be enumerated in a small part of the time."""
     if not is_discrete(underlying):
         return None
+    options.on_stage("enumerating")
     exact = DynamicProgrammingArm(underlying, config, options.clock)
     exact.work(options.clock() + _OPTIMUM_SHARE * config.budget().seconds)
     return None if exact.solution is None else exact.solution.policy(seed).to_saved()
 
 
 def _raced(
-    problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+    underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions
 ) -> SavedPolicy | SavedTable | None:
     """What a race for the underlying MDP finds.
 
@@ -140,7 +145,7 @@ def _raced(
     """
     second = RaceOptions(options.traced_cache, clock=options.clock)
     try:
-        found = run_race(underlying_mdp(problem), config, seed, second)
+        found = run_race(underlying, config, seed, second)
     except InputError as error:
         logger.warning("no policy of the underlying MDP: %s", one_line_cause(error))
         return None
@@ -183,8 +188,9 @@ def _with_vote(
     mean, spread = mean_and_error(trial.returns[:, 0])
     log.best_return = mean
     log.details = {"race_return": float(np.mean(trial.returns[:, 1]))}
-    chosen = outcome.chosen.child(ACTION_VOTING, "vote over the belief", outcome.chosen.params)
-    chosen = dataclasses.replace(chosen, parents=(), mean=mean, error=spread)
+    # without parameters, it is none that a race may go on from
+    named = ACTION_VOTING, _LABEL, outcome.chosen.config, None, None
+    chosen = Candidate(*named, mean=mean, error=spread)
     pays = trial.pays
     judged = Judged(chosen, outcome.seconds + log.seconds, pays)
     options.on_judged(judged)

@@ -129,6 +129,16 @@ def test_the_vote_can_be_left_out(raced):
     assert (found.asked, found.stages) == ([(True, 100.0)], [])
 
 
+def test_without_an_underlying_mdp_all_of_the_time_is_the_races(raced, monkeypatch, caplog):
+    def refused(problem):
+        raise InputError("it is no problem\nwithout what is observed")
+
+    monkeypatch.setattr(partially_observed, "underlying_mdp", refused)
+    found = raced(race_outcome(careless()))
+    assert (found.asked, found.stages) == ([(True, 100.0)], [])
+    assert "no underlying MDP: it is no problem without what is observed" in caplog.text
+
+
 def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypatch):
     two = np.array([[9.0, 1.0], [8.0, 1.0]])
     monkeypatch.setattr(partially_observed, "paired_returns", lambda *_: two)
