@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
+from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING, DynamicProgrammingArm
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
@@ -22,7 +22,7 @@ from mdpo_rddl.auto.race import run_race
 from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import read_search
+from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.policy.file import SavedPolicy, SavedTable
 from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, mean_and_error, paired_returns
@@ -138,11 +138,14 @@ def _optimum(
 def _raced(
     underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions
 ) -> SavedPolicy | SavedTable | None:
-    """What a race for the underlying MDP finds.
+    """What a race for the underlying MDP finds, whose states are not enumerated once more.
 
     Raises:
       KeyboardInterrupt: if it was interrupted.
     """
+    search = read_search(config.sections)
+    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING]
+    config = config.with_values(SEARCH, without=without)
     second = RaceOptions(options.traced_cache, clock=options.clock)
     try:
         found = run_race(underlying, config, seed, second)

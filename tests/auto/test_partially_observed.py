@@ -35,10 +35,11 @@ def raced(monkeypatch):
     """Plans with races of which the seconds are noted, and which give what they are told to."""
 
     def use(first, second=None, without=(), enumerates=True):
-        asked, ends = [], iter((first, second))
+        asked, lefts, ends = [], [], iter((first, second))
 
         def run(problem, config, seed, options):
             asked.append((bool(problem.model.observ_fluents), config.budget().seconds))
+            lefts.append(config.section("Search")["without"])
             end = next(ends)
             if isinstance(end, BaseException):
                 raise end
@@ -52,7 +53,9 @@ def raced(monkeypatch):
         problem = first.policy.problem
         config = LONG.with_values("Search", without=[*without])
         outcome = plan_automatically(problem, config, 0, options)
-        return SimpleNamespace(asked=asked, outcome=outcome, stages=stages, judged=judged)
+        return SimpleNamespace(
+            asked=asked, lefts=lefts, outcome=outcome, stages=stages, judged=judged
+        )
 
     return use
 
@@ -99,6 +102,7 @@ def test_where_states_cannot_be_enumerated_a_second_race_is_for_who_sees_them(ra
     found = raced(race_outcome(careless()), second, enumerates=False)
     # 35 s for the second race, 15 for the vote; the stopped clock has left it all
     assert found.asked == [(True, 50.0), (False, 85.0)]
+    assert found.lefts == [[], ["dynamic programming"]]
     assert found.outcome.policy.votes
 
 
