@@ -108,7 +108,7 @@ def plan_partially_observed(
             left = deadline - trial - clock()
             saved = _raced(underlying, _within(config, left), seed, options)
         if saved is not None:
-            outcome = _with_vote(outcome, saved, deadline, options)
+            outcome = _with_vote(outcome, saved, (began - used, deadline), options)
         return dataclasses.replace(outcome, seconds=clock() - began + used)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
@@ -160,13 +160,20 @@ def _raced(
 def _with_vote(
     outcome: RaceOutcome,
     saved: SavedPolicy | SavedTable,
-    deadline: float,
+    times: tuple[float, float],
     options: RaceOptions,
 ) -> RaceOutcome:
-    """The race's outcome with the underlying MDP's policy, and the vote if that is better."""
+    """The race's outcome with the underlying MDP's policy, and the vote if that is better.
+
+    Args:
+      outcome: of the race.
+      saved: a policy of the underlying MDP.
+      times: when all began and is to end, by the clock.
+      options: of the race.
+    """
     assert isinstance(outcome.policy, Policy)
     clock, log = options.clock, ArmLog(ACTION_VOTING)
-    began = clock()
+    (since, deadline), began = times, clock()
     alone = dataclasses.replace(outcome.policy, saved_underlying=saved)
     outcome = dataclasses.replace(outcome, policy=alone, arms=[*outcome.arms, log])
     probe = outcome.probe
@@ -195,12 +202,12 @@ def _with_vote(
     named = ACTION_VOTING, _LABEL, outcome.chosen.config, None, None
     chosen = Candidate(*named, mean=mean, error=spread)
     pays = trial.pays
-    judged = Judged(chosen, outcome.seconds + log.seconds, pays)
+    judged = Judged(chosen, clock() - since, pays)
     options.on_judged(judged)
     outcome = dataclasses.replace(outcome, judged=[*outcome.judged, judged])
     if not pays:
         return outcome
-    policy = dataclasses.replace(trial.policy, candidates=tuple(outcome.curve))
+    policy = trial.policy.with_candidates(outcome.curve)
     return dataclasses.replace(outcome, policy=policy, chosen=chosen)
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -38,6 +38,9 @@ from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.problem.underlying import underlying_mdp
+
+# properties that are computed once, and hang on nothing but what is played
+_COMPILED = ("_play", "underlying")
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +153,12 @@ class Policy(PolicyAgent):
     def with_params(self, params: Any) -> "Policy":
         """The policy with other parameters of the same planner."""
         return dataclasses.replace(self, params=params)
+
+    def with_candidates(self, candidates: Sequence[Mapping[str, Any]]) -> "Policy":
+        """The policy with what else planning judged; what was compiled for its play is kept."""
+        other = dataclasses.replace(self, candidates=tuple(candidates))
+        other.__dict__.update({n: v for n, v in vars(self).items() if n in _COMPILED})
+        return other
 
     def with_decision_seconds(self, seconds: float) -> PolicyAgent:
         """The policy with time to think at each decision, where trials show that it pays.

@@ -125,6 +125,14 @@ def test_it_is_saved_and_says_what_it_is(tmp_path):
     assert (careless().vote, careless().votes) == (None, False)
 
 
+def test_what_is_compiled_is_kept_where_only_candidates_are_new():
+    first = {"became_incumbent": True, "mean_return": 3.0, "candidate": "vote", "arm": "voting"}
+    policy = voting().with_candidates([first])
+    assert policy._play is voting()._play
+    assert policy.candidates == (first,)
+    assert taken(policy) == taken(voting())
+
+
 def test_a_rule_of_the_underlying_mdp_votes_too():
     problem = underlying_mdp(toy("umbrella"))
     config = careless().config

@@ -1,12 +1,13 @@
-"""What a summary says of the noise."""
+"""What a summary says of the policy and of its noise."""
 
 from types import SimpleNamespace
 
 import pytest
 from helpers.config_texts import TEXT
+from helpers.umbrella import careless, voting
 
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.session.report.summary import planner_figures, title
+from mdpo_rddl.session.report.summary import planner_figures, policy_figures, title
 
 
 @pytest.mark.parametrize(
@@ -36,3 +37,8 @@ def test_the_noise_is_told_from_noise_in_all_updates(section, is_paired, noise, 
     assert (figures["noise"], figures["noise_parameters"]) == (noise, parameters)
     head = title({**figures, "label": "a", "horizon": 3, "seed": 0, "policy": "slp"})
     assert head == f"a (H = 3), slp, {noise} noise, seed 0"
+
+
+def test_a_policy_that_votes_is_called_so():
+    assert policy_figures(voting())["policy"] == "vote over a belief"
+    assert policy_figures(careless())["policy"] == "feedback"
