@@ -47,6 +47,7 @@ class ActionVoting:
         self._planner = policy.planner
         self._one = Believer(policy, particles=_PARTICLES, attempts_seconds=math.inf)
         self._many: list[Believer] = []
+        self._step = -1
         self._keys = step_keys(policy.planner, policy.seed)
         self._elect = _compiled_vote(policy.planner, underlying)
         self._noop = {
@@ -93,11 +94,12 @@ class ActionVoting:
           observations: per fluent its values [batch, *shape].
 
         Raises:
-          InputError: if there is another number of them than at the step before.
+          InputError: if the step follows the last one, which was of another number of episodes.
         """
         count = len(next(iter(observations.values())))
-        if step == 0:
+        if step == 0 or step not in (self._step, self._step + 1):
             self._many = [self._one.anew() for _ in range(count)]
+        self._step = step
         if len(self._many) != count:
             raise InputError(
                 f"there are {count} observations at step {step}, and {len(self._many)} at the one "
@@ -111,7 +113,7 @@ class ActionVoting:
 
     def reset(self) -> None:
         """Forgets the episodes."""
-        self._one, self._many = self._one.anew(), []
+        self._one, self._many, self._step = self._one.anew(), [], -1
 
     def _decided(self, believer: Believer, step: int, observation: Tree) -> dict[str, Any]:
         with self._planner.computing():

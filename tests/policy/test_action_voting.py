@@ -78,8 +78,10 @@ def test_episodes_side_by_side_are_those_one_after_the_other():
         both = [heard[step - 1] for heard in (HEARD, others)] if step else [None, None]
         side.append(policy.batch(step, {"patter": np.array(both)})["take"])
     assert np.stack(side, axis=1).tolist() == alone
-    with pytest.raises(InputError, match=r"there are 3 observations at step 5, and 2 at the one"):
-        policy.batch(5, {"patter": np.zeros(3, bool)})
+    with pytest.raises(InputError, match=r"there are 3 observations at step 13, and 2 at the one"):
+        policy.batch(13, {"patter": np.zeros(3, bool)})
+    # a step that follows none begins anew, as for a policy that remembers
+    assert policy.batch(7, {"patter": np.zeros(3, bool)})["take"].shape == (3,)
 
 
 def test_a_step_that_is_asked_for_again_is_the_same_decision():
