@@ -66,9 +66,9 @@ class ActionVoting:
           Per action fluent [*shape].
         """
         with self._planner.computing():
-            elected = self._elect(self._keys[step], step, dict(particles))
+            found = self._elect(self._keys[step], step, dict(particles))
             actions = {
-                name: np.asarray(elected[name]).astype(like.dtype)
+                name: np.asarray(found[name]).astype(like.dtype)
                 for name, like in self._noop.items()
             }
             return self._planner.clipped(actions)

@@ -26,6 +26,7 @@ TABLES = {
     "ablation_objects": lambda folder: ablation_table(rows(folder)),
     "ablation_own": lambda folder: ablation_table(rows(folder)),
     "ablation_ppo": lambda folder: ablation_table(rows(folder)),
+    "ablation_voting": lambda folder: ablation_table(rows(folder)),
     "ablation_settings": lambda folder: ablation_table(rows(folder)),
     "anytime": lambda folder: anytime_table(read_anytime(folder)),
     "everywhere": lambda folder: everywhere_table(rows(folder)),
