@@ -11,7 +11,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import InputError, one_line_cause, printable
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.build import build_planner
@@ -19,7 +18,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
-from mdpo_rddl.planner.start import unit_hyperparams, with_preprocessor
+from mdpo_rddl.planner.start import with_preprocessor
 from mdpo_rddl.policy.action_voting import ActionVoting
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import (
@@ -29,6 +28,7 @@ from mdpo_rddl.policy.file import (
     require_same_problem,
     save_policy,
 )
+from mdpo_rddl.policy.fitting import require_params, with_tuples
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
@@ -89,8 +89,8 @@ class Policy(PolicyAgent):
         config = PlannerConfig.from_text(saved.config, source)
         with computing_on(fitting_device(problem)):
             planner = build_planner(problem, config).planner
-        saved = _with_tuples(saved, planner)
-        _require_params(saved, planner, source)
+        saved = with_tuples(saved, planner)
+        require_params(saved, planner, source)
         hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
         own = saved.params, hyperparams, saved.seed, saved.candidates, saved.underlying, saved.votes
         return cls(problem, config, planner, *own)
@@ -256,13 +256,18 @@ class Policy(PolicyAgent):
         Raises:
           InputError: if there is no episode or no time.
         """
-        compiled = self.planner, self.params, dict(self.policy_hyperparams)
+        own = self.planner, self.params, dict(self.policy_hyperparams)
+        # the compiled scenarios know no belief
+        compiled = None if self.votes else own
         with self.planner.computing():
             return find_hindsight(self.problem, self, compiled, (episodes, seed, seconds))
 
     def __repr__(self) -> str:
-        plan = type(self.planner.plan).__name__
-        return f"<Policy for {self.problem.label}: {plan}, {self._size:,} parameters>"
+        return f"<Policy for {self.problem.label}: {self._kind}, {self._size:,} parameters>"
+
+    @property
+    def _kind(self) -> str:
+        return "vote over a belief" if self.votes else type(self.planner.plan).__name__
 
     @property
     def _size(self) -> int:
@@ -273,7 +278,7 @@ class Policy(PolicyAgent):
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
-            "plan": "vote over a belief" if self.votes else type(self.planner.plan).__name__,
+            "plan": self._kind,
             "parameters": f"{self._size:,}",
             "seed": f"{self.seed}",
         }
@@ -282,69 +287,3 @@ class Policy(PolicyAgent):
                 after = f", {each['seconds']:.1f} s" if "seconds" in each else ""
                 rows[f"{each['candidate']}{after}"] = f"{each['mean_return']:,.2f}"
         return html_table(f"Policy for {self.problem.label}", rows)
-
-
-def _with_tuples(saved: SavedPolicy, planner: MDPOPlanner) -> SavedPolicy:
-    """The policy of a file of version 0.2.0, where the tuples of a preprocessor are one tensor."""
-    if planner.preprocessor is None or not isinstance(saved.policy_hyperparams, Mapping):
-        return saved
-    own = planner.preprocessor.HYPERPARAMS_KEY
-    found, unit = saved.policy_hyperparams.get(own), unit_hyperparams(planner)[own]
-    if not isinstance(found, Mapping) or not isinstance(unit, Mapping):
-        return saved
-    stacked = {
-        name: tuple(values)
-        for name, values in found.items()
-        if isinstance(values, np.ndarray) and np.shape(values)[:1] == (2,)
-        if isinstance(unit.get(name), tuple)
-    }
-    hyperparams = {**saved.policy_hyperparams, own: {**found, **stacked}}
-    return dataclasses.replace(saved, policy_hyperparams=hyperparams)
-
-
-def _require_params(saved: SavedPolicy, planner: MDPOPlanner, source: str) -> None:
-    damaged = f"{source}: damaged policy file"
-    if not isinstance(saved.policy_hyperparams, Mapping) or not isinstance(saved.params, Mapping):
-        raise InputError(f"{damaged}: it has no trees of tensors")
-    _require_hyperparams(saved.policy_hyperparams, planner, damaged)
-    try:
-        expected = planner.params_structure(saved.policy_hyperparams)
-    except Exception as error:  # whatever JAX makes of hyperparameters that do not fit
-        raise InputError(f"{damaged}: {one_line_cause(error)}") from error
-    wanted = jax.tree.map(lambda leaf: leaf.shape, expected)
-    tensors = jax.tree.map(lambda leaf: leaf.shape, saved.params)
-    if wanted != tensors:
-        raise InputError(
-            f"{source}: damaged policy file, or saved for another horizon: its tensors are "
-            f"{tensors}, expected {wanted}"
-        )
-    types = jax.tree.map(lambda wanted, found: found.dtype == wanted.dtype, expected, saved.params)
-    if not all(jax.tree.leaves(types)):
-        found = sorted({str(leaf.dtype) for leaf in jax.tree.leaves(saved.params)})
-        raise InputError(f"{damaged}: its parameters are {', '.join(found)}, not as the planner's")
-    for leaf in jax.tree.leaves((saved.params, saved.policy_hyperparams)):
-        if not np.all(np.isfinite(leaf)):
-            raise InputError(f"{damaged}: it holds numbers that are not finite")
-
-
-def _require_hyperparams(
-    hyperparams: Mapping[str, Any], planner: MDPOPlanner, damaged: str
-) -> None:
-    """Raises `InputError` unless they are numbers, and a preprocessor's of its own shapes."""
-    units = unit_hyperparams(planner)
-    for name, found in hyperparams.items():
-        unit = units.get(name, 1.0)
-        structure: Any = jax.tree.structure(found)
-        leaves = jax.tree.leaves(found)
-        fits = bool(structure == jax.tree.structure(unit)) and [*map(np.shape, leaves)] == [
-            *map(np.shape, jax.tree.leaves(unit))
-        ]
-        kinds = {np.asarray(leaf).dtype.kind for leaf in leaves}
-        if not fits or not kinds <= set("fiu"):
-            raise InputError(
-                f"{damaged}: its hyperparameter {printable(name)} is not the planner's"
-            )
-    own = None if planner.preprocessor is None else planner.preprocessor.HYPERPARAMS_KEY
-    # nothing is saved of one that scales nothing
-    if own is not None and own not in hyperparams and jax.tree.leaves(units[own]):
-        raise InputError(f"{damaged}: it lacks the values of the planner's preprocessor")

@@ -124,6 +124,7 @@ def test_it_is_saved_and_says_what_it_is(tmp_path):
     assert not again.explain().equations
     assert "vote" in again.explain().note
     assert "vote over a belief" in again._repr_html_()
+    assert repr(again).startswith("<Policy for i: vote over a belief")
     assert (careless().vote, careless().votes) == (None, False)
 
 
@@ -133,6 +134,12 @@ def test_what_is_compiled_is_kept_where_only_candidates_are_new():
     assert policy._play is voting()._play
     assert policy.candidates == (first,)
     assert taken(policy) == taken(voting())
+
+
+def test_hindsight_says_nothing_of_a_rule_that_is_not_played():
+    told = voting().hindsight(episodes=2, seconds=5.0)
+    assert told.estimate is None
+    assert "not observed" in told.to_json()["note"]
 
 
 def test_a_rule_of_the_underlying_mdp_votes_too():

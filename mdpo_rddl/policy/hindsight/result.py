@@ -29,7 +29,7 @@ class Hindsight:
     what the policy, and any other one, returns on average.
 
     Attributes:
-      estimate: by the best plans that a search has found; None for a table.
+      estimate: by the best plans that a search has found; None for a table or a vote.
       bounds: no plan returns more; where the problem is piecewise linear.
     """
 
@@ -87,7 +87,7 @@ def find_hindsight(
     Args:
       problem: what is played.
       policy: which.
-      compiled: its planner, parameters and hyperparameters; None for a table.
+      compiled: its planner, parameters and hyperparameters; None for a table or a vote.
       terms: how many episodes and scenarios, their seed, and the seconds for all.
       clock: tells the seconds.
 
