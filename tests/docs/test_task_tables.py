@@ -40,6 +40,7 @@ TABLES = {
     "sharing": lambda folder: sharing_table(read_sharing(folder)),
     "thinking_hidden": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
     "thinking_ipc2023": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
+    "thinking_voting": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
     "thinking_settings": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
     "thinking_uav": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
 }
