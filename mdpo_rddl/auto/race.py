@@ -73,18 +73,9 @@ _Grounded = tuple[DynamicProgrammingArm | None, TrialsArm | None]
 def run_race(
     problem: Problem, config: PlannerConfig, seed: int, options: RaceOptions
 ) -> RaceOutcome:
-    """Finds a policy by the race.
+    """Finds a policy by the race alone.
 
-    Args:
-      problem: the parsed problem.
-      config: with a `FeedbackPlan` and a section `[Search]`; `[Optimize] train_seconds` is
-        the time for everything, compilation included.
-      seed: of everything that is drawn.
-      options: see `RaceOptions`.
-
-    Raises:
-      InputError: if JaxPlan refuses the problem or the configuration.
-      KeyboardInterrupt: if interrupted before there was any policy.
+    The arguments and what is raised are those of `mdpo_rddl.auto.planning.plan_automatically`.
     """
     clock, earlier = options.clock, options.earlier
     used = 0.0 if earlier is None else earlier.seconds
