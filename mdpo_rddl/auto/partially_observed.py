@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 ACTION_VOTING = "action voting"
 """What the part is called that plays by a vote over the belief, and can be left out by."""
-UNDERLYING, _LABEL = "underlying MDP", "vote over the belief"
+_UNDERLYING, _LABEL = "underlying MDP", "vote over the belief"
 
 # of the time: the enumeration of the underlying MDP, and a race for it where that fails
 _OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.35
@@ -64,9 +64,7 @@ class _Trial:
 
     @property
     def pays(self) -> bool:
-        """Whether the vote gains enough."""
-        if len(self.returns) < FEWEST:
-            return False
+        """Whether the vote gains enough, in `FEWEST` episodes or more."""
         gain, error = mean_and_error(self.returns[:, 0] - self.returns[:, 1])
         return gain > ERRORS * error
 
@@ -103,7 +101,7 @@ def plan_partially_observed(
     if outcome.interrupted or not isinstance(outcome.policy, Policy):
         return outcome
     try:
-        options.on_stage(UNDERLYING)
+        options.on_stage(_UNDERLYING)
         if saved is None:
             left = deadline - trial - clock()
             saved = _raced(underlying, _within(config, left), seed, options)

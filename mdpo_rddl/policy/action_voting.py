@@ -21,6 +21,7 @@ from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, rollout_params
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
 from mdpo_rddl.policy.playable import step_keys
+from mdpo_rddl.policy.recall import require_count
 
 Tree = Mapping[str, Any]
 
@@ -100,11 +101,7 @@ class ActionVoting:
         if step == 0 or step not in (self._step, self._step + 1):
             self._many = [self._one.anew() for _ in range(count)]
         self._step = step
-        if len(self._many) != count:
-            raise InputError(
-                f"there are {count} observations at step {step}, and {len(self._many)} at the one "
-                "before: a policy that remembers plays the same episodes from step 0 on"
-            )
+        require_count(len(self._many), count, step)
         decided = [
             self._decided(believer, step, {n: v[place] for n, v in observations.items()})
             for place, believer in enumerate(self._many)

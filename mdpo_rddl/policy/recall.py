@@ -13,6 +13,15 @@ from mdpo_rddl.planner.rollouts.plan_memory import Entries, initial_memories
 from mdpo_rddl.problem.observation import is_observed
 
 
+def require_count(known: int, count: int, step: int) -> None:
+    """Raises `InputError` unless as many episodes are played at a step as at the one before."""
+    if known != count:
+        raise InputError(
+            f"there are {count} observations at step {step}, and {known} at the one before: "
+            "a policy that remembers plays the same episodes from step 0 on"
+        )
+
+
 class Recall:
     """Follows episodes that are played step by step, all at the same one.
 
@@ -52,11 +61,7 @@ class Recall:
         elif step == 0 or step != self._step:
             self._before = self._after = initial_memories(self._memory, count)
         known = len(jax.tree.leaves(self._before)[0])
-        if known != count:
-            raise InputError(
-                f"there are {count} observations at step {step}, and {known} at the one before: "
-                "a policy that remembers plays the same episodes from step 0 on"
-            )
+        require_count(known, count, step)
         self._step = step
         return self._before
 
