@@ -1,5 +1,6 @@
 """A particle filter on the compiled exact model: what is believed of a hidden state."""
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -64,12 +65,12 @@ class ParticleFilter:
             for name in self._rddl.state_fluents
         }
 
-    def compile(self) -> Callable[..., Filtered]:
-        """Compiles one step of the filter.
+    @functools.cached_property
+    def advance(self) -> Callable[..., Filtered]:
+        """One step of the filter, compiled once for each number of particles.
 
-        Returns:
-          A function of a random key, particles, the action that was played and what was observed
-          after it, both per fluent [*shape], that gives a `Filtered`.
+        A function of a random key, particles, the action that was played and what was observed
+        after it, both per fluent [*shape], that gives a `Filtered`.
         """
         transition = self._compiled.compile_transition(check_constraints=self._is_ending)
         model = self._compiled.model_aux["params"]

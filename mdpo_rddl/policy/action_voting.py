@@ -15,9 +15,10 @@ import numpy as np
 from jax import Array, random
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.filtering import ParticleFilter
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import initial_values
-from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, rollout_params
+from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, Vote, rollout_params
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
 from mdpo_rddl.policy.playable import step_keys
@@ -33,6 +34,9 @@ class ActionVoting:
     """Plays by a vote, as `mdpo_rddl.policy.playable.Playable` plays by itself.
 
     It follows one episode after the other, each from step 0 on. No result hangs on the clock.
+
+    Attributes:
+      vote: for who thinks on from what is elected.
     """
 
     def __init__(self, policy: Prepared, underlying: Prepared | Tabled) -> None:
@@ -46,7 +50,9 @@ class ActionVoting:
           InputError: if the underlying policy cannot be played in compiled code.
         """
         self._planner = policy.planner
-        self._one = Believer(policy, particles=_PARTICLES, attempts_seconds=math.inf)
+        own = ParticleFilter(policy.planner)
+        self.vote = Vote(self._elected, _PARTICLES, own)
+        self._one = Believer(policy, particles=_PARTICLES, attempts_seconds=math.inf, filter=own)
         self._many: list[Believer] = []
         self._step = -1
         self._keys = step_keys(policy.planner, policy.seed)
@@ -56,16 +62,7 @@ class ActionVoting:
             for name in policy.planner.rddl.action_fluents
         }
 
-    def vote(self, step: int, particles: Tree) -> dict[str, Any]:
-        """The action that is elected.
-
-        Args:
-          step: number of decisions before.
-          particles: per state fluent [P, *shape].
-
-        Returns:
-          Per action fluent [*shape].
-        """
+    def _elected(self, step: int, particles: Tree) -> dict[str, Any]:
         with self._planner.computing():
             found = self._elect(self._keys[step], step, dict(particles))
             actions = {
@@ -115,7 +112,7 @@ class ActionVoting:
     def _decided(self, believer: Believer, step: int, observation: Tree) -> dict[str, Any]:
         with self._planner.computing():
             belief = believer.believe(step, observation)
-        action = self.vote(step, belief.root.particles)
+        action = self._elected(step, belief.root.particles)
         believer.played(belief, action)
         return action
 

@@ -30,6 +30,7 @@ from mdpo_rddl.policy.file import (
 )
 from mdpo_rddl.policy.fitting import require_params, with_tuples
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
+from mdpo_rddl.policy.lookahead.base import Vote
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
@@ -223,8 +224,8 @@ class Policy(PolicyAgent):
         return self._play.batch(step, observations)
 
     @property
-    def vote(self) -> Callable[[int, Mapping[str, Any]], Mapping[str, Any]] | None:
-        """What decides at a step by the particles of a belief [P, *shape], if `votes`."""
+    def vote(self) -> Vote | None:
+        """How it is played, if `votes`."""
         return self._play.vote if isinstance(self._play, ActionVoting) else None
 
     @cached_property

@@ -27,7 +27,7 @@ def planner(name, **words):
 @pytest.fixture(scope="module")
 def gauges():
     particle_filter = ParticleFilter(planner("gauges"))
-    return particle_filter, particle_filter.compile()
+    return particle_filter, particle_filter.advance
 
 
 def gauged(measured, guessed, told, shown=(False, False, False)):

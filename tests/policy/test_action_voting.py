@@ -1,11 +1,13 @@
 """A vote of the particles: what most of them would do, and never what hangs on the clock."""
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.clocks import Ticking
 from helpers.tiger import listener
 from helpers.toys import toy
 from helpers.umbrella import NOTHING_SHOWN, careless, pattering, voting, wet
@@ -16,6 +18,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.policy.action_voting import ActionVoting, elected
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
+from mdpo_rddl.policy.lookahead.belief import believing
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import evaluate
@@ -126,6 +129,19 @@ def test_it_is_saved_and_says_what_it_is(tmp_path):
     assert "vote over a belief" in again._repr_html_()
     assert repr(again).startswith("<Policy for i: vote over a belief")
     assert (careless().vote, careless().votes) == (None, False)
+
+
+def test_who_thinks_on_from_a_vote_uses_its_filter_again():
+    vote = voting().vote
+    believer = believing(voting(), 1.0, math.inf, Ticking(0.001))
+    assert believer.particles == vote.particles
+    # none is compiled for another number of particles
+    before = vote.filter.advance._cache_size()
+    belief = believer.believe(0, NOTHING_SHOWN)
+    believer.played(belief, believer(0, belief))
+    believer.believe(1, pattering(True))
+    assert vote.filter.advance._cache_size() == before == 1
+    assert believing(careless(), 1.0, math.inf, Ticking(0.001)).particles > vote.particles
 
 
 def test_what_is_compiled_is_kept_where_only_candidates_are_new():

@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from mdpo_rddl.planner.climbing import Ascent
+from mdpo_rddl.planner.filtering import ParticleFilter
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.parts import with_effect
@@ -48,14 +49,29 @@ class Prepared(Protocol):
         """A policy of the underlying MDP, where the state is observed in part only, if any."""
 
     @property
-    def vote(self) -> Callable[[int, Mapping[str, Any]], Mapping[str, Any]] | None:
-        """What decides at a step by the particles of a belief, if that is how it is played."""
+    def vote(self) -> "Vote | None":
+        """How it is played, if that is by a vote over a belief."""
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action at a step."""
 
     def save(self, path: str | Path) -> None:
         """Writes it to a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Vote:
+    """How a policy is played where the particles of a belief vote.
+
+    Attributes:
+      elect: gives the action per fluent [*shape] at a step from particles per fluent [P, *shape].
+      particles: P.
+      filter: that the particles are of.
+    """
+
+    elect: Callable[[int, Mapping[str, Any]], Mapping[str, Any]]
+    particles: int
+    filter: ParticleFilter
 
 
 def rollout_params(policy: Prepared) -> Any:

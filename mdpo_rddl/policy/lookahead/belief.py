@@ -16,7 +16,7 @@ from mdpo_rddl.planner.continuations import HiddenRoot
 from mdpo_rddl.planner.filtering import Filtered, ParticleFilter, Particles
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
-from mdpo_rddl.policy.lookahead.base import Prepared, Tabled
+from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, Vote
 from mdpo_rddl.policy.playable import decision_key, step_keys
 from mdpo_rddl.policy.recall import Recall
 from mdpo_rddl.problem.episode import tell_played
@@ -70,6 +70,7 @@ class Believer:
       clock: tells the seconds.
       particles: that the filter has, or fewer once `prepare` has seen how long it takes.
       attempts_seconds: where no particle matches, others are drawn as long as there is that time.
+      filter: that gives the particles; the exact model's if None.
       continuing: what plays in compiled rollouts, where that is not the policy.
       filter_seconds: that a step of the filter takes, once it is prepared.
     """
@@ -78,6 +79,7 @@ class Believer:
     clock: Callable[[], float] = time.perf_counter
     particles: int = _PARTICLES
     attempts_seconds: float = 0.0
+    filter: ParticleFilter | None = None
     continuing: Prepared | None = field(default=None, init=False)
     filter_seconds: float = field(default=0.0, init=False)
     _now: Belief | None = field(default=None, init=False)
@@ -90,8 +92,7 @@ class Believer:
     def __post_init__(self) -> None:
         """Compiles nothing yet."""
         planner = self.policy.planner
-        self._filter = ParticleFilter(planner)
-        self._advance = self._filter.compile()
+        self._filter = ParticleFilter(planner) if self.filter is None else self.filter
         self._keys = step_keys(planner, self.policy.seed)
         self._recall = Recall(planner)
         self._action, self._led = self._noop(), self._noop()
@@ -132,7 +133,7 @@ class Believer:
         return self.policy.underlying
 
     @property
-    def vote(self) -> Callable[[int, Mapping[str, Any]], Mapping[str, Any]] | None:
+    def vote(self) -> Vote | None:
         """The policy's."""
         return self.policy.vote
 
@@ -159,7 +160,7 @@ class Believer:
         known, memory = dict(observation), dict[str, Any]()
         if isinstance(observation, Belief):
             if (vote := self.policy.vote) is not None:
-                return vote(step, observation.root.particles)
+                return vote.elect(step, observation.root.particles)
             # of the same types at each step, so that nothing is compiled twice
             known, memory = dict(observation.root.observed), dict(observation.root.memory)
         own = self.policy
@@ -257,7 +258,7 @@ class Believer:
         for attempt in range(_ATTEMPTS):
             began = self.clock()
             draw = jax.random.fold_in(key, attempt)
-            found = self._advance(draw, before, self._led, seen)
+            found = self._filter.advance(draw, before, self._led, seen)
             matches, now = bool(found.matches), self.clock()
             if matches or now + (now - began) > until:
                 break
@@ -269,9 +270,8 @@ class Believer:
         for attempt in range(2):
             began = self.clock()
             key = jax.random.PRNGKey(attempt)
-            jax.block_until_ready(
-                self._advance(key, self._filter.start(self.particles), action, seen)
-            )
+            particles = self._filter.start(self.particles)
+            jax.block_until_ready(self._filter.advance(key, particles, action, seen))
             took = self.clock() - began
         return took
 
@@ -296,6 +296,8 @@ def believing(
 ) -> Prepared:
     """The policy, prepared to follow its episodes where the state is not observed.
 
+    One that votes has compiled a filter and what its particles elect, which are used again.
+
     Args:
       policy: the prepared one.
       seconds: of a decision.
@@ -304,7 +306,9 @@ def believing(
     """
     if not policy.planner.rddl.observ_fluents:
         return policy
-    believer = Believer(policy, clock)
+    vote, believer = policy.vote, Believer(policy, clock)
+    if vote is not None:
+        believer = Believer(policy, clock, vote.particles, filter=vote.filter)
     believer.prepare(seconds, until)
     return believer
 

@@ -167,7 +167,7 @@ def test_who_votes_thinks_on_from_the_vote():
     believer = Believer(voter, Ticking(0.01))
     believer.prepare(SECONDS)
     belief = believer.believe(0, NOTHING_SHOWN)
-    believer.played(belief, voter.vote(0, belief.root.particles))
+    believer.played(belief, voter.vote.elect(0, belief.root.particles))
     heard = believer.believe(1, {"growl-left": np.bool_(True)})
     # the tiger is on the left: the listener's own action would open nothing
     assert bool(believer(1, heard)["open-right"])
