@@ -32,6 +32,11 @@ class Adapting:
         return self._resumed if self._working is None else self._working.state()
 
     @property
+    def is_resumed(self) -> bool:
+        """Whether the next adaptation goes on with a state."""
+        return self._resumed is not None
+
+    @property
     def found(self) -> np.ndarray | None:
         """The mean of the adaptation at work; None before its first iteration, and between two."""
         working = self._working

@@ -75,7 +75,7 @@ class Adaptation:
         self._sampling, self._clock = sampling, clock
         kind = SepCMA if sampling.separable else CMA
         self._optimizer = kind(
-            mean=np.asarray(start, float),
+            mean=np.array(start, float),  # which it changes
             sigma=sampling.sigma,
             population_size=sampling.population,
             seed=sampling.seed,
