@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.search.cma import Adaptation
+from mdpo_rddl.auto.search.cma import Adaptation, Evaluate
 from mdpo_rddl.auto.search.weights import Weights
 from mdpo_rddl.auto.state import State
 
@@ -62,12 +62,21 @@ class Adapting:
         if state is not None:
             self._attempt(adaptation.restore, state)
         begun = adaptation.iterations
+        self._working = adaptation
+        adaptation.run(self.evaluation(weights, first), until)
+        self._working = None
+        return adaptation.iterations - begun
+
+    def evaluation(self, weights: Weights, first: int) -> Evaluate:
+        """What plays vectors of weights for a search, and can be interrupted between two calls.
+
+        Args:
+          weights: what the vectors stand for.
+          first: number of the search's first iteration, which has rollouts of its own.
+        """
 
         def evaluate(number: int, vectors: np.ndarray) -> np.ndarray:
             self._arena.pulse()
             return self._arena.population(weights, first + number, vectors)
 
-        self._working = adaptation
-        adaptation.run(evaluate, until)
-        self._working = None
-        return adaptation.iterations - begun
+        return evaluate

@@ -150,9 +150,8 @@ class OwnWeightsArm(ArenaArm):
 
     def _change_objects(self, weights: Weights, seed: int, until: float) -> None:
         """Searches for one object's weights at a time, if there are several, and time for it."""
-        arena, first = self._arena, self._log.iterations
-        population = arena.population
-        objects = objects_of(arena.planner.rddl, weights.to_params(weights.start))
+        population = self._arena.population
+        objects = objects_of(self._arena.planner.rddl, weights.to_params(weights.start))
         # where there are too many own weights only the shared ones vary
         if objects.size != weights.start.size or np.max(objects) + 1 < FEWEST_OBJECTS:
             return
@@ -160,11 +159,7 @@ class OwnWeightsArm(ArenaArm):
         needed = _FEWEST_ROUNDS * search.round_populations * population.seconds
         if self._clock() + needed > until:
             return
-
-        def evaluate(number: int, vectors: np.ndarray) -> np.ndarray:
-            arena.pulse()
-            return population(weights, first + number, vectors)
-
+        evaluate = self._adapting.evaluation(weights, self._log.iterations)
         try:
             search.run(evaluate, lambda: self._clock() < until)
         finally:
