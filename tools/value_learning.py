@@ -23,7 +23,7 @@ from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration
+from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Way
 
 SETTINGS = ((0.9, 48), (0.9, 128), (0.7, 48), (0.7, 128), (0.5, 128))
 """Lambda of the returns, and units of the value's hidden layer."""
@@ -71,8 +71,8 @@ class Experiment:
         return mean_and_error(np.concatenate(shown))
 
     def _iterated(self, learner: Learner, key: Any, pace: float, is_first: bool = False) -> Any:
-        given = self._noop, np.float32(pace), np.array(is_first)
-        return self._iteration.iterate(learner, key, *given)
+        way = Way(np.float32(pace), np.array(is_first))
+        return self._iteration.iterate(learner, key, self._noop, way)
 
 
 def main() -> None:

@@ -39,7 +39,7 @@ class Entrants:
         """
         self._arena, self._affording, self._without = arena, affording, without
 
-    def greedy(self, until: float, share: float) -> CompilingArm | None:
+    def greedy(self, until: float, share: float) -> PolicyIterationArm | None:
         """The one that learns a value from exact rollouts.
 
         Args:

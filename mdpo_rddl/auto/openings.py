@@ -142,8 +142,11 @@ class Openings(Slices):
         arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
         least = _NUMBERS_AT_LEAST if self._entrants.decides_numbers else _GREEDY_AT_LEAST
 
-        def at_least() -> float:
-            return 0.0 if is_rare and not self._arena.beats_noop(self._best) else least
+        def must_find() -> bool:
+            return is_rare and not (arm is not None and arm.counts_goals)
 
-        terms = Terms(share, at_least=at_least, by_policies=is_rare)
+        def at_least() -> float:
+            return 0.0 if must_find() and not self._arena.beats_noop(self._best) else least
+
+        terms = Terms(share, at_least=at_least, by_policies=must_find)
         self._begin_with(_GREEDY_FIRST, arm, terms)

@@ -34,13 +34,14 @@ class Terms:
       least_gain: says which share of what the first slice has gained each must gain.
       at_least: says of the time left, after the first slice, for another one that it has whatever
         the first one gains.
-      by_policies: whether the best policy must return more each time; else the arm's progress.
+      by_policies: says whether the best policy must return more each time; else the arm's
+        progress.
     """
 
     share: float
     least_gain: Callable[[], float] = lambda: 0.0
     at_least: Callable[[], float] = lambda: 0.0
-    by_policies: bool = False
+    by_policies: Callable[[], bool] = lambda: False
 
 
 class Slices:
@@ -240,4 +241,4 @@ class Slices:
             if (at_least := terms.at_least()) and not arm.is_exhausted:
                 self.give(arm, min(until, arena.until(at_least)))
             level, progress = (lambda: contender.level), (lambda: arm.progress)
-            self._give_while(contender, until, level if terms.by_policies else progress, least)
+            self._give_while(contender, until, level if terms.by_policies() else progress, least)

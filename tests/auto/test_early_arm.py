@@ -87,7 +87,7 @@ def test_it_ends_in_time():
 class Planned(Scripted):
     """One that must compile, and does so at once or never."""
 
-    descends = False
+    descends = counts_goals = False
 
     def __init__(self, clock, returns, is_pending=False):
         super().__init__(clock, returns)
@@ -136,7 +136,7 @@ def test_one_that_finds_no_reward_is_left_though_its_rollouts_return_more(
 ):
     progress = property(lambda self: 30.0 * self.log.slices)
     monkeypatch.setattr(Planned, "progress", progress)
-    arm, _, _ = first([-40.0] * 99, by_policies=by_policies)
+    arm, _, _ = first([-40.0] * 99, by_policies=lambda: by_policies)
     assert arm.log.slices == slices
 
 
@@ -178,6 +178,8 @@ def test_one_that_has_given_up_has_no_slice():
         ({"rare"}, 0.6, 0.0),
         # what its first slice has found is a reward
         ({"rare", "found"}, 0.6, 0.4),
+        # goals are a way to one
+        ({"rare", "goals"}, 0.6, 0.4),
         ({"numbers"}, 0.6, 0.2),
     ],
 )
@@ -194,7 +196,9 @@ def test_a_value_that_finds_no_reward_or_decides_numbers_has_less_time(tells, sh
 
     def greedy(until, share):
         asked.append((until, share))
-        return named("greedy", Planned(clock, [1.0]))
+        arm = named("greedy", Planned(clock, [1.0]))
+        arm.counts_goals = "goals" in tells
+        return arm
 
     has_time = [False, True]
     schedule._entrants = SimpleNamespace(

@@ -1,4 +1,4 @@
-"""The arm that learns a value, on one toy problem, whose programs are compiled once."""
+"""The arm that learns a value, on toy problems, whose programs are compiled once."""
 
 import functools
 import time
@@ -19,13 +19,27 @@ from mdpo_rddl.auto.judge import Judge
 SECONDS = 300.0
 # 3 for the best of three arms, of which one may be pulled, at each of 4 steps
 BEST = 3.0 * 0.75 * 4
+_TOYS = {
+    "lever": {
+        "RULES": "forall_{?a : arm} [pull(?a) => true];",
+        "LIKELIHOOD": "0.75",
+        "DISCOUNT": "1.0",
+        "TERMINATION": "false",
+        "MOST": "1",
+    },
+    "locks": {
+        "GOAL": "(forall_{?l : lock} [open(?l)])",
+        "TERMINATION": "",
+        "FIRST": "open(l1) = false;",
+    },
+}
 # what `_build` makes
 _PROGRAMS = ("_planner", "_iteration")
 
 
-def ticking_arena() -> Arena:
+def ticking_arena(name: str = "lever") -> Arena:
     """One whose judge knows the no-op only, and whose clock ticks."""
-    clock, compiled = Ticking(), _compiled_arena()
+    clock, compiled = Ticking(), _compiled_arena(name)
     judge = Judge(128, 0, clock, 0.0)
     judge._players = compiled.judge._players
     arena = replace(compiled, judge=judge, clock=clock, began=0.0, deadline=SECONDS)
@@ -35,7 +49,8 @@ def ticking_arena() -> Arena:
 
 def compiled_arm(arena: Arena, until: float = 120.0) -> PolicyIterationArm:
     """An arm whose programs are compiled already, so that its thread is not waited for."""
-    arm, (built, begun) = PolicyIterationArm(arena, until), _built()
+    name = arena.problem.domain_name
+    arm, (built, begun) = PolicyIterationArm(arena, until), _built(name)
     for name in _PROGRAMS:
         setattr(arm, name, getattr(built, name))
     arm._build = lambda: begun
@@ -61,16 +76,14 @@ def taken(arm: Arm, judge: Judge) -> list[Candidate]:
 
 
 @functools.cache
-def _compiled_arena() -> Arena:
-    words = {"LIKELIHOOD": "0.75", "DISCOUNT": "1.0", "TERMINATION": "false", "MOST": "1"}
-    problem = toy("lever", RULES="forall_{?a : arm} [pull(?a) => true];", **words)
-    arena = race._arena(problem, preset(SECONDS), 0, time.monotonic(), RaceOptions())
+def _compiled_arena(name: str) -> Arena:
+    arena = race._arena(toy(name, **_TOYS[name]), preset(SECONDS), 0, time.monotonic(), RaceOptions())
     arena.judge.record(arena.candidate("", "no-op", arena.noop))
     return arena
 
 
 @functools.cache
-def _built() -> tuple[PolicyIterationArm, object]:
+def _built(name: str) -> tuple[PolicyIterationArm, object]:
     """An arm that has compiled what learns, and a learner that has begun."""
-    arm = PolicyIterationArm(_compiled_arena(), 0.0)
+    arm = PolicyIterationArm(_compiled_arena(name), 0.0)
     return arm, arm._build()

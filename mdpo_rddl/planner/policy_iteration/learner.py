@@ -17,6 +17,7 @@ import optax
 from jax import Array, lax, random
 from jax.flatten_util import ravel_pytree
 
+from mdpo_rddl.planner.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
@@ -87,16 +88,35 @@ class Learner(NamedTuple):
     kept: Kept
 
 
+class Way(NamedTuple):
+    """How an iteration goes.
+
+    Attributes:
+      step: Adam's step size; with 0 nothing is learnt or tried: all rollouts are the greedy
+        policy's.
+      is_first: whether it is the first iteration, in which half of the rollouts are the guide's
+        and the others random.
+      counts_goals: whether the rewards that are learnt from are those with goals counted
+        (`mdpo_rddl.planner.goal_counting`).
+    """
+
+    step: Any
+    is_first: Any = False
+    counts_goals: Any = False
+
+
 class Shown(NamedTuple):
     """What the policies have shown in the rollouts of an iteration.
 
     Attributes:
       returns: discounted [B]: the first half are the greedy policy's, or those of the guide; the
         others, too, where nothing is learnt.
+      counted: the same of the rewards with goals counted, if there are any [B].
       is_finite: whether all that was learnt is; else the learner is what it was.
     """
 
     returns: Array
+    counted: Array
     is_finite: Array
 
     @property
@@ -109,12 +129,18 @@ class Shown(NamedTuple):
         """Of the first half of the returns."""
         return jnp.mean(self.of_policy)
 
+    @property
+    def mean_counted(self) -> Array:
+        """The same with goals counted."""
+        return jnp.mean(self.counted[: len(self.counted) // 2])
+
 
 class PolicyIteration:
     """Learns the value of the greedy policy.
 
     Attributes:
       rollouts: of an iteration.
+      has_goals: whether the reward has goals that can be counted.
     """
 
     def __init__(
@@ -138,7 +164,9 @@ class PolicyIteration:
         self._planner, self._values = planner, planner.plan.values
         self._steps = jnp.arange(planner.horizon)
         self._discount = float(planner.rddl.discount)
-        self._play = compile_exploring(planner, guide, learning.rollouts)
+        goals = counted_reward(planner.test_compiled)
+        self.has_goals = goals is not None
+        self._play = compile_exploring(planner, guide, learning.rollouts, goals)
         # the step size is given to each iteration
         self._optimizer = optax.scale_by_adam()
         self._compiled: Callable[..., tuple[Learner, Shown]] = jit(self._iterated)
@@ -168,7 +196,7 @@ class PolicyIteration:
         return self._values.with_levels(weights, learner.times)
 
     def iterate(
-        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Any
+        self, learner: Learner, key: Array, guiding: Any, way: Way
     ) -> tuple[Learner, Shown]:
         """The next learner, and what has been shown; the same one if what is learnt is not finite.
 
@@ -176,28 +204,30 @@ class PolicyIteration:
           learner: what is known.
           key: of the rollouts and the updates.
           guiding: parameters of the guide.
-          step: Adam's step size; with 0 nothing is learnt or tried: all rollouts are the greedy
-            policy's.
-          is_first: whether it is the first iteration, in which half of the rollouts are the guide's
-            and the others random.
+          way: how the iteration goes.
         """
-        learnt, shown = self._compiled(learner, key, guiding, step, is_first)
+        learnt, shown = self._compiled(learner, key, guiding, way)
         return (learnt if bool(shown.is_finite) else learner), shown
 
     def _iterated(
-        self, learner: Learner, key: Array, guiding: Any, step: Any, is_first: Any
+        self, learner: Learner, key: Array, guiding: Any, way: Way
     ) -> tuple[Learner, Shown]:
         playing, deciding, fitting = random.split(key, 3)
+        step, is_first, counts_goals = way
         learns = jnp.asarray(step) > 0.0
         half = jnp.arange(self._learning.rollouts) < self._learning.rollouts // 2
         tried = jnp.where(is_first, 1.0, self._learning.tried)
         trying = Trying(half & is_first, jnp.where(half | ~learns, 0.0, tried))
         played = self._play((playing, deciding), self.policy(learner), guiding, trying)
-        seen = self._observed(learner, played, is_first)
+        rewards = jnp.where(counts_goals, played.counted, played.rewards)
+        seen = self._observed(learner, played._replace(rewards=rewards), is_first)
         learner = self._fitted(seen, fitting, step, is_first)
         is_finite = _is_finite((learner.weights, learner.moments, learner.kept.targets))
-        returns = jnp.sum(played.rewards * self._discount**self._steps, axis=1)
-        return learner, Shown(returns, is_finite)
+        discounts = self._discount**self._steps
+        returns, counted = (
+            jnp.sum(each * discounts, axis=1) for each in (played.rewards, played.counted)
+        )
+        return learner, Shown(returns, counted, is_finite)
 
     def _observed(self, learner: Learner, played: Explored, is_first: Array) -> Learner:
         """The learner with these rollouts, what they return at each step, and the scale of that."""

@@ -93,7 +93,7 @@ def test_the_guide_is_known_by_the_first_iteration(arena, make):
 
 
 def test_where_nothing_was_learnt_nothing_is_offered(arena, make, monkeypatch):
-    arm, broken = make(), Shown(np.full(2, np.nan, np.float32), np.array(True))
+    arm, broken = make(), Shown(*2 * [np.full(2, np.nan, np.float32)], np.array(True))
     monkeypatch.setattr(arm, "_iterated", lambda learner, *_, **__: (learner, broken))
     arm.work(arena.clock.now + 100.0)
     assert arm.is_exhausted
@@ -101,7 +101,7 @@ def test_where_nothing_was_learnt_nothing_is_offered(arena, make, monkeypatch):
 
 
 def test_iterations_that_take_too_long_end_it(arena, make, monkeypatch):
-    arm, shown = make(), Shown(np.ones(2, np.float32), np.array(True))
+    arm, shown = make(), Shown(*2 * [np.ones(2, np.float32)], np.array(True))
 
     def slow(learner, *_, **__):
         arena.clock.now += 10.0

@@ -9,7 +9,7 @@ from helpers.toys import toy
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration
+from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration, Way
 
 # a program of its own is compiled for them all
 pytestmark = pytest.mark.long
@@ -39,14 +39,13 @@ def noop(quest):
 @pytest.fixture(scope="module")
 def begun(iteration, noop):
     """The learner after the first iteration, and what the guide has shown there."""
-    return iteration.iterate(
-        iteration.begin(np.random.default_rng(0)), KEY, noop, np.float32(3e-3), np.array(True)
-    )
+    way = Way(np.float32(3e-3), is_first=np.array(True))
+    return iteration.iterate(iteration.begin(np.random.default_rng(0)), KEY, noop, way)
 
 
 def iterated(iteration, learner, noop, step, number=1):
-    key, given = jax.random.fold_in(KEY, number), (noop, np.float32(step), np.array(False))
-    return iteration.iterate(learner, key, *given)
+    key = jax.random.fold_in(KEY, number)
+    return iteration.iterate(learner, key, noop, Way(np.float32(step), np.array(False)))
 
 
 def test_what_pays_only_together_is_found(iteration, begun, noop):

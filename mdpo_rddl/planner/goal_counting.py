@@ -1,0 +1,178 @@
+"""The reward with goals counted: how many of the conditions hold that must hold all at once.
+
+A reward that depends on whether all of many conditions hold says nothing until the last one does.
+Counted, each of them counts: the goal-count heuristic (Bonet and Geffner, "Planning as heuristic
+search", 2001), for a `forall`, and for an `exists` that must become false, of any reward.
+"""
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from mdpo_rddl.planner.upstream import JaxRDDLCompiler
+
+CountedReward = Callable[[Mapping[str, Any], Mapping[str, Any], Any, Array], Array]
+"""Of fluents, non-fluents, the model's parameters and a random key; a scalar."""
+
+_Evaluated = Callable[..., tuple[Any, Any, Any, Any]]
+
+
+def counted_reward(exact: JaxRDDLCompiler) -> CountedReward | None:
+    """The reward of one step with its goals counted; None where there is none.
+
+    Nor is there where a termination condition may end the episode: who is rewarded for a part at
+    each step would put off what ends it.
+
+    A goal is a `forall` that does not hold at first, or an `exists` that does, of conditions on
+    the state, and one of the whole problem: inside of another aggregation each object has its own
+    reward already. Where it stands, there is the share of its conditions that have changed since
+    the start: 0 there and 1 once it is reached. What it is joined with follows: ~x is 1 - x, of
+    what `^` joins the mean counts and of what `|` joins the largest, and `if` lies between its
+    branches.
+
+    Args:
+      exact: the exact model, compiled.
+    """
+    if exact.rddl.terminations:
+        return None
+    counting = _GoalCounting(exact)
+    evaluated = counting._jax(exact.rddl.reward, exact.model_aux, dtype=exact.REAL)
+    if not counting.count:
+        return None
+
+    def reward(
+        fluents: Mapping[str, Any], nonfluents: Mapping[str, Any], params: Any, key: Array
+    ) -> Array:
+        return jnp.asarray(evaluated(fluents, nonfluents, params, key)[0])
+
+    return reward
+
+
+class _GoalCounting(JaxRDDLCompiler):
+    """Compiles expressions as the exact model does, but for goals.
+
+    Attributes:
+      count: of the goals that were compiled.
+    """
+
+    def __init__(self, exact: JaxRDDLCompiler) -> None:
+        # what was traced of the problem is the same, and takes long on a large one
+        self.__dict__.update(vars(exact))
+        self.count = 0
+
+    def _jax_forall(self, expr: Any, aux: Any) -> _Evaluated:
+        return self._counted(expr, aux, reached=1.0) or super()._jax_forall(expr, aux)
+
+    def _jax_exists(self, expr: Any, aux: Any) -> _Evaluated:
+        return self._counted(expr, aux, reached=0.0) or super()._jax_exists(expr, aux)
+
+    def _counted(self, expr: Any, aux: Any, reached: float) -> _Evaluated | None:
+        """What counts a goal; None if it is none.
+
+        Args:
+          expr: the quantified expression.
+          aux: of the model.
+          reached: the share of true conditions at which it is reached.
+        """
+        first = self._first_share(expr)
+        if first is None or first == reached:
+            return None
+        conditions = self._jax(expr.args[-1], aux)
+        self.count += 1
+
+        def share(fluents: Any, nonfluents: Any, params: Any, key: Any) -> tuple:
+            holds, key, error, params = conditions(fluents, nonfluents, params, key)
+            progress = (jnp.mean(jnp.asarray(holds, self.REAL)) - first) / (reached - first)
+            # an `exists` begins as true
+            return progress if reached else 1.0 - progress, key, error, params
+
+        return share
+
+    def _first_share(self, expr: Any) -> float | None:
+        """The share of the conditions that hold at first; None for those of an object of its own.
+
+        That is so, too, where they are about actions, which a policy need but choose.
+        """
+        simulator, values = self.constraints.sim, dict(self.init_values)
+        values |= {after: values[name] for name, after in self.rddl.next_state.items()}
+        if not self.traced.cached_is_fluent(expr) or self._reads_actions(expr):
+            return None
+        if np.ndim(simulator._sample(expr, values)) > 0:
+            return None
+        return float(np.mean(simulator._sample(expr.args[-1], values)))
+
+    def _reads_actions(self, expr: Any) -> bool:
+        kind, name = expr.etype
+        if kind == "pvar":
+            return name in self.rddl.action_fluents
+        return kind != "constant" and any(map(self._reads_actions, _parts(expr)))
+
+    def _jax_not(self, expr: Any, aux: Any) -> _Evaluated:
+        return self._joined(expr, aux, lambda x: 1.0 - x, jnp.logical_not)
+
+    def _jax_and(self, expr: Any, aux: Any) -> _Evaluated:
+        return self._joined(expr, aux, lambda *xs: sum(xs) / len(xs), jnp.logical_and)
+
+    def _jax_or(self, expr: Any, aux: Any) -> _Evaluated:
+        return self._joined(expr, aux, _largest, jnp.logical_or)
+
+    def _jax_implies(self, expr: Any, aux: Any) -> _Evaluated:
+        def exact(x: Array, y: Array) -> Array:
+            return jnp.logical_or(jnp.logical_not(x), y)
+
+        return self._joined(expr, aux, lambda x, y: _largest(1.0 - x, y), exact)
+
+    def _jax_if(self, expr: Any, aux: Any) -> _Evaluated:
+        counted = [self._jax(each, aux) for each in expr.args]
+        exact = super()._jax_if(expr, aux)
+
+        def between(fluents: Any, nonfluents: Any, params: Any, key: Any) -> tuple:
+            given, key, errors, params = _each(counted, fluents, nonfluents, params, key)
+            if not _is_share(given[0]):
+                return exact(fluents, nonfluents, params, key)
+            share, true, false = given
+            return share * true + (1.0 - share) * false, key, errors, params
+
+        return between
+
+    def _joined(
+        self, expr: Any, aux: Any, of_shares: Callable[..., Array], exact: Callable[..., Array]
+    ) -> _Evaluated:
+        """What joins conditions, of which some may be shares."""
+        evaluated = [self._jax(each, aux) for each in expr.args]
+
+        def joined(fluents: Any, nonfluents: Any, params: Any, key: Any) -> tuple:
+            given, key, errors, params = _each(evaluated, fluents, nonfluents, params, key)
+            if any(map(_is_share, given)):
+                return of_shares(*(jnp.asarray(x, self.REAL) for x in given)), key, errors, params
+            whole = exact(given[0]) if len(given) == 1 else functools.reduce(exact, given)
+            return whole, key, errors, params
+
+        return joined
+
+
+def _parts(expr: Any) -> list[Any]:
+    """The expressions that one is made of, without what an aggregation is over."""
+    return [each for each in expr.args if hasattr(each, "etype")]
+
+
+def _each(evaluated: list[_Evaluated], fluents: Any, nonfluents: Any, params: Any, key: Any) -> Any:
+    """All of them in turn, with one key after the other."""
+    values, errors = [], 0
+    for one in evaluated:
+        value, key, error, params = one(fluents, nonfluents, params, key)
+        values.append(value)
+        errors |= error
+    return values, key, errors, params
+
+
+def _is_share(value: Any) -> bool:
+    return bool(jnp.issubdtype(jnp.result_type(value), jnp.floating))
+
+
+def _largest(*values: Array) -> Array:
+    return functools.reduce(jnp.maximum, values)
