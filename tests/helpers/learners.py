@@ -77,7 +77,9 @@ def taken(arm: Arm, judge: Judge) -> list[Candidate]:
 
 @functools.cache
 def _compiled_arena(name: str) -> Arena:
-    arena = race._arena(toy(name, **_TOYS[name]), preset(SECONDS), 0, time.monotonic(), RaceOptions())
+    arena = race._arena(
+        toy(name, **_TOYS[name]), preset(SECONDS), 0, time.monotonic(), RaceOptions()
+    )
     arena.judge.record(arena.candidate("", "no-op", arena.noop))
     return arena
 
