@@ -12,7 +12,7 @@ import numpy as np
 from mdpo_rddl.auto.compilations import compiled_within
 from mdpo_rddl.auto.sizes import VISITS_BYTES, Batches
 from mdpo_rddl.auto.timing import Clock, made_once
-from mdpo_rddl.planner.exact import compile_visits, visit_bytes
+from mdpo_rddl.planner.exact import Visits, compile_visits, visit_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 
@@ -188,13 +188,13 @@ class Constants:
         policies = [with_bias(self._params, constant) for constant in padded]
         params = jax.tree.map(lambda *each: np.stack(each), *policies)
 
-        def play() -> tuple[jax.Array, dict[str, jax.Array]]:
+        def play() -> Visits:
             return jax.block_until_ready(self._play(key, params))
 
         left = self._deadline - began
-        played, visited = play() if self._played else compiled_within(left, play)
-        returns = np.asarray(played, float)
-        states = {name: np.asarray(values) for name, values in visited.items()}
+        visits = play() if self._played else compiled_within(left, play)
+        returns = np.asarray(visits.returns, float)
+        states = {name: np.asarray(values) for name, values in visits.states.items()}
         self.seconds = self._clock() - began
         if not self._played:
             self._first_seconds = self.seconds

@@ -3,7 +3,7 @@
 import logging
 from dataclasses import replace
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena import GOAL_COUNTING, Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
@@ -312,6 +312,7 @@ def _arena(
         on_progress=options.on_progress,
         pulse=options.on_pulse,
         probed=None if large else probed,
+        counts_goals=GOAL_COUNTING not in shares.without,
     )
 
 

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, dtypes, lax
 
+from mdpo_rddl.planner.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.opened import open_plan
@@ -23,6 +24,21 @@ LOST = -1e9
 """The return of an episode in which the environment raises an error: below any that ends.
 
 It is finite, for policies to be told apart by how often that happens."""
+
+
+class Visits(NamedTuple):
+    """What policies have returned and seen.
+
+    Attributes:
+      returns: discounted [P, N].
+      states: per observed fluent its values after each step [P, N, H, *shape].
+      counted: the returns with goals counted (`mdpo_rddl.planner.goal_counting`) [P, N]; the
+        returns themselves where there are no goals, or none were asked for.
+    """
+
+    returns: Array
+    states: dict[str, Array]
+    counted: Array
 
 
 def compile_exact_returns(
@@ -46,7 +62,7 @@ def compile_exact_returns(
       gives their discounted returns [P, N]; all see the same random numbers.
     """
     play = _compile_play(planner, rollouts, with_states=False)
-    return _over_policies(lambda key, params: play(key, params)[0], side_by_side)
+    return _over_policies(lambda key, params: play(key, params).returns, side_by_side)
 
 
 def exact_returns(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Any], Array]:
@@ -58,15 +74,21 @@ def exact_returns(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Any],
 
 
 def compile_visits(
-    planner: MDPOPlanner, rollouts: int, side_by_side: int | None = None
-) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
+    planner: MDPOPlanner,
+    rollouts: int,
+    side_by_side: int | None = None,
+    counts_goals: bool = False,
+) -> Callable[[Array, Any], Visits]:
     """As `compile_exact_returns`, and what the policies saw.
 
-    Returns:
-      A function that gives the returns [P, N], and per observed fluent its values
-      [P, N, H, *shape].
+    Args:
+      planner: the compiled planner.
+      rollouts: number of rollouts N of each policy.
+      side_by_side: policies that are computed at once; all if None.
+      counts_goals: whether returns with goals counted are told, too.
     """
-    return _over_policies(_compile_play(planner, rollouts, with_states=True), side_by_side)
+    play = _compile_play(planner, rollouts, with_states=True, counts_goals=counts_goals)
+    return _over_policies(play, side_by_side)
 
 
 def step_bytes(planner: MDPOPlanner) -> int:
@@ -103,16 +125,18 @@ def _over_policies(play: Callable[..., Any], side_by_side: int | None) -> Callab
 
 
 def _compile_play(
-    planner: MDPOPlanner, rollouts: int, with_states: bool
-) -> Callable[[Array, Any], tuple[Array, dict[str, Array]]]:
+    planner: MDPOPlanner, rollouts: int, with_states: bool, counts_goals: bool = False
+) -> Callable[[Array, Any], Visits]:
     compiled = planner.test_compiled
     stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
     fluents, nonfluents = initial_values(planner).test
+    goals = counted_reward(compiled) if counts_goals else None
     options = RolloutOptions(
         check_constraints=stopping,
         cache_path_info=with_states,
         differentiated=False,
         memory=open_plan(planner.plan).memory,
+        goals=goals,
     )
     rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
     if stopping:
@@ -124,14 +148,19 @@ def _compile_play(
     seen = observed_fluents(planner.rddl)
     discounts = (planner.rddl.discount ** np.arange(planner.horizon)).astype(compiled.REAL)
 
-    def play(key: Array, params: Any) -> tuple[Array, dict[str, Array]]:
+    def play(key: Array, params: Any) -> Visits:
         log, _ = rollout(key, params, hyperparams, start, nonfluents, model)
         states = {name: log["fluents"][name] for name in seen} if with_states else {}
-        total = jnp.sum(discounts * log["reward"], axis=-1)
-        if planner.lose_on_error:
-            has_error = jnp.any((log["error"] & INVALID_PARAMETERS) != 0, axis=-1)
-            total = jnp.where(has_error, LOST, total)
-        return jnp.zeros_like(total) if ends_at_once else total, states
+
+        def total(rewards: Array) -> Array:
+            summed = jnp.sum(discounts * rewards, axis=-1)
+            if planner.lose_on_error:
+                has_error = jnp.any((log["error"] & INVALID_PARAMETERS) != 0, axis=-1)
+                summed = jnp.where(has_error, LOST, summed)
+            return jnp.zeros_like(summed) if ends_at_once else summed
+
+        returns = total(log["reward"])
+        return Visits(returns, states, returns if goals is None else total(log["counted"]))
 
     return play
 

@@ -12,7 +12,7 @@ from mdpo_rddl.auto.constants import Constants
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.sizes import Batches
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import visit_bytes
+from mdpo_rddl.planner.exact import Visits, visit_bytes
 
 STEPS = 8
 
@@ -46,7 +46,7 @@ class Model:
             depths = np.broadcast_to(self._depth(pump, chance), (len(pump), rollouts))
             depths = np.repeat(depths[:, :, np.newaxis], STEPS, axis=2)
             returns = np.broadcast_to(self._returned(pump, chance), (len(pump), rollouts))
-            return returns, {"depth": depths}
+            return Visits(returns, {"depth": depths}, returns)
 
         return play
 

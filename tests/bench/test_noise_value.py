@@ -119,7 +119,7 @@ def test_cells_are_trained_once_and_reported(tmp_path, monkeypatch, capsys):
     files = tiny_files(tmp_path, horizon=4, spread=0.1)
     toy = load_problem(*files, 3)
     monkeypatch.setattr(run, "load_problem", lambda *names: toy)
-    monkeypatch.setattr(problems, "repository", lambda: ["Toy"])
+    monkeypatch.setattr(problems, "named_instance", lambda name: tuple(name.split(":")))
     out = tmp_path / "out"
     arguments = ["noise-value", "--problems", "Toy:1", "--plans", "slp", "--configurations"]
     arguments += ["no-pgpe", "--seeds", "2", "--iterations", "4", "--max-horizon", "3"]

@@ -87,7 +87,7 @@ def test_policies_one_after_the_other_earn_the_same(tmp_path):
 def test_what_the_policies_saw(tmp_path):
     planner = make(load_problem(*tiny_files(tmp_path)))
     # the unit is the box's width, 2
-    _, states = compile_visits(planner, 1)(KEY, with_biases(planner, 0.1))
+    states = compile_visits(planner, 1)(KEY, with_biases(planner, 0.1)).states
     np.testing.assert_allclose(states["x"][0, 0, :, 0], [0.2, 0.4, 0.6, 0.8], rtol=1e-6)
     # two positions, two actions of more than one feature
     assert step_bytes(planner) > 2 * 4 + 2 * 4

@@ -163,7 +163,7 @@ class PolicyIterationArm(CompilingArm):
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
         rollouts = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
-        learning = Learning(rollouts=rollouts)
+        learning = Learning(rollouts=rollouts, counts_goals=arena.counts_goals)
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))

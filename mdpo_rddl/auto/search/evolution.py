@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,8 +12,20 @@ from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.mutations import Layout, mutants
 from mdpo_rddl.auto.timing import Clock
 
-Evaluation = tuple[np.ndarray, Callable[[], dict[str, np.ndarray]]]
-"""Mean returns [P], and what gives the states that were visited [P, H, *shape]."""
+
+class Evaluation(NamedTuple):
+    """What plans have shown.
+
+    Attributes:
+      returns: mean returns [P].
+      visited: gives the states that were visited [P, H, *shape].
+      counted: mean returns with goals counted [P]; the returns if None.
+    """
+
+    returns: np.ndarray
+    visited: Callable[[], dict[str, np.ndarray]]
+    counted: np.ndarray | None = None
+
 
 Evaluate = Callable[[int, np.ndarray], Evaluation]
 """(iteration, plans [P, H, D]) -> their evaluation."""
@@ -92,7 +105,8 @@ def evolve(evaluate: Evaluate, start: np.ndarray, breeding: Breeding, goal: Goal
 
     In every iteration the best plans and their mutants meet the same random numbers, new ones each
     time, and the best of all stay. Until one beats the goal's return, half of the plans are
-    the archive's, which goes where no plan has been.
+    the archive's, which goes where no plan has been, and the best are those whose returns with
+    goals counted are largest.
 
     Args:
       evaluate: see `Evaluate`; iterations count from 0.
@@ -151,8 +165,11 @@ class _Evolution:
             children[: len(explorers)] = explorers
         # a child that is as good as its parent takes its place: plateaus are crossed that way
         plans = np.concatenate([children, self.elites])
-        returns, visited = evaluate(self.iterations, plans)
-        returns = np.where(np.isfinite(returns), returns, -np.inf)
+        found = evaluate(self.iterations, plans)
+        returns = _known(found.returns)
+        self._explores &= not np.max(returns) > self._goal.return_to_beat
+        if self._explores and found.counted is not None:
+            returns = _known(found.counted)
         chosen = np.argsort(-returns, kind="stable")[:_ELITES]
         self.elites, self.best = plans[chosen], float(returns[chosen[0]])
         if not self.iterations:  # which may have compiled
@@ -162,10 +179,13 @@ class _Evolution:
         self.iterations += 1
         if self.best > self._record + _LEAST_GAIN * (self.best - self._first):
             self._record, self._gained_at = self.best, self.iterations
-        self._explores &= not self.best > self._goal.return_to_beat
         if breeding.archive is not None and self._explores:
-            breeding.archive.add(plans, visited())
+            breeding.archive.add(plans, found.visited())
         breeding.on_generation(self.elites)
+
+
+def _known(returns: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(returns), returns, -np.inf)
 
 
 @dataclass(frozen=True)

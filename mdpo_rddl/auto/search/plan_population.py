@@ -26,7 +26,7 @@ from mdpo_rddl.auto.search.mutations import Layout, layout_of
 from mdpo_rddl.auto.sizes import PLANS, visits_fit
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits
+from mdpo_rddl.planner.exact import Visits, compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.parts import open_loop
@@ -45,6 +45,7 @@ class PlanPopulation:
       iterations: done so far.
       elites: the best plans [E, H, D] of the evolution that goes on; None between evolutions.
       on_generation: called after each of its iterations.
+      counts_goals: whether an exploration goes by goals counted.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class PlanPopulation:
         self.iterations = 0
         self.elites: np.ndarray | None = None
         self.on_generation: Callable[[], None] = lambda: None
+        self.counts_goals = True
 
     @property
     def compile_seconds(self) -> float:
@@ -176,8 +178,11 @@ class PlanPopulation:
 
         def evaluate(iteration: int, plans: np.ndarray) -> Evaluation:
             key = jax.random.fold_in(self._key, begin + iteration)
-            returns, states = self._visits(key, {**others, "plan": layout.tree(plans)})
-            return np.mean(np.asarray(returns, float), axis=1), lambda: _of_first_rollout(states)
+            found = self._visits(key, {**others, "plan": layout.tree(plans)})
+            returns, counted = (
+                np.mean(np.asarray(each, float), axis=1) for each in (found.returns, found.counted)
+            )
+            return Evaluation(returns, lambda: _of_first_rollout(found.states), counted)
 
         def keep(elites: np.ndarray) -> None:
             self.elites = elites if earlier is None else np.concatenate([earlier, elites])
@@ -194,9 +199,12 @@ class PlanPopulation:
         bools = [name for name in params["plan"] if name not in self._planner.plan.units]
         return layout_of(params["plan"], bools)
 
-    def _make(self) -> Callable[[Array, Params], tuple[Array, dict[str, Array]]]:
-        play = compile_visits if self._has_states else _without_states
-        visits = play(self._planner, self._rollouts)
+    def _make(self) -> Callable[[Array, Params], Visits]:
+        if self._has_states:
+            counts = self.counts_goals
+            visits = compile_visits(self._planner, self._rollouts, counts_goals=counts)
+        else:
+            visits = _without_states(self._planner, self._rollouts)
         return lambda key, params: jax.block_until_ready(visits(key, params))
 
     def _repeated(self, params: Params) -> Params:
@@ -209,12 +217,15 @@ class PlanPopulation:
         return dict(jax.device_put(each))
 
 
-def _without_states(
-    planner: MDPOPlanner, rollouts: int
-) -> Callable[[Array, Params], tuple[Array, dict[str, Array]]]:
+def _without_states(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Params], Visits]:
     """As `compile_visits`, without what is seen."""
-    returns = compile_exact_returns(planner, rollouts)
-    return lambda key, params: (returns(key, params), {})
+    play = compile_exact_returns(planner, rollouts)
+
+    def visits(key: Array, params: Params) -> Visits:
+        returns = play(key, params)
+        return Visits(returns, {}, returns)
+
+    return visits
 
 
 def _of_first_rollout(states: Mapping[str, Array]) -> dict[str, np.ndarray]:

@@ -22,8 +22,9 @@ OPTIONAL_ARMS = (
     "polishing the plan",
     "polishing the weights",
     "action voting",
+    "goal counting",
 )
-"""Arms that can be left out of the race."""
+"""Arms, and parts of some, that can be left out of the race."""
 
 
 @dataclass(frozen=True)

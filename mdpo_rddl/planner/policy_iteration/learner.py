@@ -45,6 +45,7 @@ class Learning:
       updates: of the value, in an iteration.
       first_updates: times as many in the first one.
       minibatch: states of an update.
+      counts_goals: whether rewards with goals counted can be learnt from, if there are goals.
     """
 
     rollouts: int = 256
@@ -54,6 +55,7 @@ class Learning:
     updates: int = 100
     first_updates: int = 4
     minibatch: int = 512
+    counts_goals: bool = True
 
 
 class Kept(NamedTuple):
@@ -164,7 +166,7 @@ class PolicyIteration:
         self._planner, self._values = planner, planner.plan.values
         self._steps = jnp.arange(planner.horizon)
         self._discount = float(planner.rddl.discount)
-        goals = counted_reward(planner.test_compiled)
+        goals = counted_reward(planner.test_compiled) if learning.counts_goals else None
         self.has_goals = goals is not None
         self._play = compile_exploring(planner, guide, learning.rollouts, goals)
         # the step size is given to each iteration

@@ -36,8 +36,12 @@ def stop_at_termination(rollouts: Callable) -> Callable:
         ended = log["termination"] | ~log["invariant"]
         alive = steps_alive(ended).astype(log["reward"].dtype)
         # a non-finite reward after the end must not survive a multiplication by zero
-        reward = jnp.where(alive > 0.0, log["reward"], 0.0)
+        rewards = {
+            name: jnp.where(alive > 0.0, log[name], 0.0)
+            for name in ("reward", "counted")
+            if name in log
+        }
         error = jnp.where(alive > 0.0, log["error"], 0)
-        return {**log, "reward": reward, "error": error}, model_params
+        return {**log, **rewards, "error": error}, model_params
 
     return stopped

@@ -29,7 +29,7 @@ def make(arena):
 
 def shown(mean: float, is_finite: bool = True) -> Shown:
     """What an iteration may have shown."""
-    return Shown(np.full(2, mean, np.float32), np.array(is_finite))
+    return Shown(*2 * [np.full(2, mean, np.float32)], np.array(is_finite))
 
 
 def showing(monkeypatch, arm, *each) -> None:
@@ -106,7 +106,7 @@ def test_another_process_goes_on_with_the_learner_and_its_span(arena, make):
     arm.work(arena.clock.now + 5.0)
     left = through_json(arm.state())
     # as in the checkpoints that races have left
-    assert set(left.values) == {"began", "ends", "parents"}
+    assert set(left.values) == {"began", "ends", "parents", "counts_goals"}
     assert set(left.tensors) == {f"learner/{number}" for number in range(len(left.tensors))}
     later = make()
     later.restore(left)

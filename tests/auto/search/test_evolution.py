@@ -1,10 +1,13 @@
 """Evolution of plans: it finds, it gives up, and it ends."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
 
-from mdpo_rddl.auto.search.evolution import Breeding, Evolved, Goal, evolve
+from mdpo_rddl.auto.search.archive import Archive
+from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Evolved, Goal, evolve
 from mdpo_rddl.auto.search.mutations import layout_of
 
 HORIZON = 12
@@ -28,10 +31,10 @@ def test_evolution_finds_the_best_plan_of_a_bowl():
     target[:, LAYOUT.is_bool] = np.sign(target[:, LAYOUT.is_bool])
 
     def evaluate(iteration, plans):
-        return -np.sum((plans - target) ** 2, axis=(1, 2)), dict
+        return Evaluation(-np.sum((plans - target) ** 2, axis=(1, 2)), dict)
 
     result = evolved(evaluate, 0.0, population=64, until=500.0)
-    assert result.best == evaluate(0, result.elites[:1])[0][0]
+    assert result.best == evaluate(0, result.elites[:1]).returns[0]
     assert -result.best < 0.4 * np.sum(target**2)
 
 
@@ -40,7 +43,7 @@ def test_iterations_count_from_0_and_end_in_time():
 
     def evaluate(iteration, plans):
         numbers.append(iteration)
-        return -np.sum(plans**2, axis=(1, 2)), dict
+        return Evaluation(-np.sum(plans**2, axis=(1, 2)), dict)
 
     result = evolved(evaluate, 1.0, until=22.0)
     assert numbers == list(range(result.iterations))
@@ -51,7 +54,7 @@ def test_iterations_count_from_0_and_end_in_time():
 @pytest.mark.parametrize("incumbent_return", [1e9, -np.inf])
 def test_evolution_gives_up_where_it_would_not_catch_up(incumbent_return):
     def evaluate(iteration, plans):
-        return -np.sum(plans**2, axis=(1, 2)), dict
+        return Evaluation(-np.sum(plans**2, axis=(1, 2)), dict)
 
     result = evolved(evaluate, 1.0, until=300.0, incumbent_return=incumbent_return)
     if np.isfinite(incumbent_return):
@@ -64,7 +67,7 @@ def test_evolution_gives_up_where_it_would_not_catch_up(incumbent_return):
 def test_evolution_goes_on_while_it_is_fast_enough():
     def evaluate(iteration, plans):
         # a better return by one an iteration
-        return np.full(len(plans), float(iteration)), dict
+        return Evaluation(np.full(len(plans), float(iteration)), dict)
 
     fast = evolved(evaluate, 1.0, until=300.0, incumbent_return=250.0)
     assert fast.iterations > 290
@@ -76,9 +79,32 @@ def test_evolution_goes_on_while_it_is_fast_enough():
 def test_evolution_ends_where_nothing_more_is_gained_if_it_shall(until_converged):
     def evaluate(iteration, plans):
         # as much as there is to gain is gained at once
-        return np.where(np.any(plans != 0.0, axis=(1, 2)), 5.0, 0.0), dict
+        return Evaluation(np.where(np.any(plans != 0.0, axis=(1, 2)), 5.0, 0.0), dict)
 
     result = evolved(evaluate, 0.0, until=1000.0, until_converged=until_converged)
     assert result.converged is until_converged
     assert result.best == 5.0
     assert (result.iterations < 300) is until_converged
+
+
+def test_goals_are_counted_until_a_plan_beats_the_return():
+    """A reward that is there only once all bools but a few are true."""
+    needed = 4 * HORIZON - 6
+
+    def evaluate(counts, iteration, plans):
+        count = np.sum(plans[:, :, LAYOUT.is_bool] > 0.0, axis=(1, 2))
+        visited = np.zeros((len(plans), HORIZON, 1))
+        cost = 0.01 * np.sum(plans**2, axis=(1, 2))
+        returns = np.where(count >= needed, 100.0, 0.0) - cost
+        return Evaluation(returns, lambda: {"x": visited}, count - cost if counts else None)
+
+    start = np.zeros((1, HORIZON, 10), np.float32)
+    found = []
+    for counts in (False, True):
+        archive = Archive(LAYOUT, {"x": (0.0, 1.0)}, 0)
+        breeding = Breeding(LAYOUT, 32, generator(), archive, Ticking())
+        goal = Goal(400.0, return_to_beat=0.5)
+        found.append(evolve(partial(evaluate, counts), start, breeding, goal))
+    assert found[0].best <= 0.0
+    # what costs nothing is changed no more once the reward is there
+    assert found[1].best > 90.0

@@ -10,7 +10,7 @@ from helpers.clocks import Ticking
 from mdpo_rddl.auto.search import archive as archives
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
-from mdpo_rddl.auto.search.evolution import Breeding, Goal, evolve
+from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Goal, evolve
 from mdpo_rddl.auto.search.mutations import layout_of
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.state import UNFIT, State
@@ -175,7 +175,7 @@ def test_an_evolution_says_after_each_iteration_which_plans_are_the_best():
     seen: list[np.ndarray] = []
 
     def evaluate(iteration, plans):
-        return -np.sum((plans - 0.3) ** 2, axis=(1, 2)), dict
+        return Evaluation(-np.sum((plans - 0.3) ** 2, axis=(1, 2)), dict)
 
     random = np.random.default_rng(0)
     breeding = Breeding(LAYOUT, 16, random, clock=Ticking(), on_generation=seen.append)
