@@ -88,16 +88,24 @@ class Graph:
     def substitute(self, nodes: Iterable[int], values: Mapping[int, int]) -> list[int]:
         """The nodes with leaves replaced by other nodes."""
         nodes = list(nodes)
-        mask = Kind.CONSTANT
-        for leaf in values:
-            mask |= self.depends[leaf]
         new = dict(values)
-        for node in self.needed(nodes, mask):
+        for node in self.needed(nodes, self.kinds(values)):
             if node not in new:
-                old = self.arguments[node]
-                changed = tuple(new.get(each, each) for each in old)
-                new[node] = node if changed == old else self.make(self.operators[node], *changed)
+                new[node] = self.remade(node, new)
         return [new.get(node, node) for node in nodes]
+
+    def kinds(self, leaves: Iterable[int]) -> Kind:
+        """All that is among leaves."""
+        mask = Kind.CONSTANT
+        for leaf in leaves:
+            mask |= self.depends[leaf]
+        return mask
+
+    def remade(self, node: int, new: Mapping[int, int]) -> int:
+        """The node with its arguments replaced, of those that are."""
+        old = self.arguments[node]
+        changed = tuple(new.get(each, each) for each in old)
+        return node if changed == old else self.make(self.operators[node], *changed)
 
     def needed(self, nodes: Iterable[int], mask: Kind | None = None) -> list[int]:
         """The nodes and all below them, arguments first; with a mask only what depends on it."""

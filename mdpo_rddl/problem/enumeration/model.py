@@ -12,6 +12,7 @@ from mdpo_rddl.problem.enumeration.joint_actions import action_variables, joint_
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
 from mdpo_rddl.problem.enumeration.rules import ActionRules, OpenRules, open_rules
+from mdpo_rddl.problem.enumeration.substitution import Substitution
 from mdpo_rddl.problem.limits import group_limits
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -140,13 +141,15 @@ def _per_action(
     most = env.model.max_allowed_actions
     found: dict[tuple[int, ...], tuple[Mapping[Ground, Any], OpenRules]] = {}
     groups = group_limits(env.model)[0]
+    played: Substitution | None = None
     for assignment in joint_actions(variables, most, (graph, legal), limits, groups):
         limits.check_time()
         constants = {
             graph.leaf(Kind.ACTION, each, isinstance(value, bool)): graph.constant(value)
             for each, value in assignment.items()
         }
-        new = tuple(graph.substitute(nodes, constants))
+        played = played or Substitution(graph, nodes, constants)  # the first is the default
+        new = tuple(played(constants))
         if new not in found:
             found[new] = assignment, whole.with_nodes(new)
             found[new][1].check(graph)
