@@ -5,8 +5,8 @@ Counted, each of them counts: the goal-count heuristic (Bonet and Geffner, "Plan
 search", 2001), for a `forall`, and for an `exists` that must become false, of any reward.
 """
 
-import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial, reduce
 from typing import Any
 
 import jax.numpy as jnp
@@ -31,8 +31,8 @@ def counted_reward(exact: JaxRDDLCompiler) -> CountedReward | None:
     the state, and one of the whole problem: inside of another aggregation each object has its own
     reward already. Where it stands, there is the share of its conditions that have changed since
     the start: 0 there and 1 once it is reached. What it is joined with follows: ~x is 1 - x, of
-    what `^` joins the mean counts and of what `|` joins the largest, and `if` lies between its
-    branches.
+    what `^` joins the mean counts, while what reads actions must hold, of what `|` joins the
+    largest, and `if` lies between its branches.
 
     Args:
       exact: the exact model, compiled.
@@ -101,9 +101,11 @@ class _GoalCounting(JaxRDDLCompiler):
         values |= {after: values[name] for name, after in self.rddl.next_state.items()}
         if not self.traced.cached_is_fluent(expr) or self._reads_actions(expr):
             return None
-        if np.ndim(simulator._sample(expr, values)) > 0:
+        try:
+            holds, conditions = (simulator._sample(each, values) for each in (expr, expr.args[-1]))
+        except Exception:  # what is not known at first, as a draw, is no goal
             return None
-        return float(np.mean(simulator._sample(expr.args[-1], values)))
+        return None if np.ndim(holds) else float(np.mean(conditions))
 
     def _reads_actions(self, expr: Any) -> bool:
         kind, name = expr.etype
@@ -115,7 +117,8 @@ class _GoalCounting(JaxRDDLCompiler):
         return self._joined(expr, aux, lambda x: 1.0 - x, jnp.logical_not)
 
     def _jax_and(self, expr: Any, aux: Any) -> _Evaluated:
-        return self._joined(expr, aux, lambda *xs: sum(xs) / len(xs), jnp.logical_and)
+        are_chosen = [self._reads_actions(each) for each in expr.args]
+        return self._joined(expr, aux, partial(_mean_where_chosen, are_chosen), jnp.logical_and)
 
     def _jax_or(self, expr: Any, aux: Any) -> _Evaluated:
         return self._joined(expr, aux, _largest, jnp.logical_or)
@@ -127,15 +130,14 @@ class _GoalCounting(JaxRDDLCompiler):
         return self._joined(expr, aux, lambda x, y: _largest(1.0 - x, y), exact)
 
     def _jax_if(self, expr: Any, aux: Any) -> _Evaluated:
-        counted = [self._jax(each, aux) for each in expr.args]
-        exact = super()._jax_if(expr, aux)
+        evaluated = [self._jax(each, aux) for each in expr.args]
 
         def between(fluents: Any, nonfluents: Any, params: Any, key: Any) -> tuple:
-            given, key, errors, params = _each(counted, fluents, nonfluents, params, key)
-            if not _is_share(given[0]):
-                return exact(fluents, nonfluents, params, key)
-            share, true, false = given
-            return share * true + (1.0 - share) * false, key, errors, params
+            given, key, errors, params = _each(evaluated, fluents, nonfluents, params, key)
+            condition, true, false = given
+            if _is_share(condition):
+                return condition * true + (1.0 - condition) * false, key, errors, params
+            return jnp.where(condition, true, false), key, errors, params
 
         return between
 
@@ -149,7 +151,7 @@ class _GoalCounting(JaxRDDLCompiler):
             given, key, errors, params = _each(evaluated, fluents, nonfluents, params, key)
             if any(map(_is_share, given)):
                 return of_shares(*(jnp.asarray(x, self.REAL) for x in given)), key, errors, params
-            whole = exact(given[0]) if len(given) == 1 else functools.reduce(exact, given)
+            whole = exact(given[0]) if len(given) == 1 else reduce(exact, given)
             return whole, key, errors, params
 
         return joined
@@ -174,5 +176,13 @@ def _is_share(value: Any) -> bool:
     return bool(jnp.issubdtype(jnp.result_type(value), jnp.floating))
 
 
+def _mean_where_chosen(are_chosen: Sequence[bool], *values: Array) -> Array:
+    """The mean of the conditions on the state, if those that a policy chooses hold."""
+    pairs = list(zip(are_chosen, values, strict=True))
+    others = [value for is_chosen, value in pairs if not is_chosen]
+    chosen = [value for is_chosen, value in pairs if is_chosen]
+    return reduce(jnp.multiply, chosen, reduce(jnp.add, others) / len(others))
+
+
 def _largest(*values: Array) -> Array:
-    return functools.reduce(jnp.maximum, values)
+    return reduce(jnp.maximum, values)

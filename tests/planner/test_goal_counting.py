@@ -64,6 +64,19 @@ def test_of_two_goals_the_mean_counts_and_of_either_the_largest():
     assert rewards_of(f"({ALL}) | ({last})")(LOCKS) == pytest.approx(10.0)
 
 
+def test_what_a_policy_chooses_must_hold():
+    chosen = f"({ALL}) ^ ~(exists_{{?l : lock}} [turn(?l)])"
+    reward, turned = rewards_of(chosen), rewards_of(chosen.replace("~", ""))
+    assert [reward(1), turned(1)] == pytest.approx([10.0 / 7.0, 0.0])
+
+
+def test_a_long_choice_is_compiled_once():
+    choice = f"if ({ALL}) then 1 else 0"
+    for _ in range(40):
+        choice = f"if (exists_{{?l : lock}} [turn(?l)]) then 2 else ({choice})"
+    assert rewards_of(choice)(1) == pytest.approx(10.0 / 7.0)
+
+
 @pytest.mark.parametrize(
     "goal",
     [
