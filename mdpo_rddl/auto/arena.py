@@ -145,7 +145,7 @@ class Arena:
     def plans(self) -> PlanPopulation:
         """Open-loop plans side by side on the exact model; compiled when first played."""
         plans = PlanPopulation(self.planner, self.probe, self.seed, self.clock, self.deadline)
-        plans.on_generation, plans.counts_goals = self.pulse, self.counts_goals
+        plans.on_generation, plans.counts_goals = self.pulse, lambda: self.misses_goals
         return plans
 
     def after_plans_compile(self, params: Params, until: float) -> float:
@@ -219,6 +219,12 @@ class Arena:
         noop = self.judge.latest(NOOP)
         error = candidate.error if noop is None else difference_error(candidate, noop)
         return candidate.known_mean > return_to_beat(self.noop_return.mean, error)
+
+    @property
+    def misses_goals(self) -> bool:
+        """Whether goals are to be counted: none of the planner's policies beats the no-op."""
+        best = self.judge.best_of(self.planner)
+        return self.counts_goals and (best is None or not self.beats_noop(best))
 
     def candidate(self, arm: str, label: str, params: Params) -> Candidate:
         """A candidate of the arena's planner."""

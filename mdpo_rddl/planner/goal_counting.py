@@ -5,14 +5,15 @@ Counted, each of them counts: the goal-count heuristic (Bonet and Geffner, "Plan
 search", 2001), for a `forall`, and for an `exists` that must become false, of any reward.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial, reduce
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, random
 
+from mdpo_rddl.planner.programs.quick import once_jit
 from mdpo_rddl.planner.upstream import JaxRDDLCompiler
 
 CountedReward = Callable[[Mapping[str, Any], Mapping[str, Any], Any, Array], Array]
@@ -29,20 +30,20 @@ def counted_reward(exact: JaxRDDLCompiler) -> CountedReward | None:
 
     A goal is a `forall` that does not hold at first, or an `exists` that does, of conditions on
     the state, and one of the whole problem: inside of another aggregation each object has its own
-    reward already. Where it stands, there is the share of its conditions that have changed since
-    the start: 0 there and 1 once it is reached. What it is joined with follows: ~x is 1 - x, of
-    what `^` joins the mean counts, while what reads actions must hold, of what `|` joins the
-    largest, and `if` lies between its branches.
+    reward already. In the initial state it must not cost anything to reach it. Where it stands,
+    there is the share of its conditions that have changed since the start: 0 there and 1 once it is
+    reached. What it is joined with follows: ~x is 1 - x, of what `^` joins the mean counts, while
+    what reads actions must hold, of what `|` joins the largest, and `if` lies between its branches.
 
     Args:
       exact: the exact model, compiled.
     """
     if exact.rddl.terminations:
         return None
-    counting = _GoalCounting(exact)
-    evaluated = counting._jax(exact.rddl.reward, exact.model_aux, dtype=exact.REAL)
-    if not counting.count:
+    found = _GoalCounting(exact).paid_goals()
+    if not found:
         return None
+    evaluated = _GoalCounting(exact, found).compiled_reward()
 
     def reward(
         fluents: Mapping[str, Any], nonfluents: Mapping[str, Any], params: Any, key: Array
@@ -56,13 +57,46 @@ class _GoalCounting(JaxRDDLCompiler):
     """Compiles expressions as the exact model does, but for goals.
 
     Attributes:
-      count: of the goals that were compiled.
+      goals: the numbers of those that were compiled.
     """
 
-    def __init__(self, exact: JaxRDDLCompiler) -> None:
+    def __init__(self, exact: JaxRDDLCompiler, only: Collection[int] | None = None) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          exact: the exact model, compiled.
+          only: the goals that are counted; all if None.
+        """
         # what was traced of the problem is the same, and takes long on a large one
         self.__dict__.update(vars(exact))
-        self.count = 0
+        self._only, self.goals = only, set[int]()
+        # in place of the shares, where these are not computed
+        self._shares: Mapping[int, Array] | None = None
+
+    def compiled_reward(self) -> _Evaluated:
+        """The reward with goals counted."""
+        evaluated: _Evaluated = self._jax(self.rddl.reward, self.model_aux, dtype=self.REAL)
+        return evaluated
+
+    def paid_goals(self) -> set[int]:
+        """Those that take nothing from the reward of the initial state's no-op if reached alone."""
+        evaluated = self.compiled_reward()
+        goals = sorted(self.goals)
+        if not goals:
+            return set()
+        fluents, nonfluents = self.split_fluent_nonfluent(self._first_values())
+        params = self.model_aux["params"]
+
+        def rewarded(shares: Array) -> Array:
+            self._shares = dict(zip(goals, shares, strict=True))
+            found = evaluated(fluents, nonfluents, params, random.PRNGKey(0))[0]
+            self._shares = None
+            return jnp.asarray(found)
+
+        program = once_jit(rewarded)
+        none = program(np.zeros(len(goals), np.float32))
+        each = [program(shares) for shares in np.eye(len(goals), dtype=np.float32)]
+        return {goal for goal, reward in zip(goals, each, strict=True) if not reward < none}
 
     def _jax_forall(self, expr: Any, aux: Any) -> _Evaluated:
         return self._counted(expr, aux, reached=1.0) or super()._jax_forall(expr, aux)
@@ -79,12 +113,16 @@ class _GoalCounting(JaxRDDLCompiler):
           reached: the share of true conditions at which it is reached.
         """
         first = self._first_share(expr)
-        if first is None or first == reached:
+        is_left_out = self._only is not None and expr.id not in self._only
+        if is_left_out or first is None or first == reached:
             return None
         conditions = self._jax(expr.args[-1], aux)
-        self.count += 1
+        self.goals.add(expr.id)
 
         def share(fluents: Any, nonfluents: Any, params: Any, key: Any) -> tuple:
+            if self._shares is not None:
+                known = jnp.asarray(self._shares[expr.id], self.REAL)
+                return known if reached else 1.0 - known, key, 0, params
             holds, key, error, params = conditions(fluents, nonfluents, params, key)
             progress = (jnp.mean(jnp.asarray(holds, self.REAL)) - first) / (reached - first)
             # an `exists` begins as true
@@ -97,8 +135,7 @@ class _GoalCounting(JaxRDDLCompiler):
 
         That is so, too, where they are about actions, which a policy need but choose.
         """
-        simulator, values = self.constraints.sim, dict(self.init_values)
-        values |= {after: values[name] for name, after in self.rddl.next_state.items()}
+        simulator, values = self.constraints.sim, self._first_values()
         if not self.traced.cached_is_fluent(expr) or self._reads_actions(expr):
             return None
         try:
@@ -106,6 +143,11 @@ class _GoalCounting(JaxRDDLCompiler):
         except Exception:  # what is not known at first, as a draw, is no goal
             return None
         return None if np.ndim(holds) else float(np.mean(conditions))
+
+    def _first_values(self) -> dict[str, Any]:
+        """Of all fluents at first, as if the first step changed nothing."""
+        values = dict(self.init_values)
+        return values | {after: values[name] for name, after in self.rddl.next_state.items()}
 
     def _reads_actions(self, expr: Any) -> bool:
         kind, name = expr.etype

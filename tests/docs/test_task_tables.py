@@ -24,6 +24,7 @@ def rows(folder, columns=COLUMNS):
 TABLES = {
     "ablation": lambda folder: ablation_table(rows(folder)),
     "ablation_objects": lambda folder: ablation_table(rows(folder)),
+    "ablation_goals": lambda folder: ablation_table(rows(folder)),
     "ablation_own": lambda folder: ablation_table(rows(folder)),
     "ablation_ppo": lambda folder: ablation_table(rows(folder)),
     "ablation_voting": lambda folder: ablation_table(rows(folder)),

@@ -86,10 +86,18 @@ def test_a_long_choice_is_compiled_once():
         "sum_{?l : lock} [forall_{?b : lock} [AFTER(?b, ?l) => open(?b)]]",  # of an object
         "forall_{?l : lock} [turn(?l)]",  # a policy need but choose
         "forall_{?l : lock} [LAST(?l)]",  # nobody can change it
+        f"-({ALL})",  # nobody wants it
+        f"~({ALL})",
     ],
 )
 def test_what_is_no_goal(goal):
     assert rewards_of(goal) is None
+
+
+def test_of_several_those_count_that_are_wanted():
+    last = "forall_{?l : lock} [LAST(?l) => open(?l)]"
+    reward = rewards_of(f"({ALL}) - 0.5 * ({last})")
+    assert [reward(1), reward(LOCKS)] == pytest.approx([10.0 / 7.0, 10.0 / 7.0 - 5.0])
 
 
 def test_there_is_none_where_an_episode_may_end():

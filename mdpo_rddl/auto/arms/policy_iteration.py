@@ -88,8 +88,7 @@ class PolicyIterationArm(CompilingArm):
     finite, or what is learnt from them, counts as lost.
 
     Where no policy beats the no-op before it begins, it learns from rewards with goals counted
-    (`mdpo_rddl.planner.goal_counting`) until one of its own does, and from then on from the rewards
-    as they are.
+    (`mdpo_rddl.planner.goal_counting`) until one of its own does.
 
     Attributes:
       counts_goals: whether it learns from goals counted now.
@@ -163,7 +162,8 @@ class PolicyIterationArm(CompilingArm):
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
         rollouts = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
-        learning = Learning(rollouts=rollouts, counts_goals=arena.counts_goals)
+        counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
+        learning = Learning(rollouts=rollouts, counts_goals=counted or arena.misses_goals)
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
@@ -217,7 +217,7 @@ class PolicyIterationArm(CompilingArm):
     def _begin_part(self) -> None:
         """The first iteration, from the best policy so far."""
         now, guide = self._clock(), self._arena.incumbent
-        self.counts_goals = self._iteration.has_goals and not self._arena.beats_noop(guide)
+        self.counts_goals = self._iteration.has_goals and self._arena.misses_goals
         self._parents = (*guide.parents, guide.arm) if guide.arm else ()
         # its program may have taken longer than the first part was to last
         self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))

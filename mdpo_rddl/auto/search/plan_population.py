@@ -45,7 +45,7 @@ class PlanPopulation:
       iterations: done so far.
       elites: the best plans [E, H, D] of the evolution that goes on; None between evolutions.
       on_generation: called after each of its iterations.
-      counts_goals: whether an exploration goes by goals counted.
+      counts_goals: says, when the program is made, whether an exploration goes by goals counted.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class PlanPopulation:
         self.iterations = 0
         self.elites: np.ndarray | None = None
         self.on_generation: Callable[[], None] = lambda: None
-        self.counts_goals = True
+        self.counts_goals: Callable[[], bool] = lambda: False
 
     @property
     def compile_seconds(self) -> float:
@@ -201,7 +201,7 @@ class PlanPopulation:
 
     def _make(self) -> Callable[[Array, Params], Visits]:
         if self._has_states:
-            counts = self.counts_goals
+            counts = self.counts_goals()
             visits = compile_visits(self._planner, self._rollouts, counts_goals=counts)
         else:
             visits = _without_states(self._planner, self._rollouts)
