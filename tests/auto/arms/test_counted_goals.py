@@ -1,4 +1,4 @@
-"""The arm that learns a value, where the reward comes only once many conditions hold."""
+"""Learning a value, and plans, where the reward comes only once many conditions hold."""
 
 from dataclasses import replace
 
@@ -61,3 +61,32 @@ def test_another_process_goes_on_counting(arena):
     later._compile()
     assert later.counts_goals
     assert np.all(later._learner.weights == arm._learner.weights)
+
+
+def test_goals_are_missed_until_a_policy_beats_the_noop(arena):
+    assert arena.misses_goals
+    assert not replace(arena, counts_goals=False).misses_goals
+    found = replace(arena.candidate("other", "known", arena.noop), mean=1.0, error=0.0)
+    arena.judge.record(found)
+    assert not arena.misses_goals
+
+
+@pytest.mark.parametrize("counts", [False, True])
+def test_plans_go_by_goals_counted(arena, counts):
+    plans = arena.plans
+    plans.counts_goals = lambda: counts
+    visits = plans._make()
+    # the first lock is turned at each step, and open after about one
+    plan = np.zeros_like(plans.plan_of(arena.noop))
+    plan[:, 0] = 9.0
+    population = {
+        **plans._repeated(arena.noop),
+        "plan": plans._layout(arena.noop).tree(
+            np.broadcast_to(plan, (plans._population, *plan.shape))
+        ),
+    }
+    found = visits(plans._key, population)
+    returns, counted = (float(np.mean(each)) for each in (found.returns, found.counted))
+    assert returns == pytest.approx(-12.0)
+    assert (counted > returns + 10.0) == counts
+    assert (counted == returns) != counts
