@@ -223,7 +223,8 @@ def _mean_where_chosen(are_chosen: Sequence[bool], *values: Array) -> Array:
     pairs = list(zip(are_chosen, values, strict=True))
     others = [value for is_chosen, value in pairs if not is_chosen]
     chosen = [value for is_chosen, value in pairs if is_chosen]
-    return reduce(jnp.multiply, chosen, reduce(jnp.add, others) / len(others))
+    mean = reduce(jnp.add, others) / len(others) if others else jnp.ones(())
+    return reduce(jnp.multiply, chosen, mean)
 
 
 def _largest(*values: Array) -> Array:
