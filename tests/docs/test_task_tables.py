@@ -31,6 +31,7 @@ TABLES = {
     "ablation_settings": lambda folder: ablation_table(rows(folder)),
     "anytime": lambda folder: anytime_table(read_anytime(folder)),
     "everywhere": lambda folder: everywhere_table(rows(folder)),
+    "everywhere_others": lambda folder: everywhere_table(rows(folder)),
     "ippc2014": lambda folder: ippc2014_table(rows(folder)),
     "published": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_hundred": lambda folder: published_table(read_published(folder / "rows.csv")),
