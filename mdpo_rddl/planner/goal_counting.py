@@ -139,7 +139,9 @@ class _GoalCounting(JaxRDDLCompiler):
         if not self.traced.cached_is_fluent(expr) or self._reads_actions(expr):
             return None
         try:
-            holds, conditions = (simulator._sample(each, values) for each in (expr, expr.args[-1]))
+            with np.errstate(all="ignore"):
+                holds = simulator._sample(expr, values)
+                conditions = simulator._sample(expr.args[-1], values)
         except Exception:  # what is not known at first, as a draw, is no goal
             return None
         return None if np.ndim(holds) else float(np.mean(conditions))
