@@ -135,15 +135,18 @@ class Openings(Slices):
 
         Args:
           share: of the time left, for all of them.
-          is_rare: whether no reward was found yet; its policies must soon find some then.
+          is_rare: whether no reward was found yet; its policies must soon find some then, unless it
+            counts goals.
         """
         if not self._entrants.may_be_greedy(share):
             return  # its part may begin later
         arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
+        if arm is None:
+            return
         least = _NUMBERS_AT_LEAST if self._entrants.decides_numbers else _GREEDY_AT_LEAST
 
         def must_find() -> bool:
-            return is_rare and not (arm is not None and arm.counts_goals)
+            return is_rare and not arm.counts_goals
 
         def at_least() -> float:
             return 0.0 if must_find() and not self._arena.beats_noop(self._best) else least
