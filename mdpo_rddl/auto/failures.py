@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -27,7 +26,7 @@ def one_line_errors(problem: Problem) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        cause = missing_package(error) or " ".join(f"{type(error).__name__}: {error}".split())
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{problem.instance_path}: cannot be planned: {cause}") from error
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from jax import Array, random
 
 from mdpo_rddl.machine.device import chosen_device, computing_on
+from mdpo_rddl.planner.models import CompilingPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.plan_memory import Entries, PlanMemory
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
-from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.problem.observation import as_numbers
 
 try:
@@ -24,7 +24,7 @@ except ImportError:  # jax 0.6, which tensorflow-probability needs
     from jax.experimental import enable_x64  # type: ignore[attr-defined,no-redef]
 
 
-class ActingPlanner(JaxBackpropPlanner):
+class ActingPlanner(CompilingPlanner):
     """JaxPlan's planner with actions that an exact environment accepts."""
 
     def get_action(

@@ -11,7 +11,6 @@ from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.bounds import too_large_for
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.values import optimize_parameters
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.programs.quick import Jit
 from mdpo_rddl.planner.programs.stored import stored_jit
@@ -51,7 +50,7 @@ def build_planner(
             warnings.simplefilter("ignore")  # of what is no box, as when the problem was loaded
             planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
-        cause = missing_package(error) or " ".join(str(error).split()) or type(error).__name__
+        cause = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"{problem.instance_path}: JaxPlan cannot compile it: {cause} "
             f"(configured by {config.source})"

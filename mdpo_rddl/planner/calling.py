@@ -10,15 +10,16 @@ import jax.numpy as jnp
 from jax import Array
 
 from mdpo_rddl.planner.acting import ActingPlanner
-from mdpo_rddl.planner.exact_model import exact_model
-from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
-from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.update.callback_rule import CallbackRule
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.planner.update.sizes import CallSizes
-from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
+from mdpo_rddl.planner.upstream import (
+    GaussianPGPE,
+    JaxBackpropPlanner,
+    JaxPlannerStatus,
+)
 from mdpo_rddl.problem.boxes import boxes
 
 
@@ -115,9 +116,6 @@ class CallingPlanner(ActingPlanner):
 
     def _jax_compile_rddl(self) -> None:
         super()._jax_compile_rddl()
-        if isinstance(self.plan, (FeedbackPlan, GreedyPlan)):
-            # JaxPlan's own plans are trained and tested with JaxPlan's random numbers
-            self.test_compiled = exact_model(self.test_compiled)
         for compiled in (self.compiled, self.test_compiled):
             compiled.constraints.bounds = boxes(compiled.constraints.sim)
 

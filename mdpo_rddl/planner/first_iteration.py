@@ -6,7 +6,6 @@ from typing import Any
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 # a budget has at least so many calls, for a bound on the time can then be kept and a learning
@@ -38,8 +37,7 @@ def force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> No
             if planner.in_calls:
                 next(generator, None)
         except Exception as error:  # whatever the problem and the values make JAX raise
-            kind_and_message = " ".join(f"{type(error).__name__}: {error}".split())
-            cause = missing_package(error) or kind_and_message
+            cause = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error
     generator.close()
     if planner.in_calls:

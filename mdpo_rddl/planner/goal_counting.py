@@ -13,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
+from mdpo_rddl.planner.exact_model import ExactModel
 from mdpo_rddl.planner.programs.quick import once_jit
+from mdpo_rddl.planner.repairs import Evaluated
 from mdpo_rddl.planner.upstream import JaxRDDLCompiler
 
 CountedReward = Callable[[Mapping[str, Any], Mapping[str, Any], Any, Array], Array]
 """Of fluents, non-fluents, the model's parameters and a random key; a scalar."""
-
-_Evaluated = Callable[..., tuple[Any, Any, Any, Any]]
 
 
 def counted_reward(exact: JaxRDDLCompiler) -> CountedReward | None:
@@ -53,7 +53,7 @@ def counted_reward(exact: JaxRDDLCompiler) -> CountedReward | None:
     return reward
 
 
-class _GoalCounting(JaxRDDLCompiler):
+class _GoalCounting(ExactModel):
     """Compiles expressions as the exact model does, but for goals.
 
     Attributes:
@@ -73,9 +73,9 @@ class _GoalCounting(JaxRDDLCompiler):
         # in place of the shares, where these are not computed
         self._shares: Mapping[int, Array] | None = None
 
-    def compiled_reward(self) -> _Evaluated:
+    def compiled_reward(self) -> Evaluated:
         """The reward with goals counted."""
-        evaluated: _Evaluated = self._jax(self.rddl.reward, self.model_aux, dtype=self.REAL)
+        evaluated: Evaluated = self._jax(self.rddl.reward, self.model_aux, dtype=self.REAL)
         return evaluated
 
     def paid_goals(self) -> set[int]:
@@ -98,13 +98,13 @@ class _GoalCounting(JaxRDDLCompiler):
         each = [program(shares) for shares in np.eye(len(goals), dtype=np.float32)]
         return {goal for goal, reward in zip(goals, each, strict=True) if not reward < none}
 
-    def _jax_forall(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_forall(self, expr: Any, aux: Any) -> Evaluated:
         return self._counted(expr, aux, reached=1.0) or super()._jax_forall(expr, aux)
 
-    def _jax_exists(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_exists(self, expr: Any, aux: Any) -> Evaluated:
         return self._counted(expr, aux, reached=0.0) or super()._jax_exists(expr, aux)
 
-    def _counted(self, expr: Any, aux: Any, reached: float) -> _Evaluated | None:
+    def _counted(self, expr: Any, aux: Any, reached: float) -> Evaluated | None:
         """What counts a goal; None if it is none.
 
         Args:
@@ -157,23 +157,23 @@ class _GoalCounting(JaxRDDLCompiler):
             return name in self.rddl.action_fluents
         return kind != "constant" and any(map(self._reads_actions, _parts(expr)))
 
-    def _jax_not(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_not(self, expr: Any, aux: Any) -> Evaluated:
         return self._joined(expr, aux, lambda x: 1.0 - x, jnp.logical_not)
 
-    def _jax_and(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_and(self, expr: Any, aux: Any) -> Evaluated:
         are_chosen = [self._reads_actions(each) for each in expr.args]
         return self._joined(expr, aux, partial(_mean_where_chosen, are_chosen), jnp.logical_and)
 
-    def _jax_or(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_or(self, expr: Any, aux: Any) -> Evaluated:
         return self._joined(expr, aux, _largest, jnp.logical_or)
 
-    def _jax_implies(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_implies(self, expr: Any, aux: Any) -> Evaluated:
         def exact(x: Array, y: Array) -> Array:
             return jnp.logical_or(jnp.logical_not(x), y)
 
         return self._joined(expr, aux, lambda x, y: _largest(1.0 - x, y), exact)
 
-    def _jax_if(self, expr: Any, aux: Any) -> _Evaluated:
+    def _jax_if(self, expr: Any, aux: Any) -> Evaluated:
         evaluated = [self._jax(each, aux) for each in expr.args]
 
         def between(fluents: Any, nonfluents: Any, params: Any, key: Any) -> tuple:
@@ -187,7 +187,7 @@ class _GoalCounting(JaxRDDLCompiler):
 
     def _joined(
         self, expr: Any, aux: Any, of_shares: Callable[..., Array], exact: Callable[..., Array]
-    ) -> _Evaluated:
+    ) -> Evaluated:
         """What joins conditions, of which some may be shares."""
         evaluated = [self._jax(each, aux) for each in expr.args]
 
@@ -206,7 +206,7 @@ def _parts(expr: Any) -> list[Any]:
     return [each for each in expr.args if hasattr(each, "etype")]
 
 
-def _each(evaluated: list[_Evaluated], fluents: Any, nonfluents: Any, params: Any, key: Any) -> Any:
+def _each(evaluated: list[Evaluated], fluents: Any, nonfluents: Any, params: Any, key: Any) -> Any:
     """All of them in turn, with one key after the other."""
     values, errors = [], 0
     for one in evaluated:

@@ -2,7 +2,6 @@
 
 import logging
 import time
-from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -26,38 +25,19 @@ def has_draws(model: Any) -> bool:
     return any(map(draws, _expressions(model)))
 
 
-def draws_from(model: Any, laws: Collection[str]) -> bool:
-    """Whether some fluent or the reward is drawn from one of some laws.
-
-    Args:
-      model: pyRDDLGym's lifted model.
-      laws: by their names in RDDL.
-    """
-    return any(draws(expression, laws.__contains__) for expression in _expressions(model))
-
-
 def _expressions(model: Any) -> list[Any]:
     return [model.reward, *(expression for _, expression in model.cpfs.values())]
 
 
-def _is_uncertain(law: str) -> bool:
-    return law not in _CERTAIN
-
-
-def draws(expression: Any, is_meant: Callable[[str], bool] = _is_uncertain) -> bool:
-    """Whether an expression, or one of several, draws from such a law.
-
-    Args:
-      expression: of pyRDDLGym's.
-      is_meant: of the law's name; those of more than one value if not given.
-    """
+def draws(expression: Any) -> bool:
+    """Whether an expression of pyRDDLGym's, or one of several, draws from a law of more values."""
     if isinstance(expression, (tuple, list)):
-        return any(draws(each, is_meant) for each in expression)
+        return any(map(draws, expression))
     if not hasattr(expression, "etype"):
         return False
     kind, name = expression.etype
-    is_draw = kind in ("randomvar", "randomvector") and is_meant(name)
-    return is_draw or draws(expression.args, is_meant)
+    is_draw = kind in ("randomvar", "randomvector") and name not in _CERTAIN
+    return is_draw or draws(expression.args)
 
 
 def rewards_are_certain(problem: Problem, seconds: float) -> bool:

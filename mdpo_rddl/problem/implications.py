@@ -53,7 +53,7 @@ def read_rules(rddl: Any) -> Rules:
         names = set(rddl.action_fluents)
         if not _fluents(precondition) & names or is_box(rddl, precondition):
             continue
-        parts = list(_parts(precondition, {}))
+        parts = list(conjuncts(precondition))
         found = [_read(rddl, expression, variables) for variables, expression in parts]
         if all(found):
             implications += [one for one in found if one is not None]
@@ -89,14 +89,22 @@ def is_box(rddl: Any, expression: Any, variables: Sequence[str] = ()) -> bool:
     return False
 
 
-def _parts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:
-    """The parts that must all hold, each with the variables of the `forall`s around it."""
+def conjuncts(expression: Any) -> Iterator[tuple[dict[str, str], Any]]:
+    """The parts of a precondition that must all hold.
+
+    Returns:
+      Of each the variables of the `forall`s around it, with their types, and the expression.
+    """
+    return _conjuncts(expression, {})
+
+
+def _conjuncts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:
     if expression.etype == ("aggregation", "forall"):
         *typed, body = expression.args
-        yield from _parts(body, variables | dict(variable for _, variable in typed))
+        yield from _conjuncts(body, variables | dict(variable for _, variable in typed))
     elif _is_and(expression):
         for argument in expression.args:
-            yield from _parts(argument, variables)
+            yield from _conjuncts(argument, variables)
     else:
         yield variables, expression
 

@@ -11,8 +11,8 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.exact_model import ExactModel
+from mdpo_rddl.planner.repairs import repaired
 from mdpo_rddl.planner.upstream import INVALID_PARAMETERS, JaxRDDLCompiler
-from mdpo_rddl.problem.chance import draws_from
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 
@@ -81,10 +81,4 @@ def test_what_is_no_law_is_an_error(law, stock, is_law):
 def test_jaxplan_s_own_plans_have_jaxplan_s_random_numbers():
     problem = problem_from(SHOP.replace("LAW", LAWS["Poisson"]))
     config = jaxplan_config("default", "slp")
-    assert type(build_planner(problem, config).planner.test_compiled) is JaxRDDLCompiler
-
-
-def test_a_problem_without_such_laws_has_jaxplan_s_model():
-    problem, planner = planner_of("2")
-    assert type(planner.test_compiled) is JaxRDDLCompiler
-    assert not draws_from(problem.model, ["Poisson", "Binomial"])
+    assert type(build_planner(problem, config).planner.test_compiled) is repaired(JaxRDDLCompiler)

@@ -9,6 +9,7 @@ from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper
 
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.diagnosis import origin
+from mdpo_rddl.planner.upstream import JaxRDDLCompiler
 from mdpo_rddl.problem.load import load_problem
 
 
@@ -56,15 +57,20 @@ def test_restarts_that_all_diverge_are_an_input_error():
 # --- what cannot be compiled ------------------------------------------------------------
 
 
-def test_what_jaxplan_cannot_compile_is_an_input_error_that_names_the_file(tmp_path):
-    text = CART.replace("x + push;", "x + push + gamma[x];")  # takes two arguments
+def _refused(self, expr, aux):
+    raise NotImplementedError("no hypot")
+
+
+def test_what_jaxplan_cannot_compile_is_an_input_error_that_names_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(JaxRDDLCompiler, "_jax_hypot", _refused)
+    text = CART.replace("x + push;", "x + push + hypot[x, push];")
     assert text != CART
     (tmp_path / "cart.rddl").write_text(text)
     (tmp_path / "one.rddl").write_text(CART_INSTANCE)
     problem = load_problem(str(tmp_path / "cart.rddl"), str(tmp_path / "one.rddl"))
     said = one_line(lambda: build_planner(problem, paper_config()))
     assert said.startswith(f"{tmp_path / 'one.rddl'}: JaxPlan cannot compile it: ")
-    assert "gamma" in said
+    assert "no hypot" in said
 
 
 def test_what_only_shows_in_the_first_iteration_is_an_input_error(tmp_path):

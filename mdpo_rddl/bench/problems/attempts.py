@@ -12,6 +12,7 @@ import numpy as np
 
 from mdpo_rddl.bench.common.full_training import train_fully
 from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.problems.missing import missing_package
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.memory import peak_mb
@@ -20,7 +21,6 @@ from mdpo_rddl.planner.build import build_baseline, build_planner
 from mdpo_rddl.planner.config.budgets import A_DAY, Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment

@@ -13,7 +13,6 @@ from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.problem.load import load_problem
 
 _FIGURES = ("horizon", "chance", "illegal", "steps", "steps_per_second", "seconds", "peak_mb")
@@ -72,7 +71,7 @@ def check(item: Item) -> dict[str, Any]:
         elif found.illegal:
             row.update(status="illegal", cause="the environment refused a legalised action")
     except Exception as error:  # whatever it is, it is the finding
-        row.update(status="error", cause=missing_package(error) or one_line_cause(error))
+        row.update(status="error", cause=one_line_cause(error))
     row["seconds"] = round(time.perf_counter() - started, 1)
     row["peak_mb"] = round(peak_mb())
     return row

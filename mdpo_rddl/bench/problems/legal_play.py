@@ -17,7 +17,6 @@ from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.memory import peak_mb
 from mdpo_rddl.machine.versions import versions
-from mdpo_rddl.planner.missing import missing_package
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.episode import Episode
 from mdpo_rddl.problem.evaluation import episode_seeds
@@ -83,7 +82,7 @@ def check(item: Item) -> dict[str, Any]:
         elif any(row[name] for name in BREACHES):
             row.update(status="counted", cause="no legal action was found, which was counted")
     except Exception as error:  # whatever it is, it is the finding
-        row.update(status="error", cause=missing_package(error) or one_line_cause(error))
+        row.update(status="error", cause=one_line_cause(error))
     row["seconds"] = round(time.perf_counter() - started, 1)
     row["peak_mb"] = round(peak_mb())
     return row

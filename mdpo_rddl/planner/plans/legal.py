@@ -5,7 +5,9 @@ action near it, as a pure function of the policy's probabilities and of the stat
 
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
-3. if that is still illegal, the no-op takes its changes one by one, the most probable first, each
+3. numbers go back towards the no-op where a linear precondition asks for it
+   (`mdpo_rddl.planner.plans.linear_limits`);
+4. if that is still illegal, the no-op takes its changes one by one, the most probable first, each
    only if the action stays legal; of a real's change it takes a legal share, found by bisection
    to 1/256, the largest one where every share below a legal one is legal; where the no-op itself
    is illegal, the most probable legal change of it comes first, and after the single ones a change
@@ -24,6 +26,7 @@ from jax import Array, lax
 
 from mdpo_rddl.planner.plans.changes import Changes
 from mdpo_rddl.planner.plans.limits import choose_within_limits
+from mdpo_rddl.planner.plans.linear_limits import LinearLimits
 from mdpo_rddl.problem.implications import Implication, Rules, read_rules
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 
@@ -77,6 +80,7 @@ class LegalActions:
         self._masks = [(rule, _compile_rule(compiled, rule)) for rule in self._rules.implications]
         self._others = [compiled.preconditions[place] for place in self._rules.others]
         self._fluents, self._nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)
+        self._linear = LinearLimits(compiled, self._rules.others)
         self._changes = Changes(compiled)
         self._integer_boxes = _integer_boxes(compiled)
         # the groups' limits are kept as they are, unless something is to be done everywhere
@@ -104,6 +108,8 @@ class LegalActions:
         allowed = self._allowed(state)
         if allowed:
             actions = self._masked(actions, probabilities, allowed)
+        if self._linear.is_needed:
+            actions = self._linear(actions, state)
         if not self._is_checked:
             return actions
         return self._repaired(actions, probabilities, state, allowed)

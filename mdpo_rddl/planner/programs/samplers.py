@@ -100,6 +100,52 @@ def binomial(key: Array, trials: Array, probability: Array) -> Array:
     return jnp.where(probability > 0.5, trials - count, count)
 
 
+def negative_binomial(key: Array, count: Array, probability: Array) -> Array:
+    """Failures before so many successes: a Poisson law whose rate is drawn from a gamma law.
+
+    Args:
+      key: JAX random key.
+      count: of successes, above 0, whole or not [*shape].
+      probability: of a success, in [0, 1]; of a shape that broadcasts with that of the count.
+
+    Returns:
+      Counts [*shape], as floating-point numbers.
+    """
+    count, probability = jnp.broadcast_arrays(count, probability)
+    rate_key, count_key = random.split(key)
+    odds = (1.0 - probability) / probability
+    return poisson(count_key, odds * random.gamma(rate_key, count, dtype=count.dtype))
+
+
+def multinomial(key: Array, trials: Array, shares: Array) -> Array:
+    """Counts of multinomial laws: of each category a binomial one, of the trials that are left.
+
+    Args:
+      key: JAX random key.
+      trials: of each, whole and not below 0; of a shape that broadcasts with `shape`.
+      shares: the categories' probabilities, which sum to 1 [*shape, C].
+
+    Returns:
+      Counts [*shape, C], as floating-point numbers, which sum to the trials.
+    """
+    shape = jnp.broadcast_shapes(jnp.shape(trials), shares.shape[:-1])
+    trials = jnp.broadcast_to(trials, shape)
+    shares = jnp.broadcast_to(shares, (*shape, shares.shape[-1]))
+    # of each category among itself and the ones after it
+    rest = jnp.cumsum(shares[..., ::-1], axis=-1)[..., ::-1]
+    odds = jnp.where(rest > 0.0, shares / jnp.where(rest > 0.0, rest, 1.0), 0.0)
+    odds = jnp.clip(odds, 0.0, 1.0).at[..., -1].set(1.0)
+
+    def category(left: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
+        own, share = given
+        count = binomial(own, left, share)
+        return left - count, count
+
+    keys = random.split(key, shares.shape[-1])
+    _, counts = lax.scan(category, trials, (keys, jnp.moveaxis(odds, -1, 0)))
+    return jnp.moveaxis(counts, 0, -1)
+
+
 class _Law(NamedTuple):
     """A law of counts with one mode, each an array [*shape].
 

@@ -202,8 +202,8 @@ def pushes(rules=AHEAD, most="pos-inf"):
         (AHEAD, "pos-inf", [1.0, 0.9], [0.2, 0.5]),
         (AHEAD, "pos-inf", [0.3, -0.7], [0.2, -0.7]),
         (AHEAD, "pos-inf", [-1.0, 0.25], [-1.0, 0.25]),
-        # of a common bound the larger change takes what it needs, the other one what is left
-        (SHARED, "pos-inf", [0.5, 0.4], [0.5, 0.1]),
+        # both go back as far for a common bound
+        (SHARED, "pos-inf", [0.5, 0.4], [0.35, 0.25]),
         # beside what counts as a change, no more than there may be
         (AHEAD, "1", [0.8, 0.9], [0.0, 0.5]),
     ],

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from mdpo_rddl.planner.acting import enable_x64
-from mdpo_rddl.planner.programs.samplers import binomial, poisson
+from mdpo_rddl.planner.programs.samplers import binomial, multinomial, negative_binomial, poisson
 
 DRAWS = 20_000
 
@@ -42,6 +42,30 @@ def test_binomial(trials, probability):
     draws = np.asarray(jax.jit(binomial)(jax.random.PRNGKey(2), numbers, probability))
     assert np.all((draws >= 0.0) & (draws <= trials) & (draws == np.floor(draws)))
     assert has_law(draws, stats.binom(trials, probability))
+
+
+@pytest.mark.parametrize("count", [0.5, 1.0, 3.0, 40.0])
+@pytest.mark.parametrize("probability", [0.05, 0.4, 0.9, 1.0])
+def test_negative_binomial(count, probability):
+    counts = jnp.full(DRAWS, count)
+    draws = np.asarray(jax.jit(negative_binomial)(jax.random.PRNGKey(4), counts, probability))
+    assert np.all((draws >= 0.0) & (draws == np.floor(draws)))
+    assert has_law(draws, stats.nbinom(count, probability))
+
+
+def test_multinomial():
+    shares = np.array([[0.2, 0.0, 0.5, 0.3], [0.0, 1.0, 0.0, 0.0]])
+    trials = jnp.array([7.0, 3.0])
+    keys = jax.random.split(jax.random.PRNGKey(5), DRAWS)
+    draws = np.asarray(jax.vmap(multinomial, in_axes=(0, None, None))(keys, trials, shares))
+    np.testing.assert_array_equal(draws.sum(axis=-1), np.broadcast_to(trials, (DRAWS, 2)))
+    np.testing.assert_array_equal(draws[:, 1], np.broadcast_to([0, 3, 0, 0], (DRAWS, 4)))
+    for category in (0, 1, 2, 3):
+        assert has_law(draws[:, 0, category], stats.binom(7, shares[0, category]))
+    expected = stats.multinomial(7, shares[0]).cov()
+    np.testing.assert_allclose(np.cov(draws[:, 0].T), expected, atol=0.1)
+    # the same trials for all
+    assert multinomial(keys[0], jnp.array(4.0), jnp.asarray(shares)).shape == (2, 4)
 
 
 def test_laws_side_by_side():

@@ -1,4 +1,4 @@
-"""What the environment lacks where JaxPlan fails, and how to get it."""
+"""What JaxPlan's own planner lacks where it fails, and how to get it; ours does without."""
 
 import importlib.metadata
 import traceback

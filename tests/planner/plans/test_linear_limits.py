@@ -1,0 +1,189 @@
+"""Numbers projected onto what linear preconditions leave them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.toys import problem_from
+
+from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
+from mdpo_rddl.planner.plans.legal import LegalActions
+from mdpo_rddl.planner.plans.linear_limits import LinearLimits
+from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.legality import Referee
+from mdpo_rddl.problem.load import make_environment
+
+DOMAIN = """
+domain orders {
+    types { shop : object; item : object; };
+    pvariables {
+        PRICE(item) : { non-fluent, real, default = 1.0 };
+        cash(shop) : { state-fluent, real, default = 6.0 };
+        is-open : { state-fluent, bool, default = true };
+        buy(shop, item) : { action-fluent, real, default = 0.0 };
+        hire(shop) : { action-fluent, int, default = 0 };
+        close : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        cash'(?s) = cash(?s) + hire(?s) - (sum_{?i : item} [PRICE(?i) * buy(?s, ?i)]) / 2.0;
+        is-open' = is-open ^ ~close;
+    };
+    reward = (sum_{?s : shop, ?i : item} [buy(?s, ?i)]) - (sum_{?s : shop} [hire(?s)]);
+    action-preconditions { RULES };
+}
+non-fluents nf {
+    domain = orders; objects { shop : {x, y}; item : {a, b}; }; non-fluents { PRICE(b) = 2.0; };
+}
+instance one {
+    domain = orders; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
+}
+"""
+BUDGETS = "forall_{?s : shop} [(sum_{?i : item} [PRICE(?i) * buy(?s, ?i)]) <= cash(?s)];"
+STAFF = "(sum_{?s : shop} [hire(?s)]) <= 3;"
+BOXES = """forall_{?s : shop, ?i : item} [buy(?s, ?i) >= 0 ^ buy(?s, ?i) <= 9];
+    forall_{?s : shop} [hire(?s) >= 0 ^ hire(?s) <= 8];"""
+
+
+def planner_of(rules):
+    problem = problem_from(DOMAIN.replace("RULES", BOXES + rules))
+    plan = FeedbackPlan(FeedbackShape(topology=None, plan=True))
+    return problem, MDPOPlanner(
+        problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1
+    )
+
+
+def shared(rules, buy=((0, 0), (0, 0)), hire=(0, 0), close=False, cash=(6, 6)):
+    """What becomes of a proposal, and whether the environment takes it."""
+    problem, planner = planner_of(rules)
+    compiled = planner.test_compiled
+    places = tuple(range(len(problem.model.preconditions)))
+    shares = LinearLimits(compiled, places)
+    fluents = compiled.split_fluent_nonfluent(compiled.init_values)[0]
+    state = {**fluents, "cash": jnp.array(cash, float)}
+    proposal = {
+        "buy": jnp.array(buy, float),
+        "hire": jnp.array(hire),
+        "close": jnp.array(close),
+    }
+    return {name: np.asarray(value) for name, value in shares(proposal, state).items()}
+
+
+def test_reals_go_to_the_nearest_point_of_each_budget():
+    taken = shared(BUDGETS, [[4.0, 4.0], [2.0, 1.0]])
+    # back by multiples of the prices, 1 and 2
+    np.testing.assert_allclose(taken["buy"], [[2.8, 1.6], [2.0, 1.0]], atol=1e-3)
+    # what keeps its budget is the same to the last bit
+    assert taken["buy"][1].tolist() == [2.0, 1.0]
+
+
+def test_a_small_proposal_gives_way_to_a_large_one():
+    taken = shared(BUDGETS, [[9.0, 0.5], [0.0, 5.0]])
+    np.testing.assert_allclose(taken["buy"], [[6.0, 0.0], [0.0, 3.0]], atol=1e-3)
+
+
+def projected(buy, cash, prices):
+    """The nearest point of a budget without debts, by its conditions of optimality."""
+    breaks = np.sort(np.append(buy / prices, 0.0))
+    spent = [np.maximum(buy - each * prices, 0.0) @ prices for each in breaks]
+    return np.maximum(buy - np.interp(cash, spent[::-1], breaks[::-1]) * prices, 0.0)
+
+
+def test_it_is_the_euclidean_projection_and_within_the_budget_in_64_bit():
+    prices, cash = np.array([1.0, 2.0]), np.array([0.1, 7.3], np.float32).astype(float)
+    for buy in np.random.default_rng(0).uniform(0.0, 9.0, (40, 2, 2)):
+        taken = shared(BUDGETS, buy, cash=cash)["buy"].astype(float)
+        assert np.all(taken @ prices <= cash)
+        expected = [projected(each, most, prices) for each, most in zip(buy, cash, strict=True)]
+        np.testing.assert_allclose(taken, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rule", "hire", "total"),
+    [
+        (STAFF, (8, 8), 3),
+        (STAFF, (5, 1), 3),
+        (STAFF, (2, 1), 3),
+        (STAFF, (1, 1), 2),
+        (STAFF.replace("<= 3", "< 3"), (8, 8), 2),
+        # the other way round, and of unlike weights
+        ("3.0 >= (sum_{?s : shop} [hire(?s)]);", (4, 4), 3),
+        ("2 * (sum_{?s : shop} [hire(?s)]) <= 7;", (4, 4), 3),
+    ],
+)
+def test_integers_share_all_there_is(rule, hire, total):
+    taken = shared(rule, hire=hire)["hire"]
+    assert taken.dtype.kind == "i"
+    assert taken.sum() == total
+    assert np.all((taken >= 0) & (taken <= np.array(hire)))
+    # no less of what was more
+    assert (taken[0] - taken[1]) * (hire[0] - hire[1]) >= 0
+
+
+def test_reals_and_integers_share_one_budget():
+    rule = "(sum_{?s : shop, ?i : item} [buy(?s, ?i)]) + (sum_{?s : shop} [hire(?s)]) <= 8;"
+    taken = shared(rule, [[4.0, 4.0], [0.0, 0.0]], (4, 4))
+    total = taken["buy"].sum() + taken["hire"].sum()
+    assert 6.9 < total <= 8.0
+    assert taken["hire"].min() > 0
+
+
+def test_numbers_give_way_to_bools():
+    rule = "(sum_{?s : shop, ?i : item} [buy(?s, ?i)]) + 4 * close <= 8;"
+    buy = [[4.0, 4.0], [0.0, 0.0]]
+    assert shared(rule, buy)["buy"].tolist() == buy
+    taken = shared(rule, buy, close=True)
+    np.testing.assert_allclose(taken["buy"], np.array(buy) / 2.0, atol=1e-3)
+    assert taken["close"]
+
+
+def test_where_the_no_op_breaks_it_as_well_the_proposal_stands():
+    buy = [[4.0, 4.0], [2.0, 1.0]]
+    assert shared(BUDGETS, buy, cash=(-1.0, 6.0))["buy"].tolist() == buy
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "forall_{?s : shop} [(prod_{?i : item} [buy(?s, ?i)]) <= cash(?s)];",
+        "(sum_{?s : shop} [hire(?s)]) == 3;",
+        "is-open => (sum_{?s : shop} [hire(?s)]) <= 3;",
+        "(sum_{?s : shop, ?i : item} [pow[buy(?s, ?i), 2]]) <= 3;",
+        "forall_{?s : shop} [cash(?s) >= -100];",
+    ],
+)
+def test_what_is_not_linear_is_left_to_the_search(rule):
+    problem, planner = planner_of(rule)
+    rules = len(problem.model.preconditions) - 1
+    assert not LinearLimits(planner.test_compiled, (rules,)).is_needed
+
+
+def test_a_policy_plays_them_as_its_rollouts_do():
+    problem, planner = planner_of(BUDGETS + STAFF)
+    legal = LegalActions(planner.test_compiled, [])
+    draws = np.random.default_rng(1)
+    env = make_environment(problem)
+    env.reset(seed=0)
+    referee = Referee(env)
+    for _ in range(20):
+        proposal = {
+            "buy": jnp.array(draws.uniform(0, 9, (2, 2)), jnp.float32),
+            "hire": jnp.array(draws.integers(0, 9, 2)),
+            "close": jnp.array(False),
+        }
+        actions = {k: np.asarray(v) for k, v in legal(proposal, {"close": 0.0}, {}).items()}
+        assert not referee.rule(actions).illegal
+
+
+def test_returns_of_rollouts_are_those_of_play():
+    problem, planner = planner_of(BUDGETS + STAFF)
+    plan = planner.feedback_plan
+    params = jax.tree.map(lambda leaf: np.asarray(leaf) + np.float32(0.7), plan.noop(0))
+    one = jax.tree.map(lambda leaf: leaf[np.newaxis], params)
+    returns = np.asarray(compile_exact_returns(planner, 1)(jax.random.PRNGKey(0), one))[0]
+    played = evaluate(make_environment(problem), playable(planner, params, {}, 0), 1, seed=0)
+    np.testing.assert_allclose(returns, played.returns, rtol=1e-4)
+    assert played.returns[0] > 1.0
