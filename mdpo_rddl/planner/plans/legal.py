@@ -5,7 +5,7 @@ action near it, as a pure function of the policy's probabilities and of the stat
 
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
-3. numbers go back towards the no-op where a linear precondition asks for it
+3. numbers are projected onto the preconditions that are linear in them
    (`mdpo_rddl.planner.plans.linear_limits`);
 4. if that is still illegal, the no-op takes its changes one by one, the most probable first, each
    only if the action stays legal; of a real's change it takes a legal share, found by bisection

@@ -2,17 +2,18 @@
 
     (sum_{?a : asset} PRICE(?a) * buy(?a)) <= cash
 
-Where a proposal breaks one, it is projected: each number goes back towards the no-op by the same
-multiple of its coefficient, and no further than to the no-op. That is the nearest point between
-both that keeps it (Euclidean projection: Held, Wolfe and Crowder, "Validation of subgradient
-optimization", 1974). So a policy says by the size of what it proposes who gives way: small
-proposals next to large ones do, and large ones side by side share what there is. Integers are
-rounded down, and up again as far as what is left goes. Several preconditions are projected onto in
-turn.
+A proposal that breaks one is projected onto it: each number goes by the same multiple of its
+coefficient, and no further than its box allows, which leads to the nearest point in the box that
+keeps the precondition (Held, Wolfe and Crowder, "Validation of subgradient optimization", 1974).
+So a policy says by the size of what it proposes who gives way to a budget: small proposals next to
+large ones do, and large ones side by side share what there is. Integers go on to a whole number,
+but those for which there is room to the nearer one. A precondition about a single number narrows
+the box; the others are projected onto in turn.
 """
 
 import itertools
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -25,14 +26,14 @@ from mdpo_rddl.problem.implications import conjuncts
 
 Actions = dict[str, Array]
 
-# Newton's method for the multiple is mostly done in fewer; what is left to take is shared equally
+# Newton's method for the multiple is mostly done in fewer; numbers in boxes share what is left
 _NEWTON_STEPS = 6
-# what reals leave of what there is, for the environment checks in 64 bit; and what a strict
-# inequality leaves
-_KEPT, _LEAST_SLACK = 1e-5, 1e-4
-# steps of the bisection that rounds integers, and how far apart they are from being rounded up, for
-# equal ones not to be all at once
+# for rounding, as the environment checks in 64 bit; and what a strict inequality leaves
+_MARGIN, _LEAST_SLACK = 1e-6, 1e-4
+# steps of the bisection that rounds integers, and how far apart they are from being rounded to the
+# nearer one, for equal ones not to be all at once
 _ROUNDINGS, _SPREAD = 7, 0.1
+_WHOLE = 1e-4
 _GOLDEN = 0.6180339887498949
 # groups times numbers of one precondition; with more, its sums would take too long
 _MOST_COEFFICIENTS = 20_000
@@ -50,14 +51,20 @@ class _Linear(NamedTuple):
       slack: of all fluents, how far it is from being broken [G].
       coefficients: how much of that a unit of each number takes [G, D]; None where this changes
         with the state.
+      is_bound: whether each is about a single number.
     """
 
     slack: _Slack
     coefficients: np.ndarray | None
+    is_bound: bool
+
+    def at(self, slack: Callable[[Array], Array], given: Array) -> Array | np.ndarray:
+        """The coefficients [G, D], those that change by the slack of numbers [D]."""
+        return -jax.jacrev(slack)(given) if self.coefficients is None else self.coefficients
 
 
 class LinearLimits:
-    """Takes back so much of a proposal's numbers, D in all, that linear preconditions are kept.
+    """Projects the numbers of a proposal, D in all, onto linear preconditions.
 
     Attributes:
       is_needed: whether there is any such precondition.
@@ -78,6 +85,7 @@ class LinearLimits:
             if kind in ("int", "real")
         }
         self._shapes = {name: value.shape for name, value in values.items()}
+        boxes = {name: compiled.constraints.bounds[name] for name in values}
         sizes = [value.size for value in values.values()]
         ends = np.cumsum([0, *sizes]).tolist()
         self._places = {
@@ -86,15 +94,27 @@ class LinearLimits:
         self._noop = np.zeros(ends[-1], np.float32)
         for name, place in self._places.items():
             self._noop[place] = np.ravel(values[name])
+        self._lower, self._upper = (
+            np.concatenate(
+                [
+                    np.ravel(np.broadcast_to(ends[end], values[name].shape))
+                    for name, ends in boxes.items()
+                ]
+                or [np.zeros(0)]
+            )
+            for end in (0, 1)
+        )
         self._are_integers = np.repeat([kinds[name] == "int" for name in values], sizes)
         parts = [part for place in places for part in conjuncts(rddl.preconditions[place])]
-        slacks = [_slack_of(compiled, *part) for part in parts] if values else []
-        found = [self._linear(compiled, slack) for slack in slacks if slack is not None]
-        self._preconditions = [one for one in found if one is not None]
-        self.is_needed = bool(self._preconditions)
+        slacks = [slack for part in parts for slack in _slacks_of(compiled, *part)]
+        found = [self._linear(compiled, slack) for slack in slacks] if values else []
+        linear = [one for one in found if one is not None]
+        self._bounds = [one for one in linear if one.is_bound]
+        self._preconditions = [one for one in linear if not one.is_bound]
+        self.is_needed = bool(linear)
 
     def __call__(self, proposal: Mapping[str, Array], state: Mapping[str, Any]) -> Actions:
-        """The proposal with its numbers nearer to the no-op where they break such a precondition.
+        """The proposal with its numbers elsewhere where they break such a precondition.
 
         Args:
           proposal: per action fluent [*shape].
@@ -104,9 +124,10 @@ class LinearLimits:
         given = jnp.concatenate(
             [jnp.ravel(jnp.asarray(proposal[name], jnp.float32)) for name in self._shapes]
         )
-        taken = given
+        box = self._box(given, fluents)
+        taken = jnp.clip(given, *box)
         for one in self._preconditions:
-            taken = self._projected(one, taken, fluents)
+            taken = self._projected(one, taken, box, fluents)
         actions = {**proposal}
         for name, value in self._parts(taken).items():
             like = jnp.asarray(proposal[name])
@@ -115,34 +136,80 @@ class LinearLimits:
             actions[name] = jnp.where(is_same, like, value.astype(like.dtype))
         return actions
 
-    def _projected(self, one: _Linear, given: Array, fluents: Mapping[str, Any]) -> Array:
-        """The numbers as near to what is given as a precondition allows [D].
+    def _box(self, given: Array, fluents: Mapping[str, Any]) -> tuple[Array, Array]:
+        """The least and the largest value of each number, in this state [D].
+
+        Args:
+          given: the numbers as proposed [D].
+          fluents: all others.
+        """
+        least, most = jnp.asarray(self._lower), jnp.asarray(self._upper)
+        if not self._bounds:
+            return least, most
+        # once more from there, for what rounding has lost on the way
+        near = jnp.clip(given, *self._bounded(given, fluents))
+        lower, upper = self._bounded(near, fluents)
+        # reals keep away from what is only computed, if there is room
+        margin = _MARGIN * (1.0 + jnp.abs(near))
+        is_narrow = upper - lower < 2.0 * margin
+        least = jnp.where((lower > least) & ~is_narrow, lower + margin, lower)
+        most = jnp.where((upper < most) & ~is_narrow, upper - margin, upper)
+        integers = self._are_integers
+        return (
+            jnp.where(integers, jnp.ceil(lower - _WHOLE), least),
+            jnp.where(integers, jnp.floor(upper + _WHOLE), most),
+        )
+
+    def _bounded(self, given: Array, fluents: Mapping[str, Any]) -> tuple[Array, Array]:
+        """The box as it comes out from such numbers [D]."""
+        least, most = jnp.asarray(self._lower), jnp.asarray(self._upper)
+        for one in self._bounds:
+            slack = self._slack_of_numbers(one.slack, fluents)
+            coefficients = one.at(slack, given)
+            unit = jnp.where(coefficients == 0.0, 1.0, coefficients)
+            end = given + slack(given)[:, np.newaxis] / unit
+            above = jnp.min(jnp.where(coefficients > 0.0, end, jnp.inf), axis=0)
+            below = jnp.max(jnp.where(coefficients < 0.0, end, -jnp.inf), axis=0)
+            least, most = jnp.maximum(least, below), jnp.minimum(most, above)
+        return least, most
+
+    def _projected(
+        self, one: _Linear, given: Array, box: tuple[Array, Array], fluents: Mapping[str, Any]
+    ) -> Array:
+        """The numbers in the box nearest to what is given that keep a precondition [D].
 
         Args:
           one: the precondition.
           given: the numbers [D].
+          box: their least and largest values.
           fluents: all others.
         """
         slack = self._slack_of_numbers(one.slack, fluents)
-        change, excess = given - self._noop, -slack(given)
-        coefficients = one.coefficients
-        if coefficients is None:
-            coefficients = -jax.jacrev(slack)(given)
-        # those whose change takes nothing stay
-        weights = jnp.maximum(coefficients * jnp.sign(change), 0.0)
-        size = jnp.abs(change)
-        whole = weights @ size
-        # where not even the no-op of the others keeps it, less of the change does not help
+        coefficients, excess = one.at(slack, given), -slack(given)
+        weights, room = jnp.abs(coefficients), self._room(given, box, coefficients)
+        whole = jnp.sum(jnp.where(weights > 0.0, weights * room, 0.0), axis=1)
+        # one that no point of the box keeps is left to others
         is_over = (excess > 0.0) & (excess <= whole)
-        excess, room = jnp.where(is_over, excess, 0.0), whole - excess
-        left = _reduced(size, weights, excess)
-        integers = self._are_integers
-        if not np.all(integers):
-            left = jnp.where(integers, left, _scaled(left, weights, (1.0 - _KEPT) * room))
-        if np.any(integers):
-            left = jnp.where(integers, _rounded(left, weights, room, integers), left)
-        is_less = jnp.any((weights > 0.0) & is_over[:, np.newaxis], axis=0)
-        return jnp.where(is_less, self._noop + jnp.sign(change) * left, given)
+        excess = jnp.where(is_over, excess, 0.0)
+        margin = jnp.where(is_over, _MARGIN * (weights @ jnp.abs(given)), 0.0)
+        steps = _steps(weights, room, jnp.minimum(excess + margin, whole))
+        # groups may have numbers in common
+        change = jnp.max(jnp.where(coefficients < 0.0, steps, 0.0), axis=0)
+        change -= jnp.max(jnp.where(coefficients > 0.0, steps, 0.0), axis=0)
+        if np.any(self._are_integers):
+            change = _rounded(change, coefficients, excess, self._are_integers)
+        return given + change
+
+    def _room(
+        self, given: Array, box: tuple[Array, Array], coefficients: Array | np.ndarray
+    ) -> Array:
+        """How far each number can go for each group [G, D]; infinite where nothing ends it."""
+        noop, (lower, upper) = self._noop, box
+        # without a bound, the no-op is the end, if it is on the way
+        lower = jnp.where(jnp.isfinite(lower) | (given <= noop), lower, noop)
+        upper = jnp.where(jnp.isfinite(upper) | (given >= noop), upper, noop)
+        away = jnp.where(coefficients > 0.0, given - lower, upper - given)
+        return jnp.where(coefficients == 0.0, 0.0, jnp.maximum(away, 0.0))
 
     def _parts(self, numbers: Array) -> Actions:
         """The numbers [D] per action fluent [*shape]."""
@@ -175,86 +242,92 @@ class LinearLimits:
             seen.append(first)
         if not np.any(seen) or seen[0].size > _MOST_COEFFICIENTS:
             return None
-        is_constant = all(_are_close(seen[0], each) for each in seen[1:])
-        return _Linear(slack, seen[0] if is_constant else None)
+        is_constant = all(_are_close(seen[0], each) for each in seen)
+        is_bound = bool(np.all(np.count_nonzero(np.any(seen, axis=0), axis=1) <= 1))
+        return _Linear(slack, seen[0] if is_constant else None, is_bound)
 
 
-def _reduced(size: Array, weights: Array, excess: Array) -> Array:
-    """How much of the changes is left if the same multiple of the weights is taken off each [D].
+def _steps(weights: Array, room: Array, excess: Array) -> Array:
+    """How far each number goes for each group, the same multiple of its weight [G, D].
 
     Args:
-      size: of the changes [D].
-      weights: what a unit of each takes, not below 0 [G, D].
-      excess: by how much the changes take too much [G].
+      weights: what a unit of each gives, not below 0 [G, D].
+      room: how far each can go at most [G, D].
+      excess: what all of a group's have to give; no more than they can [G].
     """
     multiples = jnp.zeros(excess.shape)
 
-    def losses(multiples: Array) -> Array:
-        return jnp.minimum(multiples[:, np.newaxis] * weights, size)
+    def steps(multiples: Array) -> Array:
+        return jnp.minimum(multiples[:, np.newaxis] * weights, room)
 
     for _ in range(_NEWTON_STEPS):
-        # concave in the multiple, so that no step goes too far
-        lost = losses(multiples)
-        slope = jnp.sum(jnp.where(lost < size, weights**2, 0.0), axis=1)
-        missing = jnp.maximum(excess - jnp.sum(weights * lost, axis=1), 0.0)
+        # what they give is concave in the multiple, so that no step goes too far
+        own = steps(multiples)
+        slope = jnp.sum(jnp.where(own < room, weights**2, 0.0), axis=1)
+        missing = jnp.maximum(excess - jnp.sum(weights * own, axis=1), 0.0)
         multiples += jnp.where(slope > 0.0, missing / jnp.where(slope > 0.0, slope, 1.0), 0.0)
-    return size - jnp.max(losses(multiples), axis=0)
+    own = steps(multiples)
+    missing = jnp.maximum(excess - jnp.sum(weights * own, axis=1), 0.0)
+    rest = jnp.where(jnp.isfinite(room), room - own, 0.0)
+    whole = jnp.sum(weights * rest, axis=1)
+    share = jnp.minimum(missing / jnp.where(whole > 0.0, whole, 1.0), 1.0)
+    return own + share[:, np.newaxis] * rest
 
 
-def _scaled(left: Array, weights: Array, room: Array) -> Array:
-    """The same share of all changes [D] of a group, as large as there is room for [G]."""
-    taken = weights @ left
-    is_over = taken > room
-    share = jnp.where(is_over, jnp.maximum(room, 0.0) / jnp.where(is_over, taken, 1.0), 1.0)
-    return left * jnp.min(jnp.where(weights > 0.0, share[:, np.newaxis], 1.0), axis=0)
+def _rounded(
+    change: Array, coefficients: Array | np.ndarray, excess: Array, integers: np.ndarray
+) -> Array:
+    """The changes [D], of which integers are rounded up, but down where others give enough.
 
-
-def _rounded(left: Array, weights: Array, room: Array, integers: np.ndarray) -> Array:
-    """The changes [D], of which integers are rounded: up as many as there is room for [G]."""
+    Args:
+      change: as far as reals would go [D].
+      coefficients: what a unit takes [G, D].
+      excess: what all changes of a group have to give [G].
+    """
     ties = _SPREAD * (np.arange(len(integers)) * _GOLDEN % 1.0)
-    # weights and room are rounded to 32 bit, integers are not
-    room = room + _KEPT * (1.0 + jnp.abs(room))
+    # coefficients are rounded to 32 bit, integers are not
+    enough = excess - _MARGIN * (1.0 + excess)
 
-    def rounded(raised: Array) -> Array:
-        own = jnp.min(jnp.where(weights > 0.0, raised[:, np.newaxis], 1.0), axis=0)
-        up = jnp.clip(own - ties, 0.0, 1.0 - _KEPT)
-        return jnp.where(integers, jnp.floor(left + up + _KEPT), left)
+    def rounded(lowered: Array) -> Array:
+        own = jnp.min(jnp.where(coefficients != 0.0, lowered[:, np.newaxis], 1.0), axis=0)
+        down = jnp.clip(own - ties, 0.0, 1.0 - _WHOLE)
+        size = jnp.ceil(jnp.abs(change) - down - _WHOLE)
+        return jnp.where(integers, jnp.sign(change) * jnp.maximum(size, 0.0), change)
 
-    low, high = jnp.zeros(room.shape), jnp.full(room.shape, 1.0 + _SPREAD)
+    low, high = jnp.zeros(excess.shape), jnp.full(excess.shape, 1.0 + _SPREAD)
     for _ in range(_ROUNDINGS):
         middle = (low + high) / 2.0
-        fits = weights @ rounded(middle) <= room
+        fits = -(coefficients @ rounded(middle)) >= enough
         low, high = jnp.where(fits, middle, low), jnp.where(fits, high, middle)
     return rounded(low)
 
 
-def _slack_of(compiled: Any, variables: Mapping[str, str], expression: Any) -> _Slack | None:
-    """How far a comparison is from being broken [G]; None if it is no comparison of that kind.
+def _slacks_of(compiled: Any, variables: Mapping[str, str], expression: Any) -> list[_Slack]:
+    """How far a comparison is from being broken [G]: of an equality in both directions.
 
     Args:
       compiled: the exact model.
       variables: of the `forall`s around it, with their types.
-      expression: to compile.
+      expression: to compile; if it is no comparison, the list is empty.
     """
     kind, operator = expression.etype
-    if kind != "relational" or operator not in ("<=", "<", ">=", ">"):
-        return None
+    if kind != "relational" or operator == "~=":
+        return []
     aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
-    smaller, larger = (compiled._jax(side, aux, dtype=compiled.REAL) for side in expression.args)
-    if operator in (">=", ">"):
-        smaller, larger = larger, smaller
+    sides = [compiled._jax(side, aux, dtype=compiled.REAL) for side in expression.args]
     model = dict(aux["params"])
     nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)[1]
     least = _LEAST_SLACK if operator in ("<", ">") else 0.0
     sizes = [len(compiled.rddl.type_to_objects[kind]) for kind in variables.values()]
 
-    def slack(fluents: Any) -> Array:
+    def slack(sign: float, fluents: Any) -> Array:
         key = jax.random.PRNGKey(0)
-        above, below = (side(fluents, nonfluents, model, key)[0] for side in (larger, smaller))
-        room = above - below - least * (1.0 + jnp.abs(above))
+        left, right = (side(fluents, nonfluents, model, key)[0] for side in sides)
+        room = sign * (right - left) - least * (1.0 + jnp.abs(right))
         return jnp.ravel(jnp.broadcast_to(room, sizes))
 
-    return slack
+    signs = {"<": [1.0], "<=": [1.0], ">": [-1.0], ">=": [-1.0], "==": [1.0, -1.0]}[operator]
+    return [partial(slack, sign) for sign in signs]
 
 
 def _are_close(one: np.ndarray, other: np.ndarray) -> bool:

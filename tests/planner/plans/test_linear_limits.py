@@ -112,6 +112,7 @@ def test_it_is_the_euclidean_projection_and_within_the_budget_in_64_bit():
         # the other way round, and of unlike weights
         ("3.0 >= (sum_{?s : shop} [hire(?s)]);", (4, 4), 3),
         ("2 * (sum_{?s : shop} [hire(?s)]) <= 7;", (4, 4), 3),
+        ("(sum_{?s : shop} [hire(?s)]) == 3;", (8, 6), 3),
     ],
 )
 def test_integers_share_all_there_is(rule, hire, total):
@@ -121,6 +122,59 @@ def test_integers_share_all_there_is(rule, hire, total):
     assert np.all((taken >= 0) & (taken <= np.array(hire)))
     # no less of what was more
     assert (taken[0] - taken[1]) * (hire[0] - hire[1]) >= 0
+
+
+@pytest.mark.parametrize(
+    ("rule", "hire", "expected"),
+    [
+        # as far as the box of each allows
+        ("(sum_{?s : shop} [hire(?s)]) >= 9;", (3, 1), (6, 3)),
+        ("(sum_{?s : shop} [hire(?s)]) >= 14;", (3, 1), (8, 6)),
+        ("(sum_{?s : shop} [hire(?s)]) > 3;", (2, 1), (3, 1)),
+        ("(sum_{?s : shop} [hire(?s)]) == 7;", (3, 1), (4, 3)),
+        ("forall_{?s : shop} [hire(?s) == 2];", (3, 0), (2, 2)),
+        # no box holds that
+        ("(sum_{?s : shop} [hire(?s)]) >= 17;", (3, 1), (3, 1)),
+    ],
+)
+def test_what_has_to_be_covered_is_where_the_boxes_allow_it(rule, hire, expected):
+    taken = shared(rule, hire=hire)["hire"]
+    assert abs(taken - np.array(expected)).max() <= 1
+    assert taken.sum() == sum(expected)
+
+
+def test_reals_cover_a_need_of_the_state():
+    rule = "forall_{?s : shop} [(sum_{?i : item} [buy(?s, ?i)]) >= cash(?s)];"
+    taken = shared(rule, [[1.0, 2.0], [8.5, 0.0]], cash=(6.0, 15.0))["buy"]
+    np.testing.assert_allclose(taken, [[2.5, 3.5], [9.0, 6.0]], atol=1e-3)
+    assert np.all(taken.astype(float).sum(axis=1) >= [6.0, 15.0])
+
+
+OWN_BOUNDS = "forall_{?s : shop, ?i : item} [buy(?s, ?i) <= cash(?s)];"
+
+
+@pytest.mark.parametrize("cash", [0.0, 1e-7, 0.3, 3.3, 8.9999999])
+def test_a_number_keeps_a_bound_that_is_a_fluent(cash):
+    taken = shared(OWN_BOUNDS, [[9.0, 0.2], [4.0, 0.0]], cash=(cash, 5.0))["buy"]
+    expected = [[cash, min(cash, 0.2)], [4.0, 0.0]]
+    np.testing.assert_allclose(taken, expected, atol=2e-5)
+    assert np.all(taken[0].astype(float) <= float(np.float32(cash)))
+    assert taken.min() >= 0.0
+
+
+def test_a_need_is_covered_within_such_bounds():
+    need = "forall_{?s : shop} [(sum_{?i : item} [buy(?s, ?i)]) >= 5];"
+    # whichever comes first
+    for rule in (OWN_BOUNDS + need, need + OWN_BOUNDS):
+        taken = shared(rule, [[9.0, 0.0], [1.0, 0.5]], cash=(3.0, 4.0))["buy"]
+        np.testing.assert_allclose(taken, [[3.0, 2.0], [2.75, 2.25]], atol=1e-4)
+        assert np.all(taken.astype(float).sum(axis=1) >= 5.0)
+
+
+def test_coefficients_may_be_fluents():
+    rule = "forall_{?s : shop} [cash(?s) * (sum_{?i : item} [buy(?s, ?i)]) <= 12.0];"
+    taken = shared(rule, [[4.0, 2.0], [4.0, 2.0]], cash=(2.0, 3.0))["buy"]
+    np.testing.assert_allclose(taken, [[4.0, 2.0], [3.0, 1.0]], atol=1e-3)
 
 
 def test_reals_and_integers_share_one_budget():
@@ -149,7 +203,6 @@ def test_where_the_no_op_breaks_it_as_well_the_proposal_stands():
     "rule",
     [
         "forall_{?s : shop} [(prod_{?i : item} [buy(?s, ?i)]) <= cash(?s)];",
-        "(sum_{?s : shop} [hire(?s)]) == 3;",
         "is-open => (sum_{?s : shop} [hire(?s)]) <= 3;",
         "(sum_{?s : shop, ?i : item} [pow[buy(?s, ?i), 2]]) <= 3;",
         "forall_{?s : shop} [cash(?s) >= -100];",
