@@ -94,17 +94,13 @@ class LinearLimits:
         self._noop = np.zeros(ends[-1], np.float32)
         for name, place in self._places.items():
             self._noop[place] = np.ravel(values[name])
-        self._lower, self._upper = (
-            np.concatenate(
-                [
-                    np.ravel(np.broadcast_to(ends[end], values[name].shape))
-                    for name, ends in boxes.items()
-                ]
-                or [np.zeros(0)]
-            )
-            for end in (0, 1)
-        )
         self._are_integers = np.repeat([kinds[name] == "int" for name in values], sizes)
+        self._lower, self._upper = np.zeros(self._noop.size), np.zeros(self._noop.size)
+        for name, place in self._places.items():
+            lower, upper = (np.broadcast_to(end, self._shapes[name]).ravel() for end in boxes[name])
+            is_integer = kinds[name] == "int"
+            self._lower[place] = np.ceil(lower) if is_integer else lower
+            self._upper[place] = np.floor(upper) if is_integer else upper
         parts = [part for place in places for part in conjuncts(rddl.preconditions[place])]
         slacks = [slack for part in parts for slack in _slacks_of(compiled, *part)]
         found = [self._linear(compiled, slack) for slack in slacks] if values else []
@@ -227,20 +223,24 @@ class LinearLimits:
         """The precondition with its coefficients; None if it is not linear, or reads no number."""
 
         def slopes(fluents: Any, numbers: Array) -> Array:
-            return -jax.jacfwd(self._slack_of_numbers(slack, fluents))(numbers)
+            return -jax.jacrev(self._slack_of_numbers(slack, fluents))(numbers)
 
+        fluents = compiled.split_fluent_nonfluent(compiled.init_values)[0]
+        groups = jax.eval_shape(slack, {**fluents, **self._parts(jnp.asarray(self._noop))}).size
+        if groups * self._noop.size > _MOST_COEFFICIENTS:
+            return None
         slopes = once_jit(slopes)
         random, seen = np.random.default_rng(0), []
-        fluents = compiled.split_fluent_nonfluent(compiled.init_values)[0]
         for _ in range(_DRAWS):
-            values = {name: _perturbed(random, value) for name, value in fluents.items()}
+            values = {n: _other(compiled.rddl, random, n, value) for n, value in fluents.items()}
             first, second = (
-                np.asarray(slopes(values, _perturbed(random, self._noop))) for _ in range(2)
+                np.asarray(slopes(values, self._noop + random.normal(size=self._noop.size)))
+                for _ in range(2)
             )
             if not _are_close(first, second):
                 return None
             seen.append(first)
-        if not np.any(seen) or seen[0].size > _MOST_COEFFICIENTS:
+        if not np.any(seen):
             return None
         is_constant = all(_are_close(seen[0], each) for each in seen)
         is_bound = bool(np.all(np.count_nonzero(np.any(seen, axis=0), axis=1) <= 1))
@@ -334,11 +334,13 @@ def _are_close(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.allclose(one, other, _TOLERANCE, _TOLERANCE * np.max(np.abs(one), initial=0.0)))
 
 
-def _perturbed(random: np.random.Generator, value: Any) -> np.ndarray:
-    """Another value of a fluent; of those that are no numbers the same."""
-    value = np.asarray(value)
-    if value.dtype == bool:
+def _other(rddl: Any, random: np.random.Generator, name: str, value: Any) -> np.ndarray:
+    """Another value of a fluent, drawn at random."""
+    value, kind = np.asarray(value), rddl.variable_ranges[name]
+    if kind == "bool":
         return random.random(value.shape) < 0.5
-    if np.issubdtype(value.dtype, np.floating):
+    if kind == "real":
         return (value + random.normal(size=value.shape)).astype(value.dtype)
-    return value
+    if kind == "int":
+        return (value + random.integers(1, 5, value.shape)).astype(value.dtype)
+    return random.integers(0, len(rddl.type_to_objects[kind]), value.shape).astype(value.dtype)

@@ -19,10 +19,13 @@ from mdpo_rddl.problem.load import make_environment
 
 DOMAIN = """
 domain orders {
-    types { shop : object; item : object; };
+    types { shop : object; item : object; grade : { @low, @high }; };
     pvariables {
+        WEIGHT(grade) : { non-fluent, real, default = 2.0 };
         PRICE(item) : { non-fluent, real, default = 1.0 };
         cash(shop) : { state-fluent, real, default = 6.0 };
+        count(shop) : { state-fluent, int, default = 1 };
+        kind(shop) : { state-fluent, grade, default = @low };
         is-open : { state-fluent, bool, default = true };
         buy(shop, item) : { action-fluent, real, default = 0.0 };
         hire(shop) : { action-fluent, int, default = 0 };
@@ -30,13 +33,16 @@ domain orders {
     };
     cpfs {
         cash'(?s) = cash(?s) + hire(?s) - (sum_{?i : item} [PRICE(?i) * buy(?s, ?i)]) / 2.0;
+        count'(?s) = count(?s);
+        kind'(?s) = kind(?s);
         is-open' = is-open ^ ~close;
     };
     reward = (sum_{?s : shop, ?i : item} [buy(?s, ?i)]) - (sum_{?s : shop} [hire(?s)]);
     action-preconditions { RULES };
 }
 non-fluents nf {
-    domain = orders; objects { shop : {x, y}; item : {a, b}; }; non-fluents { PRICE(b) = 2.0; };
+    domain = orders; objects { shop : {x, y}; item : {a, b}; };
+    non-fluents { PRICE(b) = 2.0; WEIGHT(@high) = 3.0; };
 }
 instance one {
     domain = orders; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
@@ -56,20 +62,22 @@ def planner_of(rules):
     )
 
 
-def shared(rules, buy=((0, 0), (0, 0)), hire=(0, 0), close=False, cash=(6, 6)):
+def shared(rules, buy=((0, 0), (0, 0)), hire=(0, 0), close=False, **state):
     """What becomes of a proposal, and whether the environment takes it."""
     problem, planner = planner_of(rules)
     compiled = planner.test_compiled
     places = tuple(range(len(problem.model.preconditions)))
-    shares = LinearLimits(compiled, places)
+    limits = LinearLimits(compiled, places)
     fluents = compiled.split_fluent_nonfluent(compiled.init_values)[0]
-    state = {**fluents, "cash": jnp.array(cash, float)}
+    given = {name: np.asarray(value, fluents[name].dtype) for name, value in state.items()}
     proposal = {
         "buy": jnp.array(buy, float),
         "hire": jnp.array(hire),
         "close": jnp.array(close),
     }
-    return {name: np.asarray(value) for name, value in shares(proposal, state).items()}
+    return {
+        name: np.asarray(value) for name, value in limits(proposal, {**fluents, **given}).items()
+    }
 
 
 def test_reals_go_to_the_nearest_point_of_each_budget():
@@ -171,9 +179,11 @@ def test_a_need_is_covered_within_such_bounds():
         assert np.all(taken.astype(float).sum(axis=1) >= 5.0)
 
 
-def test_coefficients_may_be_fluents():
-    rule = "forall_{?s : shop} [cash(?s) * (sum_{?i : item} [buy(?s, ?i)]) <= 12.0];"
-    taken = shared(rule, [[4.0, 2.0], [4.0, 2.0]], cash=(2.0, 3.0))["buy"]
+@pytest.mark.parametrize("factor", ["cash(?s)", "count(?s)", "WEIGHT(kind(?s))"])
+def test_coefficients_may_be_fluents(factor):
+    rule = f"forall_{{?s : shop}} [{factor} * (sum_{{?i : item}} [buy(?s, ?i)]) <= 12.0];"
+    state = {"cash": [2.0, 3.0], "count": [2, 3], "kind": [0, 1]}
+    taken = shared(rule, [[4.0, 2.0], [4.0, 2.0]], **state)["buy"]
     np.testing.assert_allclose(taken, [[4.0, 2.0], [3.0, 1.0]], atol=1e-3)
 
 
