@@ -84,8 +84,15 @@ def test_it_returns_what_the_environment_does(height, drawn):
 
 @pytest.mark.parametrize(
     ("height", "drawn"),
-    [(LEVELS["ln"], "1"), (LEVELS["gamma"], "1")]
-    + [("height + pump", law) for law in LAWS.values()],
+    [
+        (LEVELS["ln"], "1"),
+        (LEVELS["gamma"], "1"),
+        ("height + pump", LAWS["Multinomial"]),
+        ("height + pump", LAWS["NegativeBinomial"]),
+        pytest.param(
+            "height + pump", LAWS["NegativeBinomial of the state"], marks=pytest.mark.long
+        ),
+    ],
 )
 def test_gradients_train_on_it(height, drawn):
     problem = problem_of(height, drawn)

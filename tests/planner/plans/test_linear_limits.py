@@ -1,5 +1,7 @@
 """Numbers projected onto what linear preconditions leave them."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +56,7 @@ BOXES = """forall_{?s : shop, ?i : item} [buy(?s, ?i) >= 0 ^ buy(?s, ?i) <= 9];
     forall_{?s : shop} [hire(?s) >= 0 ^ hire(?s) <= 8];"""
 
 
+@functools.cache
 def planner_of(rules):
     problem = problem_from(DOMAIN.replace("RULES", BOXES + rules))
     plan = FeedbackPlan(FeedbackShape(topology=None, plan=True))
@@ -62,12 +65,16 @@ def planner_of(rules):
     )
 
 
-def shared(rules, buy=((0, 0), (0, 0)), hire=(0, 0), close=False, **state):
-    """What becomes of a proposal, and whether the environment takes it."""
+@functools.cache
+def limits_of(rules):
     problem, planner = planner_of(rules)
-    compiled = planner.test_compiled
-    places = tuple(range(len(problem.model.preconditions)))
-    limits = LinearLimits(compiled, places)
+    limits = LinearLimits(planner.test_compiled, tuple(range(len(problem.model.preconditions))))
+    return jax.jit(limits.__call__)
+
+
+def shared(rules, buy=((0, 0), (0, 0)), hire=(0, 0), close=False, **state):
+    """What becomes of a proposal."""
+    compiled = planner_of(rules)[1].test_compiled
     fluents = compiled.split_fluent_nonfluent(compiled.init_values)[0]
     given = {name: np.asarray(value, fluents[name].dtype) for name, value in state.items()}
     proposal = {
@@ -75,9 +82,8 @@ def shared(rules, buy=((0, 0), (0, 0)), hire=(0, 0), close=False, **state):
         "hire": jnp.array(hire),
         "close": jnp.array(close),
     }
-    return {
-        name: np.asarray(value) for name, value in limits(proposal, {**fluents, **given}).items()
-    }
+    actions = limits_of(rules)(proposal, {**fluents, **given})
+    return {name: np.asarray(value) for name, value in actions.items()}
 
 
 def test_reals_go_to_the_nearest_point_of_each_budget():
