@@ -164,8 +164,9 @@ class LinearLimits:
             coefficients = one.at(slack, given)
             unit = jnp.where(coefficients == 0.0, 1.0, coefficients)
             end = given + slack(given)[:, np.newaxis] / unit
-            above = jnp.min(jnp.where(coefficients > 0.0, end, jnp.inf), axis=0)
-            below = jnp.max(jnp.where(coefficients < 0.0, end, -jnp.inf), axis=0)
+            is_end = jnp.isfinite(end)
+            above = jnp.min(jnp.where(is_end & (coefficients > 0.0), end, jnp.inf), axis=0)
+            below = jnp.max(jnp.where(is_end & (coefficients < 0.0), end, -jnp.inf), axis=0)
             least, most = jnp.maximum(least, below), jnp.minimum(most, above)
         return least, most
 
@@ -194,7 +195,8 @@ class LinearLimits:
         change -= jnp.max(jnp.where(coefficients > 0.0, steps, 0.0), axis=0)
         if np.any(self._are_integers):
             change = _rounded(change, coefficients, excess, self._are_integers)
-        return given + change
+        # a bound or a coefficient that is no number says nothing
+        return given + jnp.where(jnp.isfinite(change), change, 0.0)
 
     def _room(
         self, given: Array, box: tuple[Array, Array], coefficients: Array | np.ndarray

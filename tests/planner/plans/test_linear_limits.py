@@ -218,6 +218,19 @@ def test_where_the_no_op_breaks_it_as_well_the_proposal_stands():
 @pytest.mark.parametrize(
     "rule",
     [
+        "forall_{?s : shop} [(sum_{?i : item} [buy(?s, ?i)]) / cash(?s) <= 1.0];",
+        "forall_{?s : shop} [(sum_{?i : item} [buy(?s, ?i)]) <= sqrt[-1.0 - cash(?s)]];",
+        "forall_{?s : shop, ?i : item} [buy(?s, ?i) / cash(?s) <= 1.0];",
+    ],
+)
+def test_what_is_no_number_leaves_the_proposal(rule):
+    buy = [[4.0, 4.0], [0.0, 1.0]]
+    assert shared(rule, buy, cash=(0.0, 0.0))["buy"].tolist() == buy
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
         "forall_{?s : shop} [(prod_{?i : item} [buy(?s, ?i)]) <= cash(?s)];",
         "is-open => (sum_{?s : shop} [hire(?s)]) <= 3;",
         "(sum_{?s : shop, ?i : item} [pow[buy(?s, ?i), 2]]) <= 3;",
