@@ -1,6 +1,7 @@
 """Numbers projected onto what linear preconditions leave them."""
 
 import functools
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ from mdpo_rddl.planner.plans.linear_limits import LinearLimits
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.legality import Referee
-from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.load import load_problem, make_environment
 
 DOMAIN = """
 domain orders {
@@ -258,6 +259,26 @@ def test_a_policy_plays_them_as_its_rollouts_do():
         }
         actions = {k: np.asarray(v) for k, v in legal(proposal, {"close": 0.0}, {}).items()}
         assert not referee.rule(actions).illegal
+
+
+def test_units_that_are_switched_serve_a_load():
+    folder = Path(__file__).parents[3] / "examples" / "units"
+    problem = load_problem(str(folder / "units.rddl"), str(folder / "four.rddl"))
+    plan = FeedbackPlan(FeedbackShape(topology=None, plan=True))
+    planner = MDPOPlanner(problem.model, plan, pgpe=None, batch_size_train=1, batch_size_test=1)
+    legal = jax.jit(LegalActions(planner.test_compiled, []).__call__)
+    env = make_environment(problem)
+    env.reset(seed=0)
+    referee, draws = Referee(env), np.random.default_rng(2)
+    for _ in range(20):
+        likely, power = draws.random(4), draws.uniform(0.0, 9.0, 4)
+        proposal = {"on": likely > 0.5, "power": jnp.asarray(power, jnp.float32)}
+        played = {name: np.asarray(v) for name, v in legal(proposal, {"on": likely}, {}).items()}
+        assert not referee.rule(played).illegal
+        assert played["on"].tolist() == (likely > 0.5).tolist()
+        # each within its bounds, and no further back than the load, of 8, asks for
+        within = np.where(likely > 0.5, np.clip(power, 1.0, [5, 5, 5, 8]), 0.0)
+        assert played["power"].sum() == pytest.approx(min(8.0, within.sum()), abs=1e-3)
 
 
 def test_returns_of_rollouts_are_those_of_play():
