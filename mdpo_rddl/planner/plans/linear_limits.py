@@ -101,9 +101,10 @@ class LinearLimits:
             is_integer = kinds[name] == "int"
             self._lower[place] = np.ceil(lower) if is_integer else lower
             self._upper[place] = np.floor(upper) if is_integer else upper
-        parts = [part for place in places for part in conjuncts(rddl.preconditions[place])]
+        read = places if values else ()
+        parts = [part for place in read for part in conjuncts(rddl.preconditions[place])]
         slacks = [slack for part in parts for slack in _slacks_of(compiled, *part)]
-        found = [self._linear(compiled, slack) for slack in slacks] if values else []
+        found = [self._linear(compiled, slack) for slack in slacks]
         linear = [one for one in found if one is not None]
         self._bounds = [one for one in linear if one.is_bound]
         self._preconditions = [one for one in linear if not one.is_bound]

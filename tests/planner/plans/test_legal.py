@@ -190,6 +190,8 @@ instance one {
 AHEAD = "forall_{?u : unit} [push(?u) <= 0.2 + x(?u)];"
 SHARED = "(sum_{?u : unit} [push(?u)]) <= 0.3 + (sum_{?u : unit} [x(?u)]);"
 
+SQUARES = "(sum_{?u : unit} [pow[push(?u), 2]]) <= 0.2601;"
+
 
 def pushes(rules=AHEAD, most="pos-inf"):
     return problem_from(PUSHES.replace("RULES", rules).replace("MOST", most))
@@ -204,6 +206,8 @@ def pushes(rules=AHEAD, most="pos-inf"):
         (AHEAD, "pos-inf", [-1.0, 0.25], [-1.0, 0.25]),
         # both go back as far for a common bound
         (SHARED, "pos-inf", [0.5, 0.4], [0.35, 0.25]),
+        # of one that is not linear the larger change takes what it needs, the other what is left
+        (SQUARES, "pos-inf", [0.5, 0.4], [0.5, 0.1]),
         # beside what counts as a change, no more than there may be
         (AHEAD, "1", [0.8, 0.9], [0.0, 0.5]),
     ],
