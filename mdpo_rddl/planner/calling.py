@@ -15,11 +15,7 @@ from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.planner.update.sizes import CallSizes
-from mdpo_rddl.planner.upstream import (
-    GaussianPGPE,
-    JaxBackpropPlanner,
-    JaxPlannerStatus,
-)
+from mdpo_rddl.planner.upstream import GaussianPGPE, JaxBackpropPlanner, JaxPlannerStatus
 from mdpo_rddl.problem.boxes import boxes
 
 
