@@ -31,6 +31,8 @@ _BYTES_PER_TRANSITION = 60
 _TIE = 1e-12
 # of the time: where the rules alone take longer, so do the states
 _GROUNDING_SHARE = 0.4
+# of the states at each step: more are not kept
+_MOST_VALUES = 2**24
 
 
 def _ignore(model: GroundModel) -> None:
@@ -71,6 +73,7 @@ def find_optimum(
     memory_gb: float = 4.0,
     clock: Clock = time.monotonic,
     on_grounded: Callable[[GroundModel], None] = _ignore,
+    keeps_values: bool = False,
 ) -> Solution:
     """The optimum.
 
@@ -80,6 +83,7 @@ def find_optimum(
       memory_gb: limit of the memory that the enumeration takes, roughly.
       clock: what is asked for the time.
       on_grounded: called with the ground model, with which others may go on.
+      keeps_values: whether the table has the states' values, unless they are too many.
 
     Raises:
       NotEnumerableError: says why there is none.
@@ -95,9 +99,11 @@ def find_optimum(
     except NotEnumerableError as error:
         logger.debug("not factored: %s", error)
         enumeration = enumerate_states(model, limits)
-    value, runs = _induct(enumeration, limits)
     merges, states = enumeration.merges, enumeration.states
-    table = action_table(problem, model, merges, states, runs)
+    keeps_values &= len(states) * model.horizon <= _MOST_VALUES
+    kept = np.zeros((model.horizon, len(states)), np.float32) if keeps_values else None
+    value, runs = _induct(enumeration, limits, kept)
+    table = action_table(problem, model, merges, states, runs, kept)
     optimum = Optimum(
         value=value,
         states=len(enumeration.states),
@@ -108,8 +114,13 @@ def find_optimum(
     return Solution(problem, optimum, table)
 
 
-def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float, list[Run]]:
-    """The initial state's value, and where the best action changes, the last step first."""
+def _induct(
+    enumeration: Enumeration, limits: EnumerationLimits, kept: np.ndarray | None
+) -> tuple[float, list[Run]]:
+    """The initial state's value, and where the best action changes, the last step first.
+
+    The values of all states at each step are written to `kept` [H, S], if it is given.
+    """
     model, first = enumeration.model, enumeration.first_row
     decided = np.flatnonzero(np.diff(first))
     starts, counts = first[decided], np.diff(first)[decided]
@@ -128,6 +139,8 @@ def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float,
         candidates = np.where(q >= np.repeat(enough, counts), np.arange(len(q)), len(q))
         chosen = np.where(keep, best_row, np.minimum.reduceat(candidates, starts))
         values[decided] = best
+        if kept is not None:
+            kept[step] = values
         changed = enumeration.action[chosen] != enumeration.action[best_row]
         changed = (changed | (best_row < 0)) & (enumeration.depth[decided] <= step)
         runs.append((step, decided[changed], enumeration.action[chosen[changed]]))

@@ -128,7 +128,7 @@ def _optimum(
     if not is_discrete(underlying):
         return None
     options.on_stage("enumerating")
-    exact = DynamicProgrammingArm(underlying, config, options.clock)
+    exact = DynamicProgrammingArm(underlying, config, options.clock, keeps_values=True)
     exact.work(options.clock() + _OPTIMUM_SHARE * config.budget().seconds)
     return None if exact.solution is None else exact.solution.policy(seed).to_saved()
 

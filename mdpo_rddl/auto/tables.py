@@ -20,6 +20,7 @@ def action_table(
     merges: Sequence[Merge],
     states: np.ndarray,
     runs: Sequence[Run],
+    values: np.ndarray | None = None,
 ) -> ActionTable:
     """The table.
 
@@ -29,6 +30,7 @@ def action_table(
       merges: how states were joined.
       states: packed [S, words]; runs name them by their numbers.
       runs: where actions change; a state without one is left out.
+      values: of the states at each step [H, S], if they are kept.
     """
     steps = np.repeat([step for step, _, _ in runs], [len(some) for _, some, _ in runs])
     played_in, action = np.zeros((2, 0), np.int64)
@@ -52,6 +54,7 @@ def action_table(
         actions=_action_values(problem, model),
         fluents=tuple(dict.fromkeys(names)),
         objects=_object_names(problem, names),
+        values=None if values is None else np.ascontiguousarray(values[:, order]),
     )
 
 

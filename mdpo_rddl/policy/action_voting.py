@@ -1,33 +1,24 @@
 """Playing a partially observed problem by a vote over the belief of the state.
 
-Each particle of the belief votes for the action that a policy of the underlying MDP plays in its
-state: action voting, of Simmons and Koenig, "Probabilistic robot navigation in partially observable
-environments" (1995). A vote takes milliseconds. Like QMDP it never acts only to learn something.
+The particles of a filter elect the action (`mdpo_rddl.policy.electing`), which takes milliseconds.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array, random
 
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.filtering import ParticleFilter
-from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.start import initial_values
-from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, Vote, rollout_params
+from mdpo_rddl.policy.electing import compiled_election
+from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, Vote
 from mdpo_rddl.policy.lookahead.belief import Believer
-from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
 from mdpo_rddl.policy.playable import step_keys
 from mdpo_rddl.policy.recall import require_count
 
 Tree = Mapping[str, Any]
 
 _PARTICLES = 512
-_HASH_SEED = 0
 
 
 class ActionVoting:
@@ -56,7 +47,7 @@ class ActionVoting:
         self._many: list[Believer] = []
         self._step = -1
         self._keys = step_keys(policy.planner, policy.seed)
-        self._elect = _compiled_vote(policy.planner, underlying)
+        self._elect = compiled_election(policy.planner, underlying)
         self._noop = {
             name: np.asarray(policy.planner.test_compiled.init_values[name])
             for name in policy.planner.rddl.action_fluents
@@ -115,67 +106,3 @@ class ActionVoting:
         action = self._elected(step, belief.root.particles)
         believer.played(belief, action)
         return action
-
-
-def _compiled_vote(planner: MDPOPlanner, underlying: Prepared | Tabled) -> Callable[..., Any]:
-    """A function of a random key, a step and particles that gives the elected action."""
-    fluents: dict[str, Any] = {}
-    hyperparams: Tree = {}
-    if isinstance(underlying, Tabled):
-        try:
-            lookup = TableLookup(underlying.table)
-        except ValueError as error:
-            raise InputError(f"the underlying MDP's policy cannot be played: {error}") from error
-        play, params = lookup.policy, lookup.arrays
-    else:
-        own = underlying.planner
-        if own.plan.history_dependent or own.preprocessor is not None:
-            raise InputError("the underlying MDP's policy reads more than the state")
-        play, params = underlying.rollout_policy, rollout_params(underlying)
-        hyperparams = underlying.policy_hyperparams
-        fluents = {n: jnp.asarray(v[0]) for n, v in initial_values(own).test.fluents.items()}
-    is_joint = _is_joint(planner)
-
-    def elect(key: Array, params: Any, step: Any, particles: dict[str, Array]) -> Tree:
-        def choose(own_key: Array, particle: dict[str, Array]) -> Tree:
-            state = {
-                name: jnp.asarray(value, fluents[name].dtype) if name in fluents else value
-                for name, value in particle.items()
-            }
-            return play(own_key, params, hyperparams, step, {**fluents, **state}, {})
-
-        count = len(jax.tree.leaves(particles)[0])
-        actions = jax.vmap(choose)(random.split(key, count), particles)
-        flat = [jnp.reshape(value, (count, -1)).astype(jnp.float32) for value in actions.values()]
-        place = elected(jnp.concatenate(flat, axis=1), is_joint)
-        return {name: value[place] for name, value in actions.items()}
-
-    compiled = jax.jit(elect)
-    return lambda key, step, particles: compiled(key, params, step, particles)
-
-
-def elected(votes: Array, is_joint: bool) -> Array:
-    """Whose action is elected: the place of a vote.
-
-    Args:
-      votes: of P particles, over the D components of an action [P, D].
-      is_joint: whether the action with the most votes is elected; else the one that is nearest to
-        the median of each component, distances in standard deviations.
-    """
-    if is_joint:
-        factors = random.bits(random.PRNGKey(_HASH_SEED), (votes.shape[1],), jnp.uint32) | 1
-        bits = jax.lax.bitcast_convert_type(votes, jnp.uint32)
-        codes = jnp.sum(bits * factors, axis=1, dtype=jnp.uint32)
-        return jnp.argmax(jnp.sum(codes[:, None] == codes, axis=1))
-    spread = jnp.std(votes, axis=0)
-    weights = jnp.where(spread > 0.0, 1.0 / jnp.where(spread > 0.0, spread, 1.0), 0.0)
-    away = jnp.abs(votes - jnp.median(votes, axis=0))
-    return jnp.argmin(jnp.sum(weights * away, axis=1))
-
-
-def _is_joint(planner: MDPOPlanner) -> bool:
-    """Whether no action lies between others: one component may be set, or one is an object."""
-    rddl = planner.rddl
-    kinds = {rddl.variable_ranges[name] for name in rddl.action_fluents}
-    is_single = rddl.max_allowed_actions == 1 and kinds == {"bool"}
-    return is_single or not kinds <= {"bool", "int", "real"}

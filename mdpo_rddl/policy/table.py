@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 _ARRAYS = ("places", "merges", "states", "first_run", "until_step", "action")
+_ACTIONS, _VALUES = "actions/", "values"
 _WORD = 64
 
 
@@ -26,6 +27,7 @@ class ActionTable:
       action: played in each run, a number below A.
       actions: per action fluent the values of all joint actions [A, *shape].
       objects: per state fluent whose values are objects, their names [n]; else none.
+      values: of the best policy from each step and state on [H, S]; None if they were not kept.
     """
 
     places: np.ndarray
@@ -37,6 +39,7 @@ class ActionTable:
     actions: Mapping[str, np.ndarray]
     fluents: tuple[str, ...]
     objects: Mapping[str, tuple[str, ...]]
+    values: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,9 @@ Claim = Optimum | Estimate
 def table_tensors(table: ActionTable) -> dict[str, np.ndarray]:
     """The arrays of a table by their names; those of the actions after `actions/`."""
     arrays = {name: getattr(table, name) for name in _ARRAYS}
-    arrays |= {f"actions/{name}": values for name, values in table.actions.items()}
+    arrays |= {f"{_ACTIONS}{name}": values for name, values in table.actions.items()}
+    if table.values is not None:
+        arrays[_VALUES] = table.values
     return {name: np.ascontiguousarray(values) for name, values in arrays.items()}
 
 
@@ -108,19 +113,20 @@ def parse_table(
       AttributeError, KeyError, OverflowError, TypeError, ValueError: if something is missing,
         or does not fit together.
     """
-    prefix = "actions/"
     actions = {
-        name.removeprefix(prefix): values
+        name.removeprefix(_ACTIONS): values
         for name, values in tensors.items()
-        if name.startswith(prefix)
+        if name.startswith(_ACTIONS)
     }
-    _require(set(tensors) == {*_ARRAYS, *(prefix + name for name in actions)}, "tensors")
+    expected = {*_ARRAYS, *(_ACTIONS + name for name in actions)}
+    _require(set(tensors) - {_VALUES} == expected, "tensors")
     objects = {name: _names(values) for name, values in json.loads(text["objects"]).items()}
     table = ActionTable(
         **{name: tensors[name] for name in _ARRAYS},
         actions=actions,
         fluents=_names(json.loads(text["fluents"])),
         objects=objects,
+        values=tensors.get(_VALUES),
     )
     _check(table)
     if "estimate" in text:
@@ -173,6 +179,10 @@ def _check(table: ActionTable) -> None:
     _require(first.shape == (len(states) + 1,) and bool(np.all(np.diff(first) > 0)), "runs")
     _require(int(first[0]) == 0 and int(first[-1]) == runs, "runs")
     _require(table.until_step.shape == table.action.shape == (runs,), "runs")
+    if (kept := table.values) is not None:
+        fits = kept.ndim == 2 and kept.shape[0] > 0 and kept.shape[1] == len(states)
+        fits = fits and kept.dtype == np.float32 and bool(np.isfinite(kept).all())
+        _require(fits, _VALUES)
     counts = {len(values) if values.ndim else 0 for values in table.actions.values()}
     _require(len(counts) == 1 and min(counts) > 0, "actions")
     _require(bool(np.all((table.action >= 0) & (table.action < min(counts)))), "actions")

@@ -5,7 +5,9 @@ import pytest
 from helpers import toy_mdps as toys
 from helpers.tanks import DOMAIN, INSTANCE
 
+from mdpo_rddl.auto import optimum
 from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
@@ -46,6 +48,23 @@ def test_what_no_longer_matters_makes_no_states(tmp_path):
     solution = find_optimum(toys.walk(tmp_path, 6), 30)
     assert solution.optimum.states == 5
     assert solution.optimum.actions == 2  # dancing changes nothing
+
+
+def test_the_values_of_later_steps_are_those_of_shorter_horizons(tmp_path):
+    table = find_optimum(toys.lamp(tmp_path, 6, 0.9), 30, keeps_values=True).table
+    lookup = TableLookup(table)
+    dark = {"on": np.array([False])}
+    found = [float(lookup.value(lookup.arrays, step, dark)) for step in range(8)]
+    shorter = [find_optimum(toys.lamp(tmp_path, left, 0.9), 30).value for left in range(6, 0, -1)]
+    np.testing.assert_allclose(found, [*shorter, 0.0, 0.0], rtol=1e-6)
+    assert float(lookup.value(lookup.arrays, 0, {"on": np.array([2])})) == 0.0
+    assert find_optimum(toys.lamp(tmp_path, 6, 0.9), 30).table.values is None
+
+
+def test_values_that_are_too_many_are_not_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(optimum, "_MOST_VALUES", 11)
+    problem = toys.lamp(tmp_path, 6)
+    assert find_optimum(problem, 30, keeps_values=True).table.values is None
 
 
 @pytest.mark.parametrize("name", ["lamp", "gambler", "walk"])

@@ -86,8 +86,16 @@ def test_the_vote_is_taken_where_it_returns_more(raced):
     assert not outcome.interrupted
 
 
-def test_it_is_not_where_it_returns_less(raced):
-    # whoever votes opens a door at once, and is eaten
+def test_it_is_taken_where_it_knows_what_a_mistake_costs(raced):
+    found = raced(race_outcome(listener()))
+    assert found.outcome.policy.votes
+    # listening eleven times returns -11
+    assert found.outcome.chosen.mean > 0.0
+
+
+def test_it_is_not_where_it_returns_less(raced, monkeypatch):
+    monkeypatch.setattr("mdpo_rddl.auto.optimum._MOST_VALUES", 0)
+    # whoever counts votes opens a door at once, and is eaten
     found = raced(race_outcome(listener()))
     outcome = found.outcome
     assert not outcome.policy.votes

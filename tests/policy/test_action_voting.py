@@ -3,8 +3,6 @@
 import dataclasses
 import math
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
@@ -14,13 +12,11 @@ from helpers.umbrella import NOTHING_SHOWN, careless, pattering, voting, wet
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.policy.action_voting import ActionVoting, elected
+from mdpo_rddl.policy.action_voting import ActionVoting
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.belief import believing
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
-from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.underlying import underlying_mdp
@@ -32,22 +28,6 @@ def taken(policy, heard=HEARD):
     """What is taken at each step."""
     shown = [NOTHING_SHOWN, *map(pattering, heard)]
     return [bool(policy(step, each)["take"]) for step, each in enumerate(shown)]
-
-
-def test_the_action_with_the_most_votes_is_elected():
-    votes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 1.0]])
-    assert int(elected(votes, is_joint=True)) in (2, 3, 5)
-    # not what is nearest to all, which may be what no one wants
-    between = jnp.array([[1.0, 0.0]] * 4 + [[0.0, 1.0]] * 3 + [[0.0, 0.0]] * 2)
-    assert int(elected(between, is_joint=True)) < 4
-
-
-def test_else_the_action_nearest_to_the_median_of_each_component():
-    rest = [[1.0, 0.0, 5.0], [1.0, 1.0, 6.0], [0.0, 1.0, 90.0]]
-    votes = jnp.array([*rest, [1.0, 1.0, 5.5], [0.0, 0.0, 5.2]])
-    assert int(elected(votes, is_joint=False)) == 3
-    # a component in which all agree says nothing
-    assert int(elected(jnp.array([[2.0, 3.0], [2.0, 4.0], [2.0, 9.0]]), is_joint=False)) == 1
 
 
 def test_the_umbrella_is_taken_where_rain_is_likely():
@@ -156,17 +136,6 @@ def test_hindsight_says_nothing_of_a_rule_that_is_not_played():
     told = voting().hindsight(episodes=2, seconds=5.0)
     assert told.estimate is None
     assert "not observed" in told.to_json()["note"]
-
-
-def test_a_rule_of_the_underlying_mdp_votes_too():
-    problem = underlying_mdp(toy("umbrella"))
-    config = careless().config
-    planner = build_planner(problem, config).planner
-    params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
-    biases = {name: {**own, "bias": np.float32(4.0)} for name, own in params["own"].items()}
-    always = Policy(problem, config, planner, {**params, "own": biases}, {}, seed=0)
-    policy = dataclasses.replace(careless(), saved_underlying=always.to_saved(), votes=True)
-    assert taken(policy) == [True] * 13
 
 
 def test_a_table_that_cannot_be_looked_up_is_told_in_one_line(monkeypatch):

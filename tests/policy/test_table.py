@@ -72,6 +72,17 @@ def test_a_saved_table_is_read_back(policy, tmp_path):
             assert again(step, seen)["go"] == policy(step, seen)["go"]
 
 
+def test_the_values_of_the_states_are_read_back(tmp_path):
+    policy = find_optimum(toys.walk(tmp_path, 4), 30, keeps_values=True).policy()
+    tensors = table_tensors(policy.table)
+    text = table_text(policy.table, policy.optimum)
+    again = parse_table(tensors, text)[0]
+    np.testing.assert_array_equal(again.values, policy.table.values, strict=True)
+    for damaged in (tensors["values"][:, 1:], tensors["values"] * np.float32(np.nan)):
+        with pytest.raises(ValueError, match="its values do not fit together"):
+            parse_table({**tensors, "values": damaged}, text)
+
+
 def test_a_table_that_is_not_proven_says_so_and_is_read_back(policy, tmp_path):
     estimate = Estimate(value=-2.5, error=0.25, episodes=100, missed=0.125, states=7)
     found = TablePolicy(policy.problem, policy.table, estimate, 5)

@@ -27,15 +27,19 @@ class DynamicProgrammingArm(Arm):
       model: the ground model, once there is one, whether it was enumerated or not.
     """
 
-    def __init__(self, problem: Problem, config: PlannerConfig, clock: Clock) -> None:
+    def __init__(
+        self, problem: Problem, config: PlannerConfig, clock: Clock, keeps_values: bool = False
+    ) -> None:
         """Does nothing yet.
 
         Args:
           problem: with discrete, observed states and discrete actions.
           config: of the race.
           clock: what is asked for the time.
+          keeps_values: whether the table has the states' values.
         """
         super().__init__(DYNAMIC_PROGRAMMING, clock)
+        self._keeps_values = keeps_values
         self._problem, self._config = problem, config
         self.solution: Solution | None = None
         self.model: GroundModel | None = None
@@ -55,9 +59,8 @@ class DynamicProgrammingArm(Arm):
     def _work(self, until: float) -> None:
         seconds = until - self._clock()
         try:
-            solution = find_optimum(
-                self._problem, seconds, _MEMORY_GB, self._clock, self._keep_model
-            )
+            given = _MEMORY_GB, self._clock, self._keep_model, self._keeps_values
+            solution = find_optimum(self._problem, seconds, *given)
         except NotEnumerableError as error:
             self._give_up(str(error))
             return

@@ -55,6 +55,7 @@ class GreedyPlan(JaxPlan):
       rollout_policy: the policy with one sample, once the plan is compiled.
       values: v, once the plan is compiled.
       size: number of single changes D, of bools one each.
+      is_in_turn: whether the components are decided in turn, once the plan is compiled.
     """
 
     history_dependent = False
@@ -115,7 +116,7 @@ class GreedyPlan(JaxPlan):
         # where a no-op is true, changing few is not having few true
         elif not any(np.any(value) for value in changes.noop.values()):
             self._limits += concurrency_limits(rddl, shapes)
-        self._is_in_turn = bool(changes.numbers) and components > 1 and self._at_most is None
+        self.is_in_turn = bool(changes.numbers) and components > 1 and self._at_most is None
         self._legal = LegalActions(exact, self._limits)
         self.values = StateValues(rddl, known, self._shape, horizon, exact.REAL)
         transition = exact.compile_transition(check_constraints=True, cache_path_info=False)
@@ -168,7 +169,7 @@ class GreedyPlan(JaxPlan):
           samples: of the step of the model; the policy's if None.
         """
         fluents, keys = self._complete(state), random.split(key, samples or self.samples)
-        if self._is_in_turn:
+        if self.is_in_turn:
             return self._gains_in_turn(params, keys, fluents, step)
         # the no-op, then a change each
         alone = jnp.eye(1 + self.size, self.size, -1, dtype=bool)
@@ -232,7 +233,7 @@ class GreedyPlan(JaxPlan):
     @property
     def tried(self) -> int:
         """How many actions a decision tries for what they lead to."""
-        if self._is_in_turn:
+        if self.is_in_turn:
             return self.changes.places.size
         return self.size if self._effects is None else len(self._effects.together)
 

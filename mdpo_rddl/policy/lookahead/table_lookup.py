@@ -25,6 +25,7 @@ class TableArrays(NamedTuple):
       run_key: of each run, its state's place times the number of steps, plus its last step [R].
       action: of each run [R].
       actions: per action fluent the values of all actions [A, *shape].
+      values: of the states at each step [H, S]; None if they were not kept.
     """
 
     factors: Any
@@ -34,6 +35,7 @@ class TableArrays(NamedTuple):
     run_key: Any
     action: Any
     actions: Mapping[str, Any]
+    values: Any = None
 
 
 class TableLookup:
@@ -76,6 +78,7 @@ class TableLookup:
             run_key=(state * self._steps + table.until_step[runs]).astype(np.int32),
             action=table.action[runs].astype(np.int32),
             actions=dict(table.actions),
+            values=None if table.values is None else table.values[:, order],
         )
 
     @property
@@ -85,13 +88,34 @@ class TableLookup:
         def play(
             key: Array, arrays: TableArrays, hyperparams: Any, step: Any, fluents: Any, memory: Any
         ) -> dict[str, Array]:
-            number = self._number(arrays, step, fluents)
+            number = self.number(arrays, step, fluents)
             return {name: jnp.asarray(each)[number] for name, each in arrays.actions.items()}
 
         return play
 
-    def _number(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
+    def value(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
+        """What the best policy returns from a step and a state on; 0 of an unknown state.
+
+        Args:
+          arrays: of a table that has values.
+          step: number of decisions before.
+          fluents: per state fluent [*shape].
+        """
+        place, is_known = self._place(arrays, fluents)
+        values = jnp.asarray(arrays.values)
+        found = values[jnp.minimum(step, len(values) - 1), place]
+        return jnp.where(is_known & (step < len(values)), found, 0.0)
+
+    def number(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
         """The number of the action; 0, the no-op's, for an unknown state."""
+        place, is_known = self._place(arrays, fluents)
+        wanted = place * self._steps + jnp.minimum(step, self._steps - 1)
+        run = jnp.searchsorted(jnp.asarray(arrays.run_key), wanted.astype(jnp.int32))
+        run = jnp.minimum(run, jnp.asarray(arrays.last_run)[place])
+        return jnp.where(is_known, jnp.asarray(arrays.action)[run], 0)
+
+    def _place(self, arrays: TableArrays, fluents: Mapping[str, Any]) -> tuple[Array, Array]:
+        """The number of a state, and whether there is such a state."""
         values = [jnp.ravel(fluents[name]).astype(jnp.int32) for name in self._fluents]
         shifted = jnp.concatenate(values) + self._offsets
         codes = shifted.astype(jnp.uint32)
@@ -105,11 +129,7 @@ class TableLookup:
         places = jnp.searchsorted(hashes[:, 0], first) + jnp.arange(self._ties)
         places = jnp.minimum(places, len(hashes) - 1)
         hits = (hashes[places, 0] == first) & (hashes[places, 1] == second)
-        place = places[jnp.argmax(hits)].astype(jnp.int32)
-        wanted = place * self._steps + jnp.minimum(step, self._steps - 1)
-        run = jnp.searchsorted(jnp.asarray(arrays.run_key), wanted.astype(jnp.int32))
-        run = jnp.minimum(run, jnp.asarray(arrays.last_run)[place])
-        return jnp.where(fits & jnp.any(hits), jnp.asarray(arrays.action)[run], 0)
+        return places[jnp.argmax(hits)].astype(jnp.int32), fits & jnp.any(hits)
 
 
 def _merged(codes: Array, merge: Array) -> tuple[Array, None]:
