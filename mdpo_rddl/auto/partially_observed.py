@@ -38,10 +38,11 @@ ACTION_VOTING = "action voting"
 _UNDERLYING, _LABEL = "underlying MDP", "vote over the belief"
 
 # of the time: the enumeration of the underlying MDP, and a race for it where that fails
-_OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.35
+_OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.42
 # of the time, and the most of it: the vote's compilation, and its and the race's policy's episodes;
 # the vote of an optimum is mostly the better one, and has more
-_TRIAL_SHARE, _LONGER_SHARE, _TRIAL_SECONDS = 0.25, 0.4, 15.0
+_TRIAL_SHARE, _TRIAL_SECONDS = 0.3, 15.0
+_LONGER_SHARE, _LONGER_SECONDS = 0.5, 25.0
 # what the vote takes to compile, in the times that what plays constants does: a filter and policies
 _COMPILING = 1.5
 _STEPS = 3
@@ -94,8 +95,9 @@ def plan_partially_observed(
     if underlying is None:
         return run_race(problem, config, seed, options)
     saved: SavedPolicy | SavedTable | None = _optimum(underlying, config, seed, options)
-    share, raced = (_TRIAL_SHARE, _RACE_SHARE) if saved is None else (_LONGER_SHARE, 0.0)
-    trial = min(share * seconds, _TRIAL_SECONDS)
+    is_raced = saved is None
+    share, most = (_TRIAL_SHARE, _TRIAL_SECONDS) if is_raced else (_LONGER_SHARE, _LONGER_SECONDS)
+    trial, raced = min(share * seconds, most), _RACE_SHARE * is_raced
     left = seconds - (clock() - began) - trial - raced * seconds
     outcome = run_race(problem, _within(config, left), seed, options)
     if outcome.interrupted or not isinstance(outcome.policy, Policy):
@@ -192,6 +194,7 @@ def _with_vote(
     outcome = dataclasses.replace(outcome, compile_seconds=compiled)
     log.iterations = len(trial.returns)
     if len(trial.returns) < FEWEST:
+        log.details = {"cause": "no time"}
         return outcome
     mean, spread = mean_and_error(trial.returns[:, 0])
     log.best_return = mean

@@ -18,7 +18,7 @@ from mdpo_rddl.policy.recall import require_count
 
 Tree = Mapping[str, Any]
 
-_PARTICLES = 512
+_PARTICLES = 2048
 
 
 class ActionVoting:

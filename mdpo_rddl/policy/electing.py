@@ -25,6 +25,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.legal import LegalActions
+from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.start import initial_values
 from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, rollout_params
 from mdpo_rddl.policy.lookahead.table_lookup import TableArrays, TableLookup
@@ -35,6 +36,8 @@ Elect = Callable[[Array, Any, dict[str, Array]], Mapping[str, Array]]
 """Of a random key, a step and particles [P, *shape], the action per fluent [*shape]."""
 
 _HASH_SEED = 0
+# particles that vote, or tell what they gain
+_MOST_VOTERS = 512
 # actions that are tried in a belief, and of these with all particles the most steps
 _MOST_ACTIONS, _MOST_STEPS = 64, 2**13
 
@@ -97,8 +100,10 @@ def _voted(
             }
             return play(own_key, params, hyperparams, step, {**fluents, **state}, {})
 
+        particles = _spread_out(particles, _MOST_VOTERS)
         keys = random.split(key, _count(particles))
-        return _of_votes(jax.vmap(choose)(keys, particles), is_joint)
+        chosen = jax.vmap(with_fast_random_numbers(choose))(keys, particles)
+        return _of_votes(chosen, is_joint)
 
     return elect
 
@@ -110,8 +115,9 @@ def _gaining_most(plan: GreedyPlan, is_joint: bool) -> Callable[..., Mapping[str
         def gains(own_key: Array, particle: dict[str, Array]) -> Array:
             return plan.gains(params, own_key, particle, step, samples=1)
 
+        particles = _spread_out(particles, _MOST_VOTERS)
         keys = random.split(key, _count(particles))
-        mean = jnp.mean(jax.vmap(gains)(keys, particles), axis=0)
+        mean = jnp.mean(jax.vmap(with_fast_random_numbers(gains))(keys, particles), axis=0)
         return _of_votes(jax.vmap(plan.choose, (None, 0))(mean, particles), is_joint)
 
     return elect
@@ -151,7 +157,7 @@ def _worth_most(planner: MDPOPlanner, lookup: TableLookup) -> Callable[..., Mapp
             return jnp.where(is_legal, totals, totals[0])
 
         keys = random.split(key, _count(fewer))
-        means = jnp.mean(jax.vmap(of_one)(keys, fewer), axis=0)
+        means = jnp.mean(jax.vmap(with_fast_random_numbers(of_one))(keys, fewer), axis=0)
         best = tried[jnp.argmax(jnp.where(jnp.isnan(means), -jnp.inf, means))]
         return {name: each[best] for name, each in actions.items()}
 

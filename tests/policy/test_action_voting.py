@@ -12,6 +12,7 @@ from helpers.umbrella import NOTHING_SHOWN, careless, pattering, voting, wet
 
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.policy import action_voting
 from mdpo_rddl.policy.action_voting import ActionVoting
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -111,10 +112,12 @@ def test_it_is_saved_and_says_what_it_is(tmp_path):
     assert (careless().vote, careless().votes) == (None, False)
 
 
-def test_who_thinks_on_from_a_vote_uses_its_filter_again():
-    vote = voting().vote
-    believer = believing(voting(), 1.0, math.inf, Ticking(0.001))
-    assert believer.particles == vote.particles
+def test_who_thinks_on_from_a_vote_uses_its_filter_again(monkeypatch):
+    monkeypatch.setattr(action_voting, "_PARTICLES", 512)
+    policy = dataclasses.replace(voting())
+    vote = policy.vote
+    believer = believing(policy, 1.0, math.inf, Ticking(0.001))
+    assert believer.particles == vote.particles == 512
     # none is compiled for another number of particles
     before = vote.filter.advance._cache_size()
     belief = believer.believe(0, NOTHING_SHOWN)
