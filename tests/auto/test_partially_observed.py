@@ -158,6 +158,7 @@ def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypat
     (log,) = found.outcome.arms
     assert not found.outcome.policy.votes
     assert (log.iterations, log.best_return, found.judged) == (2, None, [])
+    assert log.details == {"cause": "no time"}
     # what can think with it has it
     assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
 

@@ -21,7 +21,7 @@ from mdpo_rddl.problem.underlying import underlying_mdp
 
 KEY = jax.random.PRNGKey(0)
 GREEDY = greedy(auto_preset("").without_section("Search"))
-# of four doors with a prize behind one, some are locked; who tries a locked one does nothing
+# behind each of two doors there may be a prize; one that is locked cannot be opened
 DOORS = """
 domain doors {
     requirements = { partially-observed };
