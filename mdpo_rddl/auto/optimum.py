@@ -103,6 +103,8 @@ def find_optimum(
     keeps_values &= len(states) * model.horizon <= _MOST_VALUES
     kept = np.zeros((model.horizon, len(states)), np.float32) if keeps_values else None
     value, runs = _induct(enumeration, limits, kept)
+    if kept is not None and not np.isfinite(kept).all():
+        kept = None  # too large for 32 bits
     table = action_table(problem, model, merges, states, runs, kept)
     optimum = Optimum(
         value=value,

@@ -1,8 +1,8 @@
 """Planning where the state is observed in part only.
 
-The race looks for a policy that remembers. Then the underlying MDP is planned, and a vote over the
-belief of the state, of what its policy does, is played in the same episodes as the race's policy;
-the better one is the result. The underlying policy stays with it, for thinking at the decision.
+The race looks for a policy that remembers. Then the underlying MDP is planned, and what a belief of
+the state elects by its policy is played in the same episodes as the race's policy; the better one
+is the result. The underlying policy stays with it, for thinking at the decision.
 """
 
 import dataclasses
@@ -37,8 +37,9 @@ ACTION_VOTING = "action voting"
 """What the part is called that plays by a vote over the belief, and can be left out by."""
 _UNDERLYING, _LABEL = "underlying MDP", "vote over the belief"
 
-# of the time: the enumeration of the underlying MDP, and a race for it where that fails
-_OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.42
+# of the time, the enumeration of the underlying MDP; where that fails, a race for it, of what is
+# then left beside the vote's trial
+_OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.6
 # of the time, and the most of it: the vote's compilation, and its and the race's policy's episodes;
 # the vote of an optimum is mostly the better one, and has more
 _TRIAL_SHARE, _TRIAL_SECONDS = 0.3, 15.0
@@ -97,8 +98,8 @@ def plan_partially_observed(
     saved: SavedPolicy | SavedTable | None = _optimum(underlying, config, seed, options)
     is_raced = saved is None
     share, most = (_TRIAL_SHARE, _TRIAL_SECONDS) if is_raced else (_LONGER_SHARE, _LONGER_SECONDS)
-    trial, raced = min(share * seconds, most), _RACE_SHARE * is_raced
-    left = seconds - (clock() - began) - trial - raced * seconds
+    trial = min(share * seconds, most)
+    left = (1.0 - _RACE_SHARE * is_raced) * (seconds - (clock() - began) - trial)
     outcome = run_race(problem, _within(config, left), seed, options)
     if outcome.interrupted or not isinstance(outcome.policy, Policy):
         return outcome

@@ -43,6 +43,7 @@ def action_table(
     rank[order] = np.arange(len(order))
     sequence = np.lexsort((steps, rank[played_in]))
     counts = np.bincount(rank[played_in], minlength=len(order))
+    decided = int(steps.max(initial=-1)) + 1
     names = [name for name, _ in model.variables]
     return ActionTable(
         merges=_merge_array(merges, states.shape[1]),
@@ -54,7 +55,7 @@ def action_table(
         actions=_action_values(problem, model),
         fluents=tuple(dict.fromkeys(names)),
         objects=_object_names(problem, names),
-        values=None if values is None else np.ascontiguousarray(values[:, order]),
+        values=None if values is None else np.ascontiguousarray(values[:decided, order]),
     )
 
 

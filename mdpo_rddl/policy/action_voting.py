@@ -47,7 +47,8 @@ class ActionVoting:
         self._many: list[Believer] = []
         self._step = -1
         self._keys = step_keys(policy.planner, policy.seed)
-        self._elect = compiled_election(policy.planner, underlying)
+        with policy.planner.computing():
+            self._elect = compiled_election(policy.planner, underlying)
         self._noop = {
             name: np.asarray(policy.planner.test_compiled.init_values[name])
             for name in policy.planner.rddl.action_fluents

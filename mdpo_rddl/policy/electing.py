@@ -38,7 +38,7 @@ Elect = Callable[[Array, Any, dict[str, Array]], Mapping[str, Array]]
 _HASH_SEED = 0
 # particles that vote, or tell what they gain
 _MOST_VOTERS = 512
-# actions that are tried in a belief, and of these with all particles the most steps
+# actions that are tried in a belief; steps of the model for all of them, each in as many particles
 _MOST_ACTIONS, _MOST_STEPS = 64, 2**13
 
 
@@ -124,10 +124,11 @@ def _gaining_most(plan: GreedyPlan, is_joint: bool) -> Callable[..., Mapping[str
 
 
 def _worth_most(planner: MDPOPlanner, lookup: TableLookup) -> Callable[..., Mapping[str, Array]]:
-    """The table's action of the largest Q on average.
+    """The table's action of the largest Q on average, in as many particles as there is time for.
 
     Of many actions those are tried that some particles would play, and the no-op. An action that is
-    illegal in a particle's state is worth there what the no-op is.
+    illegal in a particle's state is worth there what the no-op is, or, where that is illegal, too,
+    the worst legal one; one that is illegal in all of them is not played.
     """
     exact = planner.test_compiled
     fluents, nonfluents = exact.split_fluent_nonfluent(exact.init_values)
@@ -147,18 +148,22 @@ def _worth_most(planner: MDPOPlanner, lookup: TableLookup) -> Callable[..., Mapp
         tried = _tried(lookup, params, step, particles)
         fewer = _spread_out(particles, max(1, _MOST_STEPS // len(tried)))
 
-        def of_one(own_key: Array, particle: Tree) -> Array:
+        def of_one(own_key: Array, particle: Tree) -> tuple[Array, Array]:
             def of_action(number: Array) -> tuple[Array, Array]:
                 action = {name: each[number] for name, each in actions.items()}
                 total = worth(own_key, params, step, action, particle)
                 return total, legal.is_legal(action, particle)
 
             totals, is_legal = jax.vmap(of_action)(tried)
-            return jnp.where(is_legal, totals, totals[0])
+            worst = jnp.min(totals, where=is_legal, initial=jnp.inf)
+            instead = jnp.where(is_legal[0] | jnp.isinf(worst), totals[0], worst)
+            return jnp.where(is_legal, totals, instead), is_legal
 
         keys = random.split(key, _count(fewer))
-        means = jnp.mean(jax.vmap(with_fast_random_numbers(of_one))(keys, fewer), axis=0)
-        best = tried[jnp.argmax(jnp.where(jnp.isnan(means), -jnp.inf, means))]
+        totals, is_legal = jax.vmap(with_fast_random_numbers(of_one))(keys, fewer)
+        means = jnp.mean(totals, axis=0)
+        is_known = jnp.any(is_legal, axis=0) & ~jnp.isnan(means)
+        best = tried[jnp.argmax(jnp.where(is_known, means, -jnp.inf))]
         return {name: each[best] for name, each in actions.items()}
 
     return elect

@@ -180,9 +180,9 @@ def _check(table: ActionTable) -> None:
     _require(int(first[0]) == 0 and int(first[-1]) == runs, "runs")
     _require(table.until_step.shape == table.action.shape == (runs,), "runs")
     if (kept := table.values) is not None:
-        fits = kept.ndim == 2 and kept.shape[0] > 0 and kept.shape[1] == len(states)
-        fits = fits and kept.dtype == np.float32 and bool(np.isfinite(kept).all())
-        _require(fits, _VALUES)
+        steps = int(table.until_step.max(initial=-1)) + 1
+        fits = kept.shape == (steps, len(states)) and kept.dtype == np.float32
+        _require(fits and bool(np.isfinite(kept).all()), _VALUES)
     counts = {len(values) if values.ndim else 0 for values in table.actions.values()}
     _require(len(counts) == 1 and min(counts) > 0, "actions")
     _require(bool(np.all((table.action >= 0) & (table.action < min(counts)))), "actions")

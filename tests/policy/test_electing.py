@@ -89,24 +89,41 @@ def test_of_many_actions_those_are_tried_that_are_voted_for(monkeypatch):
     assert opened(optimum(keeps_values=True), 3) == "right"
 
 
-def test_an_illegal_action_is_worth_what_the_no_op_is():
-    problem = problem_from(DOORS)
+def at_the_doors(text):
+    """What chooses between them, for the prizes and locks of particles [P, 2] each."""
+    problem = problem_from(text)
     planner = build_planner(problem, careless().config).planner
     table = find_optimum(underlying_mdp(problem), 60.0, keeps_values=True).policy()
     elect = compiled_election(planner, table)
 
     def chosen(prizes, locked):
-        """Of particles [P, 2] each."""
         drawn = jnp.ones(len(prizes), bool)
         state = {"prize": jnp.array(prizes), "locked": jnp.array(locked), "drawn": drawn}
         return np.asarray(elect(KEY, 1, state)["open"]).tolist()
 
-    both, first, none = [True, True], [True, False], [False, False]
-    assert chosen([first] * 3, [none] * 3) == [True, False]
-    assert chosen([both] * 3, [first] * 3) == [False, True]
-    assert chosen([first] * 3, [first] * 3) == [False, False]
+    return chosen
+
+
+ONE_IS_OPENED = "(sum_{?d : door} [open(?d)]) == 1"
+BOTH, FIRST, NEITHER = [True, True], [True, False], [False, False]
+
+
+def test_an_illegal_action_is_worth_what_the_no_op_is():
+    chosen = at_the_doors(DOORS)
+    assert chosen([FIRST] * 3, [NEITHER] * 3) == [True, False]
+    assert chosen([BOTH] * 3, [FIRST] * 3) == [False, True]
+    assert chosen([FIRST] * 3, [FIRST] * 3) == [False, False]
     # legal for one of three it gains there, and elsewhere loses nothing
-    assert chosen([first] * 3, [first, first, none]) == [True, False]
+    assert chosen([FIRST] * 3, [FIRST, FIRST, NEITHER]) == [True, False]
+
+
+def test_a_no_op_that_is_illegal_is_not_played_however_much_it_would_pay():
+    unlocked = DOORS.replace("forall_{?d : door} [open(?d) => ~locked(?d)]", ONE_IS_OPENED)
+    assert ONE_IS_OPENED in unlocked
+    bonus = "reward = 9.0 * (~exists_{?d : door} [open(?d)]) +"
+    chosen = at_the_doors(unlocked.replace("reward =", bonus))
+    assert chosen([FIRST] * 3, [NEITHER] * 3) == [True, False]
+    assert sum(chosen([NEITHER] * 3, [NEITHER] * 3)) == 1
 
 
 def test_the_action_with_the_most_votes_is_elected():

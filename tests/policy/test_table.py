@@ -78,7 +78,8 @@ def test_the_values_of_the_states_are_read_back(tmp_path):
     text = table_text(policy.table, policy.optimum)
     again = parse_table(tensors, text)[0]
     np.testing.assert_array_equal(again.values, policy.table.values, strict=True)
-    for damaged in (tensors["values"][:, 1:], tensors["values"] * np.float32(np.nan)):
+    values = tensors["values"]
+    for damaged in (values[:, 1:], values[:-1], values * np.float32(np.nan)):
         with pytest.raises(ValueError, match="its values do not fit together"):
             parse_table({**tensors, "values": damaged}, text)
 

@@ -94,7 +94,9 @@ class TableLookup:
         return play
 
     def value(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
-        """What the best policy returns from a step and a state on; 0 of an unknown state.
+        """What the best policy returns from a step and a state on.
+
+        An unknown state, which the best policy does not come to, counts as the worst one.
 
         Args:
           arrays: of a table that has values.
@@ -103,8 +105,9 @@ class TableLookup:
         """
         place, is_known = self._place(arrays, fluents)
         values = jnp.asarray(arrays.values)
-        found = values[jnp.minimum(step, len(values) - 1), place]
-        return jnp.where(is_known & (step < len(values)), found, 0.0)
+        now = values[jnp.minimum(step, len(values) - 1)]
+        found = jnp.where(is_known, now[place], jnp.min(now))
+        return jnp.where(step < len(values), found, 0.0)
 
     def number(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
         """The number of the action; 0, the no-op's, for an unknown state."""
