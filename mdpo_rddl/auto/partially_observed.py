@@ -43,7 +43,7 @@ _OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.6
 # of the time, and the most of it: the vote's compilation, and its and the race's policy's episodes;
 # the vote of an optimum is mostly the better one, and has more
 _TRIAL_SHARE, _TRIAL_SECONDS = 0.3, 15.0
-_LONGER_SHARE, _LONGER_SECONDS = 0.5, 25.0
+_LONGER_SHARE, _LONGER_SECONDS = 0.6, 25.0
 # what the vote takes to compile, in the times that what plays constants does: a filter and policies
 _COMPILING = 1.5
 _STEPS = 3
