@@ -99,7 +99,8 @@ def plan_partially_observed(
     is_raced = saved is None
     share, most = (_TRIAL_SHARE, _TRIAL_SECONDS) if is_raced else (_LONGER_SHARE, _LONGER_SECONDS)
     trial = min(share * seconds, most)
-    left = (1.0 - _RACE_SHARE * is_raced) * (seconds - (clock() - began) - trial)
+    left = seconds - (clock() - began) - trial
+    left = (1.0 - _RACE_SHARE) * left if is_raced else left
     outcome = run_race(problem, _within(config, left), seed, options)
     if outcome.interrupted or not isinstance(outcome.policy, Policy):
         return outcome

@@ -38,7 +38,8 @@ Elect = Callable[[Array, Any, dict[str, Array]], Mapping[str, Array]]
 _HASH_SEED = 0
 # particles that vote, or tell what they gain
 _MOST_VOTERS = 512
-# actions that are tried in a belief; steps of the model for all of them, each in as many particles
+# actions that are tried in a belief, and steps of the model for all of them together: the more
+# actions, the fewer particles
 _MOST_ACTIONS, _MOST_STEPS = 64, 2**13
 
 

@@ -96,7 +96,8 @@ class TableLookup:
     def value(self, arrays: TableArrays, step: Any, fluents: Mapping[str, Any]) -> Array:
         """What the best policy returns from a step and a state on.
 
-        An unknown state, which the best policy does not come to, counts as the worst one.
+        A state that is not in the table, as no policy comes to it, counts as the worst one. Nor are
+        those in the table in which an episode has ended: whoever asks must tell these.
 
         Args:
           arrays: of a table that has values.
