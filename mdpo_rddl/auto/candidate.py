@@ -10,6 +10,7 @@ import numpy as np
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.table import ActionTable, Estimate
 
 NOOP = "no-op"
@@ -25,13 +26,15 @@ class Candidate:
       label: what it is, for people.
       config: of the planner that it belongs to.
       planner: compiled for the configuration; None if it has yet to be built here, or if the
-        policy is a table.
-      params: parameters of one policy; None of a table.
+        policy needs none.
+      params: parameters of one policy; None of one that needs no planner.
       policy_hyperparams: JaxPlan's policy hyperparameters.
       parents: names of the arms whose policies it was made from, the earliest first.
       uses_noise: whether it, or what it was made from, was trained with noise on the actions.
       table: of the actions, with what is known of its return, if the policy is one that trials
         have found.
+      plans: how relaxed plans are made, with what simulated episodes have returned, if the policy
+        plays by them.
       mean, error: of its return on the exact model, by the judge; `mean` is None before that.
       returns: of the judge's rollouts [N], which are common to all; None if it has played none.
     """
@@ -45,6 +48,7 @@ class Candidate:
     parents: tuple[str, ...] = ()
     uses_noise: bool = False
     table: tuple[ActionTable, Estimate] | None = None
+    plans: tuple[PlanRule, Simulated] | None = None
     mean: float | None = None
     error: float = float("inf")
     returns: np.ndarray | None = None

@@ -11,6 +11,7 @@ from mdpo_rddl.auto.curve import Curve
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.file import SavedTable, problem_identity
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.table import ActionTable, Estimate
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
@@ -24,9 +25,9 @@ class EarlierPolicy:
 
     Attributes:
       config: of its planner.
-      params: of one policy, nested dictionaries of arrays; None of a table.
+      params: of one policy, nested dictionaries of arrays; None of one without a planner.
       policy_hyperparams: JaxPlan's policy hyperparameters.
-      arm, label, parents, uses_noise, mean, error, table: as of a `Candidate`.
+      arm, label, parents, uses_noise, mean, error, table, plans: as of a `Candidate`.
     """
 
     config: PlannerConfig
@@ -39,17 +40,18 @@ class EarlierPolicy:
     mean: float
     error: float
     table: tuple[ActionTable, Estimate] | None = None
+    plans: tuple[PlanRule, Simulated] | None = None
 
     def candidate(self, arena: Arena) -> Candidate:
         """The policy as a candidate: of the arena's planner where it fits, to be judged anew.
 
         Else, and on a large problem, it keeps what the earlier judge has said, whose rollouts had
-        the same seed. So does a table.
+        the same seed. So does what needs no planner.
 
         Raises:
           InputError: if a table is not of the arena's problem.
         """
-        if self.table is not None:
+        if self.table is not None or self.plans is not None:
             return self.known(arena.problem, arena.seed)
         fits = _plain(self.config) == _plain(arena.config)
         fits = fits and has_structure(arena.planner, self.params, self.policy_hyperparams)
@@ -90,6 +92,7 @@ class EarlierPolicy:
             parents=self.parents,
             uses_noise=self.uses_noise,
             table=self.table,
+            plans=self.plans,
             mean=self.mean,
             error=self.error,
         )

@@ -10,7 +10,6 @@ the same way.
 
 import logging
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,8 @@ from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
+from mdpo_rddl.problem.enumeration.grounded import Grounded
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
-from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
 from mdpo_rddl.problem.enumeration.states import Enumeration, enumerate_states
 from mdpo_rddl.problem.load import Problem
 
@@ -33,10 +32,6 @@ _TIE = 1e-12
 _GROUNDING_SHARE = 0.4
 # of the states at each step: more are not kept
 _MOST_VALUES = 2**24
-
-
-def _ignore(model: GroundModel) -> None:
-    del model
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,7 @@ def find_optimum(
     seconds: float,
     memory_gb: float = 4.0,
     clock: Clock = time.monotonic,
-    on_grounded: Callable[[GroundModel], None] = _ignore,
+    grounded: Grounded | None = None,
     keeps_values: bool = False,
 ) -> Solution:
     """The optimum.
@@ -82,7 +77,7 @@ def find_optimum(
       seconds: limit of the time by the clock.
       memory_gb: limit of the memory that the enumeration takes, roughly.
       clock: what is asked for the time.
-      on_grounded: called with the ground model, with which others may go on.
+      grounded: keeps the ground model, with which others may go on.
       keeps_values: whether the table has the states' values, unless they are too many.
 
     Raises:
@@ -92,8 +87,7 @@ def find_optimum(
     most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
     limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most), clock=clock)
     grounding = EnumerationLimits(seconds=_GROUNDING_SHARE * seconds, clock=clock)
-    model = ground_model(problem, grounding)
-    on_grounded(model)
+    model = (grounded or Grounded(problem)).ground(grounding)
     try:
         enumeration = enumerate_factored(model, limits)
     except NotEnumerableError as error:

@@ -15,7 +15,9 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.start import with_preprocessor
 from mdpo_rddl.policy.kinds import AnyPolicy
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.table import Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
@@ -69,12 +71,13 @@ class RaceOutcome:
     @property
     def optimum(self) -> Optimum | None:
         """What is proven of the policy, if anything is."""
-        return self.policy.optimum if isinstance(self.policy, TablePolicy) else None
+        return self.policy.optimum if isinstance(self.policy, PlannerlessPolicy) else None
 
     @property
     def config(self) -> PlannerConfig:
-        """Of the policy's planner; of the race where the policy is a table."""
-        return self.chosen.config if isinstance(self.policy, TablePolicy) else self.policy.config
+        """Of the policy's planner; of the race where the policy needs none."""
+        policy = self.policy
+        return self.chosen.config if isinstance(policy, PlannerlessPolicy) else policy.config
 
     @property
     def noise_log(self) -> ArmLog | None:
@@ -119,6 +122,8 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
     """
     if candidate.table is not None:
         return TablePolicy(problem, *candidate.table, seed)
+    if candidate.plans is not None:
+        return RelaxedPlanPolicy(problem, *candidate.plans, seed)
     planner, config = candidate.planner, candidate.config
     if planner is None:
         planner = build_planner(problem, config).planner

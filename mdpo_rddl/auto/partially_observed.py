@@ -15,6 +15,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING, DynamicProgrammingArm
+from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS
 from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
@@ -24,7 +25,7 @@ from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.device import fitting_device
-from mdpo_rddl.policy.file import SavedPolicy, SavedTable
+from mdpo_rddl.policy.file import SavedPlanRule, SavedPolicy, SavedTable
 from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, mean_and_error, paired_returns
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
@@ -146,7 +147,8 @@ def _raced(
       KeyboardInterrupt: if it was interrupted.
     """
     search = read_search(config.sections)
-    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING]
+    # particles follow what is compiled, or looked up
+    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING, RELAXED_PLANS]
     config = config.with_values(SEARCH, without=without)
     second = RaceOptions(options.traced_cache, clock=options.clock)
     try:
@@ -156,7 +158,9 @@ def _raced(
         return None
     if found.interrupted:
         raise KeyboardInterrupt
-    return found.policy.to_saved()
+    saved = found.policy.to_saved()
+    assert not isinstance(saved, SavedPlanRule)
+    return saved
 
 
 def _with_vote(

@@ -6,7 +6,6 @@ from dataclasses import replace
 from mdpo_rddl.auto.arena import GOAL_COUNTING, Arena
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
-from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.confirmation import confirm
@@ -21,6 +20,7 @@ from mdpo_rddl.auto.fitting import (
     without_plan,
     without_scales,
 )
+from mdpo_rddl.auto.ground_arms import GroundArms, GroundSlices
 from mdpo_rddl.auto.judge import ROLLOUTS, Judge
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
@@ -30,7 +30,6 @@ from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.schedule import Schedule
 from mdpo_rddl.auto.sizes import plans_fit
-from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.auto.unjudged import (
     NothingPlayedError,
     ended_by,
@@ -48,7 +47,6 @@ from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.programs.quick import jit_for
 from mdpo_rddl.policy.policy import Policy
-from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -58,16 +56,11 @@ _MANY_ROLLOUTS = 1024
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
-# of the time: the no-op's episodes, before anything else, and the first slices of the trials
+# of the time: the no-op's episodes, before anything else
 _FIRST_SHARE = 0.05
-_TRIALS_SHARES = (0.04, 0.06)
 # of the time: the result's episodes on the environment; the second process may be late
 _CONFIRMING_SHARE = 0.02
 _LATE_SHARE = 0.05
-
-
-_Grounded = tuple[DynamicProgrammingArm | None, TrialsArm | None]
-"""The arms that work on the ground model."""
 
 
 def run_race(
@@ -88,7 +81,8 @@ def run_race(
     wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
     alternatives = Alternatives(problem, seed, seconds - used, wanted)
     with computing_on(fitting_device(problem)), alternatives, one_line_errors(problem):
-        exact = _dynamic_programming_arm(problem, config, clock)
+        ground = GroundSlices(problem, config, seed, options, shares)
+        exact = ground.arms.exact
         if exact is not None:
             options.on_stage("enumerating")
         first = None
@@ -98,36 +92,28 @@ def run_race(
             first = first_policy(problem, config, seed, lambda: clock() < until)
         if first is not None:
             options.on_judged(Judged(first, clock() - started, became_incumbent=True))
-        trials: TrialsArm | None = None
         try:
             if exact is not None:
-                resumption.enter(exact)
-                options.on_pulse()
-                _enumerate(exact, resumption, shares, started + seconds, clock)
+                ground.enumerate(resumption, started + seconds)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, options)
-                trials = _trials_arm(problem, config, seed, exact, options)
-            if trials is not None:
-                options.on_stage("searching")
-                resumption.enter(trials)
-                if not resumption.marks.is_over(TRIALS):
-                    _begin(trials, seconds, started + seconds, clock)
+                ground.search(resumption, started + seconds, options.on_stage)
             options.on_stage("probing")
             options.on_pulse()
             arena = _arena(problem, config, seed, started, options, resumption)
-            return _raced(arena, shares, (exact, trials), alternatives, options, resumption)
+            return _raced(arena, shares, ground.arms, alternatives, options, resumption)
         except (KeyboardInterrupt, Cancelled, NothingPlayedError) as end:
             note_heard(end)
             left = left_at(end, first, earlier, problem, seed)
             seconds = clock() - started
-            outcome = unjudged_outcome(left, (exact, trials), problem, seed, seconds)
+            outcome = unjudged_outcome(left, ground.arms.all, problem, seed, seconds)
             return replace(ended_by(outcome, end), earlier=options.earlier_curve)
 
 
 def _raced(
     arena: Arena,
     shares: Shares,
-    grounded: _Grounded,
+    ground: GroundArms,
     alternatives: Alternatives,
     options: RaceOptions,
     resumption: Resumption,
@@ -142,10 +128,11 @@ def _raced(
     initial = [*options.initial(arena)]
     schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
     interrupted, chosen = False, None
-    exact, schedule.early = grounded
-    schedule.arms += [] if exact is None else [exact]
+    schedule.arms += [] if ground.exact is None else [ground.exact]
+    schedule.plans, schedule.early = ground.plans, ground.trials
     try:
-        with known_kept(arena, options.earlier, schedule.early), incumbent_kept(arena.judge):
+        early = [arm for arm in (ground.plans, ground.trials) if arm is not None]
+        with known_kept(arena, options.earlier, early), incumbent_kept(arena.judge):
             if options.earlier is not None:
                 # the first is the incumbent whatever its error, so that the result is not worse
                 for candidate in options.earlier.candidates(arena):
@@ -162,7 +149,7 @@ def _raced(
         note_heard(stop)
         if arena.judge.incumbent is None:
             raise
-        for candidate in schedule.early.take_candidates() if schedule.early else ():
+        for candidate in (each for arm in early for each in arm.take_candidates()):
             arena.judge.record(candidate)
         logger.warning("interrupted: the best policy so far is kept")
         interrupted = True
@@ -180,58 +167,6 @@ def _raced(
 
 def _shares(config: PlannerConfig) -> Shares:
     return read_search(config.sections) or Shares()
-
-
-def _dynamic_programming_arm(
-    problem: Problem, config: PlannerConfig, clock: Clock
-) -> DynamicProgrammingArm | None:
-    """What looks for the optimum before anything is compiled; None where that has no prospect."""
-    if _shares(config).optimum_until == 0.0 or not is_discrete(problem):
-        return None
-    return DynamicProgrammingArm(problem, config, clock)
-
-
-def _enumerate(
-    exact: DynamicProgrammingArm,
-    resumption: Resumption,
-    shares: Shares,
-    deadline: float,
-    clock: Clock,
-) -> None:
-    """Looks for the optimum for a share of what is left; an arm that has given up has a model."""
-    now = clock()
-    until = now + shares.optimum_until * max(0.0, deadline - now)
-    is_over = resumption.marks.is_over(exact.name)
-    is_left_out = exact.name in shares.without
-    if not (is_over or is_left_out):
-        exact.work(until)
-    elif is_left_out or resumption.goes_on(TRIALS):
-        exact.ground(until)
-    resumption.marks.ended(exact.name)
-
-
-def _trials_arm(
-    problem: Problem,
-    config: PlannerConfig,
-    seed: int,
-    exact: DynamicProgrammingArm,
-    options: RaceOptions,
-) -> TrialsArm | None:
-    """What searches by trials where states are too many to be enumerated."""
-    if exact.model is None or TRIALS in _shares(config).without:
-        return None
-    return TrialsArm(problem, config, seed, options.clock, exact.model, options.on_pulse)
-
-
-def _begin(trials: TrialsArm, seconds: float, deadline: float, clock: Clock) -> None:
-    """Two slices, of which the second is given only to what promises something.
-
-    They need no compilation and thus come before it. A search that goes on has had the first.
-    """
-    begun = int(trials.state() is not None)
-    for share in _TRIALS_SHARES[begun:]:
-        if not trials.is_exhausted:
-            trials.work(min(clock() + share * seconds, deadline))
 
 
 def _proven(

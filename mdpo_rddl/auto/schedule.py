@@ -62,7 +62,8 @@ class Schedule(Openings):
     """Which arm works when.
 
     Attributes:
-      early: an arm that needs no compilation, to be tried before those that do.
+      plans: an arm that needs no compilation and has worked already.
+      early: another one, to be tried before those that need it.
       random_return: mean return of random actions; None if it was not measured.
     """
 
@@ -82,6 +83,7 @@ class Schedule(Openings):
         super().__init__(arena, shares, on_stage, resumption)
         self._initial = initial
         self._polishers: dict[bool, Arm] = {}
+        self.plans: Arm | None = None
         self.early: Arm | None = None
         self.random_return: float | None = None
 
@@ -97,6 +99,7 @@ class Schedule(Openings):
             self.give(simple, arena.clock())
         for candidate in self._initial:
             judge.record(candidate)
+        self._judge_plans()
         if self.early is not None:
             until = self._end("early", _EARLY_SHARES[self._finds_reward()])
             makes_late = begins_at_once and self._makes_greedy_late(until)
@@ -168,8 +171,14 @@ class Schedule(Openings):
         """Where a rollout takes too long for any search on the compiled model."""
         for candidate in known_without_rollouts(self._arena, self._initial):
             self._judge.record(candidate)
+        self._judge_plans()
         if self.early is not None:
             self._try_early(self.early, self._arena.deadline)
+
+    def _judge_plans(self) -> None:
+        if self.plans is not None:
+            self._enter(self.plans)
+            self._judge_candidates(self.plans)
 
     def _try_early(self, arm: Arm, until: float) -> None:
         """Slices for one that may have worked already, while each finds a better policy."""

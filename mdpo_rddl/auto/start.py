@@ -10,6 +10,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.transfer import transferred
 from mdpo_rddl.problem.load import Problem
 
@@ -27,6 +28,8 @@ def accepted_start(policy: AnyPolicy, problem: Problem) -> Policy:
     ours, theirs = problem.domain_name, policy.problem.domain_name
     if ours != theirs:
         raise InputError(f"cannot start from a policy of the domain {theirs!r}: it is not {ours!r}")
+    if isinstance(policy, RelaxedPlanPolicy):
+        raise InputError("cannot start from relaxed plans: they are made anew at each decision")
     if not isinstance(policy, Policy):
         raise InputError("cannot start from a table: it holds actions for its own states only")
     if not _is_lifted(policy) and not _is_same(policy, problem):

@@ -10,7 +10,7 @@ from mdpo_rddl.auto.candidate import has_structure
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.policy.file import flatten, unflatten
+from mdpo_rddl.policy.trees import flatten, unflatten
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -88,7 +88,7 @@ def left_at(
 
 def unjudged_outcome(
     left: Candidate,
-    arms: Sequence[Arm | None],
+    arms: Sequence[Arm],
     problem: Problem,
     seed: int,
     seconds: float,
@@ -97,19 +97,18 @@ def unjudged_outcome(
 
     Args:
       left: the policy that there is beside those of the arms; its return need not be known.
-      arms: that have worked; None for one that there was not.
+      arms: that have worked.
       problem: the parsed problem.
       seed: of the run.
       seconds: that the race has used.
     """
-    there = [arm for arm in arms if arm is not None]
-    found = [left, *(each for arm in there for each in arm.take_candidates())]
+    found = [left, *(each for arm in arms for each in arm.take_candidates())]
     best = max(found, key=lambda each: -math.inf if each.mean is None else each.mean)
     return RaceOutcome(
         policy=policy_of(best, problem, seed),
         chosen=best,
         judged=[] if best.mean is None else [Judged(best, seconds, became_incumbent=True)],
-        arms=[arm.log for arm in there],
+        arms=[arm.log for arm in arms],
         probe=None,
         noop_return=next((each.mean for each in found if each.label == NOOP), None),
         random_return=None,
@@ -131,15 +130,15 @@ def ended_by(outcome: RaceOutcome, end: BaseException) -> RaceOutcome:
 
 
 @contextlib.contextmanager
-def known_kept(arena: Arena, earlier: EarlierRace | None, early: Arm | None) -> Iterator[None]:
+def known_kept(arena: Arena, earlier: EarlierRace | None, early: Sequence[Arm]) -> Iterator[None]:
     """Ends what comes too late for the judge, who takes what others have said of policies then.
 
-    Whatever else has ended early, what the early arm has found is judged.
+    Whatever else has ended early, what the early arms have found is judged.
 
     Args:
       arena: whose judge has an incumbent afterwards.
       earlier: what an earlier race has left, if this one goes on.
-      early: the arm that has worked before anything was compiled, if there is one.
+      early: the arms that have worked before anything was compiled.
     """
     found: list[Candidate] = []
     try:
@@ -153,6 +152,6 @@ def known_kept(arena: Arena, earlier: EarlierRace | None, early: Arm | None) -> 
             found += found_by_probing(arena)
         else:
             found.append(earlier.incumbent.known(arena.problem, arena.seed))
-    found += [] if early is None else early.take_candidates()
+    found += [each for arm in early for each in arm.take_candidates()]
     for candidate in found:
         arena.judge.record(candidate)

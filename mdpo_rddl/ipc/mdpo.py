@@ -15,7 +15,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.policy.file import load_policy, save_policy
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
-from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.legal_moves import LegalMoves
 from mdpo_rddl.problem.load import Problem, make_environment
@@ -36,7 +36,7 @@ def race_seconds(seconds: float) -> float:
 
 def _program_seconds(outcome: RaceOutcome) -> float:
     """About what the policy takes to compile: as long as what plays constants."""
-    if isinstance(outcome.policy, TablePolicy):
+    if isinstance(outcome.policy, PlannerlessPolicy):
         return 0.0
     # the race was over before that was compiled
     return math.inf if outcome.probe is None else outcome.probe.compile_seconds

@@ -1,8 +1,7 @@
-"""A policy as a file: the parameters of a planner, or a table of actions."""
+"""A policy as a file: parameters of a planner, a table of actions, or how plans are made."""
 
 import dataclasses
 import json
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from mdpo_rddl.policy.container import (
     unpacked,
     write_container,
 )
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated, parse_rule, rule_text
 from mdpo_rddl.policy.table import (
     ActionTable,
     Claim,
@@ -27,6 +27,7 @@ from mdpo_rddl.policy.table import (
     table_tensors,
     table_text,
 )
+from mdpo_rddl.policy.trees import flatten, unflatten
 from mdpo_rddl.problem.files import MOST_RDDL_BYTES
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
@@ -35,9 +36,8 @@ FORMAT = "mdpo-rddl policy 1"
 TABLE_FORMAT = "mdpo-rddl table 2"
 ESTIMATE_FORMAT = "mdpo-rddl table 3"
 """Of a table whose return is estimated rather than proven."""
+RULE_FORMAT = "mdpo-rddl relaxed plans 1"
 _SEEDS = 2**31
-_MOST_PARTS = 64
-_PART = re.compile(r"\[[0-9]+\]")
 _UNDERLYING, _VOTES = "underlying", "votes"
 
 
@@ -88,6 +88,27 @@ class SavedTable:
     source: ProblemSource | None = None
 
 
+@dataclass(frozen=True)
+class SavedPlanRule:
+    """What is needed to play by relaxed plans again.
+
+    Attributes:
+      rule: how they are made.
+      claim: what simulated episodes have returned.
+      problem, source: as in `SavedPolicy`.
+      seed: of the run that found it.
+    """
+
+    rule: PlanRule
+    claim: Simulated
+    problem: dict[str, Any]
+    seed: int
+    source: ProblemSource | None = None
+
+
+AnySaved = SavedPolicy | SavedTable | SavedPlanRule
+
+
 def problem_identity(problem: Problem) -> dict[str, Any]:
     """What tells one problem from another."""
     return {
@@ -99,7 +120,7 @@ def problem_identity(problem: Problem) -> dict[str, Any]:
     }
 
 
-def require_same_problem(saved: SavedPolicy | SavedTable, problem: Problem, source: str) -> None:
+def require_same_problem(saved: AnySaved, problem: Problem, source: str) -> None:
     """Raises `InputError` unless a policy was saved for a problem.
 
     Args:
@@ -116,7 +137,7 @@ def require_same_problem(saved: SavedPolicy | SavedTable, problem: Problem, sour
         )
 
 
-def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
+def save_policy(path: Path, policy: AnySaved) -> None:
     """Writes a policy.
 
     Raises:
@@ -126,7 +147,7 @@ def save_policy(path: Path, policy: SavedPolicy | SavedTable) -> None:
     write_container(path, *_contents(policy))
 
 
-def _contents(policy: SavedPolicy | SavedTable) -> tuple[Tensors, Metadata]:
+def _contents(policy: AnySaved) -> tuple[Tensors, Metadata]:
     """A policy as tensors and text."""
     common = {"problem": json.dumps(policy.problem), "seed": str(policy.seed)}
     if policy.source is not None:
@@ -136,6 +157,8 @@ def _contents(policy: SavedPolicy | SavedTable) -> tuple[Tensors, Metadata]:
         is_estimate = isinstance(policy.claim, Estimate)
         metadata = {"format": ESTIMATE_FORMAT if is_estimate else TABLE_FORMAT, **common, **text}
         return table_tensors(policy.table), metadata
+    if isinstance(policy, SavedPlanRule):
+        return {}, {"format": RULE_FORMAT, **common, **rule_text(policy.rule, policy.claim)}
     tensors = {
         **flatten(policy.params, "params"),
         **flatten(policy.policy_hyperparams, "hyperparams"),
@@ -150,7 +173,7 @@ def _contents(policy: SavedPolicy | SavedTable) -> tuple[Tensors, Metadata]:
     return tensors, {"format": FORMAT, "config": policy.config, **common}
 
 
-def load_policy(path: Path, within: Path | None = None) -> SavedPolicy | SavedTable:
+def load_policy(path: Path, within: Path | None = None) -> AnySaved:
     """Reads a policy back, bit for bit.
 
     Args:
@@ -215,7 +238,10 @@ def _underlying(tensors: Tensors) -> SavedPolicy | SavedTable | None:
     except InputError as error:
         raise ValueError(str(error)) from error
     _require(_UNDERLYING not in own, "policy of the underlying MDP")
-    return _READERS[metadata["format"]](metadata, own)
+    found = _READERS[metadata["format"]](metadata, own)
+    if isinstance(found, SavedPlanRule):
+        raise ValueError("its policy of the underlying MDP is none that particles can follow")
+    return found
 
 
 def _votes(metadata: Metadata, tensors: Tensors) -> bool:
@@ -288,63 +314,15 @@ def _table(metadata: Metadata, tensors: Tensors) -> SavedTable:
     return SavedTable(table, claim, _identity(metadata), _seed(metadata), _source(metadata))
 
 
-_READERS: Mapping[str, Callable[[Metadata, Tensors], SavedPolicy | SavedTable]] = {
+def _plan_rule(metadata: Metadata, tensors: Tensors) -> SavedPlanRule:
+    _require(not tensors, "tensors")
+    rule, claim = parse_rule(metadata)
+    return SavedPlanRule(rule, claim, _identity(metadata), _seed(metadata), _source(metadata))
+
+
+_READERS: Mapping[str, Callable[[Metadata, Tensors], AnySaved]] = {
     FORMAT: _parameters,
     TABLE_FORMAT: _table,
     ESTIMATE_FORMAT: _table,
+    RULE_FORMAT: _plan_rule,
 }
-
-
-def flatten(tree: Any, prefix: str) -> dict[str, np.ndarray]:
-    """A tree of nested dictionaries and tuples as tensors, named by their paths after the prefix.
-
-    The parts of a tuple are named by their numbers in brackets. What is empty leaves nothing.
-
-    Raises:
-      ValueError: if a key is no string, holds a slash, or is a number in brackets.
-    """
-    if isinstance(tree, tuple):
-        parts = {f"{prefix}/[{number}]": part for number, part in enumerate(tree)}
-        return {
-            name: leaf for at, part in parts.items() for name, leaf in flatten(part, at).items()
-        }
-    if not isinstance(tree, Mapping):
-        return {prefix: np.asarray(tree, order="C")}
-    flat: dict[str, np.ndarray] = {}
-    for key, value in tree.items():
-        if not isinstance(key, str) or "/" in key or _PART.fullmatch(key):
-            raise ValueError(f"cannot save a policy whose parameters are keyed by {key!r}")
-        flat.update(flatten(value, f"{prefix}/{key}"))
-    return flat
-
-
-def unflatten(tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The trees that `flatten` has made tensors of, by their prefixes.
-
-    Raises:
-      ValueError: if one is deeper than what recursive functions and messages can hold, or a part
-        of a tuple is missing.
-    """
-    trees: dict[str, Any] = {}
-    for name, value in tensors.items():
-        if name.count("/") >= _MOST_PARTS:
-            raise ValueError(f"its tensor {name:.40}... has more than {_MOST_PARTS} parts")
-        *parents, leaf = name.split("/")
-        node = trees
-        for parent in parents:
-            node = node.setdefault(parent, {})
-        node[leaf] = value
-    return {name: _with_tuples(tree) for name, tree in trees.items()}
-
-
-def _with_tuples(tree: Any) -> Any:
-    """The tree, of whose dictionaries those that stand for tuples are some."""
-    if not isinstance(tree, dict):
-        return tree
-    parts = {key: _with_tuples(value) for key, value in tree.items()}
-    if not any(map(_PART.fullmatch, parts)):
-        return parts
-    names = [f"[{number}]" for number in range(len(parts))]
-    if parts.keys() != set(names):
-        raise ValueError(f"its {min(parts):.40} is a part of no tuple")
-    return tuple(parts[name] for name in names)

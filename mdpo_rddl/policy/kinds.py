@@ -1,15 +1,16 @@
 """All kinds of policies, which are played and saved alike."""
 
-from mdpo_rddl.policy.file import SavedPolicy, SavedTable
+from mdpo_rddl.policy.file import AnySaved, SavedPlanRule, SavedTable
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
 
-AnyPolicy = Policy | TablePolicy
+AnyPolicy = Policy | TablePolicy | RelaxedPlanPolicy
 """Called with a step and an observation; has a `problem`, a `seed` and `to_saved`."""
 
 
-def restored(saved: SavedPolicy | SavedTable, problem: Problem, source: str) -> AnyPolicy:
+def restored(saved: AnySaved, problem: Problem, source: str) -> AnyPolicy:
     """The policy that was saved, ready to be played.
 
     Args:
@@ -22,4 +23,6 @@ def restored(saved: SavedPolicy | SavedTable, problem: Problem, source: str) -> 
     """
     if isinstance(saved, SavedTable):
         return TablePolicy.from_saved(saved, problem, source)
+    if isinstance(saved, SavedPlanRule):
+        return RelaxedPlanPolicy.from_saved(saved, problem, source)
     return Policy.from_saved(saved, problem, source)

@@ -1,7 +1,6 @@
 """A policy that looks its action up by step and state."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,10 @@ from mdpo_rddl.policy.file import (
     SavedTable,
     problem_identity,
     require_same_problem,
-    save_policy,
 )
-from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
-from mdpo_rddl.policy.rule.explanation import Explanation
-from mdpo_rddl.policy.table import ActionTable, Claim, Optimum
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy
+from mdpo_rddl.policy.table import ActionTable, Claim
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -26,7 +23,7 @@ from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.source import ProblemSource
 
 
-class TablePolicy(PolicyAgent):
+class TablePolicy(PlannerlessPolicy):
     """Plays a table; where a state is not in it, the no-op. An agent of pyRDDLGym's.
 
     Attributes:
@@ -36,10 +33,12 @@ class TablePolicy(PolicyAgent):
       misses: at how many decisions the state was not in the table.
     """
 
+    name = "table"
+
     def __init__(self, problem: Problem, table: ActionTable, claim: Claim, seed: int) -> None:
         """Makes the keys of the table's states."""
-        self.table, self.claim, self.seed = table, claim, seed
-        self._problem = problem
+        super().__init__(problem, claim, seed)
+        self.table, self.claim = table, claim
         self.misses = 0
         self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
         self._merges = [
@@ -71,29 +70,6 @@ class TablePolicy(PolicyAgent):
         identity = problem_identity(self.problem)
         return SavedTable(self.table, self.claim, identity, self.seed, source)
 
-    def save(self, path: str | Path) -> None:
-        """Writes one file that stands alone, which `mdpo_rddl.load_policy` reads.
-
-        Raises:
-          InputError: naming the file, if it cannot be written.
-        """
-        save_policy(Path(path), self.to_saved())
-
-    @property
-    def problem(self) -> Problem:
-        """The parsed problem."""
-        return self._problem
-
-    @property
-    def optimum(self) -> Optimum | None:
-        """What is proven of the table; None if nothing is."""
-        return self.claim if isinstance(self.claim, Optimum) else None
-
-    @property
-    def returns(self) -> np.ndarray:
-        """The expected return [1], proven or estimated."""
-        return np.array([self.claim.value])
-
     def with_decision_seconds(self, seconds: float) -> PolicyAgent:
         """As `Policy.with_decision_seconds`; a proven optimum is played as it is.
 
@@ -102,35 +78,24 @@ class TablePolicy(PolicyAgent):
         """
         return thinking_agent(self, seconds) or self
 
-    def explain(self, seconds: float = 0.0) -> Explanation:
-        """Says that there is no rule: a table has an action for each state of its own.
-
-        Args:
-          seconds: nothing is measured, however many.
-        """
-        return Explanation((), f"the policy is {self._kind}, not a rule")
-
     @property
-    def _kind(self) -> str:
+    def kind(self) -> str:
+        """A table, and of what."""
         return (
             "a table that trials have found"
             if self.optimum is None
             else "a table of a proven optimum"
         )
 
-    def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
-        """As `Policy.hindsight`, without an estimate: nothing is compiled for a table."""
-        return find_hindsight(self.problem, self, None, (episodes, seed, seconds))
-
     def __repr__(self) -> str:
         states = f"{self.claim.states:,} states"
-        return f"<TablePolicy for {self.problem.label}: {self._kind}, {states}>"
+        return f"<TablePolicy for {self.problem.label}: {self.kind}, {states}>"
 
     def _repr_html_(self) -> str:
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
-            "plan": self._kind.removeprefix("a "),
+            "plan": self.kind.removeprefix("a "),
             "return" if self.optimum is None else "optimum": f"{self.claim.value:,.6g}",
             "states": f"{self.claim.states:,}",
             "seed": f"{self.seed}",

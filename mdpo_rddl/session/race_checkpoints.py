@@ -14,8 +14,9 @@ import numpy as np
 from mdpo_rddl.errors import one_line_cause, printable
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.container import MOST_POLICY_BYTES, Metadata, Tensors
-from mdpo_rddl.policy.file import flatten, unflatten
+from mdpo_rddl.policy.plan_rule import parse_rule, rule_text
 from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
+from mdpo_rddl.policy.trees import flatten, unflatten
 from mdpo_rddl.session.kept import KeptPair
 from mdpo_rddl.session.requests import FindTerms
 from mdpo_rddl.session.unfinished import RACE_FILES
@@ -156,6 +157,8 @@ class RaceCheckpoints:
                 own = table_tensors(found.table[0])
                 tensors |= {f"{number}/{name}": each for name, each in own.items()}
                 described["table"] = table_text(*found.table)
+            elif found.plans is not None:
+                described["plans"] = rule_text(*found.plans)
             else:
                 tree = {"params": found.params, "hyperparams": dict(found.policy_hyperparams)}
                 tensors |= flatten(jax.tree.map(np.asarray, tree), str(number))
@@ -189,7 +192,7 @@ def _flat(state: "RaceState | None") -> tuple[Tensors, Metadata]:
 
 def _is_policy(found: "Candidate") -> bool:
     """Whether it can be kept: a proven optimum, which ends the race, is neither of them."""
-    return found.params is not None or found.table is not None
+    return any(each is not None for each in (found.params, found.table, found.plans))
 
 
 def _about(found: "Candidate | EarlierPolicy") -> dict[str, Any]:
@@ -237,13 +240,15 @@ def _part(tensors: Tensors, prefix: str) -> Tensors:
 def _policy(about: Mapping[str, Any], tensors: Tensors) -> "EarlierPolicy":
     from mdpo_rddl.auto.earlier import EarlierPolicy
 
-    own, found = _part(tensors, f"{about['number']}/"), None
+    own, found, plans = _part(tensors, f"{about['number']}/"), None, None
     tree: dict[str, Any] = {"params": None}
     if "table" in about:
         table, claim = parse_table(own, about["table"])
         if not isinstance(claim, Estimate):
             raise ValueError("its table has no estimate")
         found = table, claim
+    elif "plans" in about:
+        plans = parse_rule(about["plans"])
     else:
         tree = unflatten(own)
     policy = EarlierPolicy(
@@ -251,6 +256,7 @@ def _policy(about: Mapping[str, Any], tensors: Tensors) -> "EarlierPolicy":
         params=tree["params"],
         policy_hyperparams=tree.get("hyperparams", {}),
         table=found,
+        plans=plans,
         arm=str(about["arm"]),
         label=printable(str(about["label"])),
         parents=tuple(map(str, about["parents"])),

@@ -12,8 +12,9 @@ from helpers.toys import problem_from
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
-from mdpo_rddl.policy.file import flatten, load_policy, unflatten
+from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.trees import flatten, unflatten
 
 KEY = "preprocessor__"
 STATE = {"volume": np.array([2.0, 5.0])}

@@ -8,8 +8,8 @@ from mdpo_rddl.auto.optimum import Solution, find_optimum
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.problem.enumeration.grounded import Grounded
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
-from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -24,7 +24,7 @@ class DynamicProgrammingArm(Arm):
 
     Attributes:
       solution: the optimum, once it is found.
-      model: the ground model, once there is one, whether it was enumerated or not.
+      grounded: the ground models, once there are any, whether they were enumerated or not.
     """
 
     def __init__(
@@ -42,24 +42,24 @@ class DynamicProgrammingArm(Arm):
         self._keeps_values = keeps_values
         self._problem, self._config = problem, config
         self.solution: Solution | None = None
-        self.model: GroundModel | None = None
+        self.grounded = Grounded(problem)
 
     def ground(self, until: float) -> None:
-        """Makes the model once more, for others: an earlier process has given up the rest.
+        """Makes the models once more, for others: an earlier process has given up the rest.
 
         Args:
           until: when to end, by the clock.
         """
         try:
             limits = EnumerationLimits(until - self._clock(), clock=self._clock)
-            self.model = ground_model(self._problem, limits)
+            self.grounded.ground(limits)
         except Exception as error:  # the other arms need none
             logger.info("no ground model: %s", one_line_cause(error))
 
     def _work(self, until: float) -> None:
         seconds = until - self._clock()
         try:
-            given = _MEMORY_GB, self._clock, self._keep_model, self._keeps_values
+            given = _MEMORY_GB, self._clock, self.grounded, self._keeps_values
             solution = find_optimum(self._problem, seconds, *given)
         except NotEnumerableError as error:
             self._give_up(str(error))
@@ -81,9 +81,6 @@ class DynamicProgrammingArm(Arm):
                 error=0.0,
             )
         )
-
-    def _keep_model(self, model: GroundModel) -> None:
-        self.model = model
 
     def _give_up(self, cause: str) -> None:
         logger.info("no exact dynamic programming: %s", cause)

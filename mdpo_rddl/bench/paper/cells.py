@@ -14,7 +14,7 @@ from mdpo_rddl.bench.common.size import Size
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import read_bounded, read_json, write_atomically
 from mdpo_rddl.policy.container import MOST_POLICY_BYTES
-from mdpo_rddl.policy.file import flatten, unflatten
+from mdpo_rddl.policy.trees import flatten, unflatten
 
 _PLAYED = "played.csv"
 _PLAYED_COLUMNS = ("seed", "returns", "seconds")

@@ -6,6 +6,7 @@ NOISES = {"none": {"method": "NoNoise"}, "adaptive": None}
 VARIANT_NAMES = (
     "auto",
     "auto-without-dynamic-programming",
+    "auto-without-relaxed-plans",
     "auto-without-trials",
     "auto-without-greedy",
     "auto-without-pgpe",

@@ -8,6 +8,7 @@ SEARCH = "Search"
 """The section's name."""
 OPTIONAL_ARMS = (
     "dynamic programming",
+    "relaxed plans",
     "trials",
     "greedy",
     "pgpe",

@@ -13,6 +13,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.parts import with_effect
 from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.plan_rule import PlanRule
 from mdpo_rddl.policy.table import ActionTable, Claim
 from mdpo_rddl.problem.load import Problem
 
@@ -103,6 +104,17 @@ class Tabled(Protocol):
 
     def save(self, path: str | Path) -> None:
         """Writes it to a file."""
+
+
+@runtime_checkable
+class ByPlans(Protocol):
+    """A policy that makes a plan at each decision as it is."""
+
+    plan_rule: PlanRule
+
+    @property
+    def problem(self) -> Problem:
+        """What is played."""
 
 
 @dataclass(frozen=True)

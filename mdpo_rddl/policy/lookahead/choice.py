@@ -10,7 +10,7 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.planner.exact import fluent_bytes
-from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
+from mdpo_rddl.policy.lookahead.base import ByPlans, Method, Prepared, Tabled
 from mdpo_rddl.policy.lookahead.belief import Believer, believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.coordinate import Coordinate
@@ -38,6 +38,7 @@ _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
 _BEYOND = 0.1
 OPTIMAL = "the optimum is proven"
+PLANS = "the policy plans at each decision as it is"
 RAISES = "the environment raises an error in play"
 LARGE = "rollouts take too much memory"
 # of one rollout's fluents, of which a call holds those of a hundred or more several times
@@ -108,7 +109,7 @@ def longest_choice(seconds: float) -> float:
 
 
 def choose(
-    policy: Prepared | Tabled,
+    policy: Prepared | Tabled | ByPlans,
     seconds: float,
     within: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
@@ -123,7 +124,7 @@ def choose(
     pays there: what single decisions gain is not what episodes gain.
 
     Args:
-      policy: the prepared policy, or a table.
+      policy: the prepared policy, or a table; for one that plans at each decision nothing is tried.
       seconds: of a decision.
       within: seconds for the choice. The first compilation tells how long others take; none is
         begun that would end later. A decision that has begun goes on to its end; where no time is
@@ -131,6 +132,8 @@ def choose(
       clock: tells the seconds.
       methods: that are tried where they apply; all there are if None.
     """
+    if isinstance(policy, ByPlans):
+        return Choice(None, [], PLANS, 0.0)
     started = clock()
     reason, trials = _unsuitable(policy), list[Trial]()
     chosen: LookaheadPolicy | None = None

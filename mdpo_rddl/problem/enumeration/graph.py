@@ -12,6 +12,8 @@ import numpy as np
 
 from mdpo_rddl.problem.enumeration.operators import BOOL_OPERATORS, OPERATORS, PARTIAL
 
+_PLAIN = (bool, int, float)
+
 
 class Kind(IntFlag):
     """What the value of a node depends on: bits of a mask."""
@@ -48,7 +50,8 @@ class Graph:
 
     def constant(self, value: Any) -> int:
         """The node of a number or a bool."""
-        value = np.asarray(value).item()
+        if type(value) not in _PLAIN:
+            value = np.asarray(value).item()
         key = (type(value), value)
         return self._number(key, "constant", (), value, isinstance(value, bool), Kind.CONSTANT)
 

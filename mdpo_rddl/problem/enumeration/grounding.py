@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.problem.enumeration.forms import Forms
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.laws import Branch, Law, Laws
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
-from mdpo_rddl.problem.enumeration.operators import FUNCTION_NAMES
+from mdpo_rddl.problem.enumeration.operators import FUNCTION_NAMES, OPERATORS
 
 Ground = tuple[str, tuple[int, ...]]
 """A fluent and the indices of its objects."""
@@ -55,8 +56,7 @@ class Grounder:
         self._rddl, self._values, self._limits = rddl, values, limits
         self._known: dict[Ground, Law] = {}
         self._open: set[Ground] = set()
-        self._has_draws: dict[int, bool] = {}
-        self._kept: list[Any] = []  # so that no identity is used again
+        self._forms = Forms(rddl)
 
     def fluent(self, name: str, indices: tuple[int, ...]) -> Law:
         """The law of a fluent that a conditional probability function defines."""
@@ -80,11 +80,11 @@ class Grounder:
         Raises:
           NotEnumerableError: for a form that is not understood.
         """
-        if not self._is_random(expression):
+        if not self._forms.is_random(expression):
             return self.laws.certain(self.node(expression, binding))
-        kind, name = expression.etype
+        kind, name, arguments = self._forms(expression)
         if kind == "randomvar":
-            return self._draw(name, expression.args, binding)
+            return self._draw(name, arguments, binding)
         if kind == "control":
             return self._chosen(*self._cases(expression, binding), binding)
         if kind == "pvar":
@@ -94,11 +94,11 @@ class Grounder:
 
     def node(self, expression: Any, binding: Binding) -> int:
         """The node of an expression without a draw of its own."""
-        kind, _ = expression.etype
+        kind, _, arguments = self._forms(expression)
         if kind == "constant":
-            return self.graph.constant(expression.args)
+            return self.graph.constant(arguments)
         if kind == "pvar":
-            return self._variable(expression, binding)
+            return self._variable(arguments, binding)
         if kind == "control":
             (only,) = self._chosen(*self._cases(expression, binding), binding)
             return only.value
@@ -108,16 +108,17 @@ class Grounder:
         if operator == "*":
             return self._product(parts)
         nodes = [self.node(each, bound) for each, bound in parts]
+        if operator in OPERATORS and nodes:
+            return self.graph.make(operator, *nodes)
         return self._combine(operator, [self.laws.certain(node) for node in nodes])[0].value
 
     def _cases(self, expression: Any, binding: Binding) -> tuple[list[tuple[Law, Any]], Any]:
         """Conditions with what each chooses, the first that holds, and what is chosen else."""
-        _, name = expression.etype
-        condition, *choices = expression.args
+        _, name, (condition, *choices) = self._forms(expression)
         if name == "if":
             yes, no = choices
             return [(self.law(condition, binding), yes)], no
-        if self._is_random(condition):
+        if self._forms.is_random(condition):
             raise NotEnumerableError("a switch on a draw")
         graph, subject = self.graph, self.node(condition, binding)
         *cases, (kind, last) = sorted(choices, key=lambda choice: choice[0] == "default")
@@ -184,15 +185,12 @@ class Grounder:
         self, expression: Any, binding: Binding
     ) -> tuple[str, Iterator[tuple[Any, Binding]]]:
         """An operator, and the expressions that it is applied to."""
-        kind, name = expression.etype
-        arguments = expression.args
+        kind, name, arguments = self._forms(expression)
         if kind == "aggregation" and name in _AGGREGATIONS:
             *typed, body = arguments
             return _AGGREGATIONS[name], self._bindings(typed, body, binding)
         plain = [(each, binding) for each in arguments]
         if kind == "boolean":
-            if name in ("^", "&", "|"):
-                plain.sort(key=lambda part: self._rank(part[0]))
             unary = "not" if len(plain) == 1 else "xor"
             return _BOOLEAN.get(name, unary), iter(plain)
         if kind == "arithmetic":
@@ -213,15 +211,8 @@ class Grounder:
                 self._limits.check_time()
             yield body, {**binding, **dict(zip(names, indices, strict=True))}
 
-    def _rank(self, expression: Any) -> int:
-        """Non-fluents first: they are the ones that decide."""
-        kind, _ = expression.etype
-        if kind == "pvar":
-            return 0 if self._rddl.variable_types.get(expression.args[0]) == "non-fluent" else 1
-        return 0 if kind in ("constant", "relational") else 2
-
-    def _variable(self, expression: Any, binding: Binding) -> int:
-        name, arguments = expression.args
+    def _variable(self, place: tuple[str, Any], binding: Binding) -> int:
+        name, arguments = place
         if name in binding:
             return self.graph.constant(binding[name])
         if arguments is None and name not in self._rddl.variable_types:
@@ -299,7 +290,7 @@ class Grounder:
         if name in ("KronDelta", "DiracDelta"):
             return self.law(arguments[0], binding)
         if name == "Bernoulli":
-            if self._is_random(arguments[0]):
+            if self._forms.is_random(arguments[0]):
                 raise NotEnumerableError("a random probability")
             return self.laws.bernoulli(self.node(arguments[0], binding))
         if name in ("Discrete", "UnnormDiscrete"):
@@ -328,17 +319,3 @@ class Grounder:
             weights = [graph.make("/", weight, total) for weight in weights]
         pairs = zip(values, weights, strict=True)
         return tuple(Branch(graph.constant(value), weight) for value, weight in pairs)
-
-    def _is_random(self, expression: Any) -> bool:
-        """Whether a draw stands in the expression itself."""
-        if isinstance(expression, (tuple, list)):
-            return any(map(self._is_random, expression))
-        if not hasattr(expression, "etype"):
-            return False
-        known = self._has_draws.get(id(expression))
-        if known is None:
-            is_draw = expression.etype[0] in ("randomvar", "randomvector")
-            known = is_draw or self._is_random(expression.args)
-            self._has_draws[id(expression)] = known
-            self._kept.append(expression)
-        return known

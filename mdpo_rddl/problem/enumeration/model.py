@@ -13,7 +13,7 @@ from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerabl
 from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
 from mdpo_rddl.problem.enumeration.rules import ActionRules, OpenRules, open_rules
 from mdpo_rddl.problem.enumeration.substitution import Substitution
-from mdpo_rddl.problem.limits import group_limits
+from mdpo_rddl.problem.limits import GroupLimit, group_limits
 from mdpo_rddl.problem.load import Problem, make_environment
 
 
@@ -49,12 +49,64 @@ class GroundModel:
         return self.graph.leaf(Kind.STATE, self.variables[number], self.is_bool[number])
 
 
-def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
-    """Grounds a problem.
+@dataclass(frozen=True)
+class OpenModel:
+    """A problem as ground rules, of which the action is left open.
+
+    Attributes:
+      graph: of all nodes.
+      variables: ground state variables.
+      is_bool: of each variable.
+      ranges: of each variable "bool", "int" or the type of its objects.
+      objects: names of each type's objects.
+      first: of each variable its value in the initial state.
+      actions: per ground action variable its default and its other values.
+      legal: nodes of the preconditions, conjunctions taken apart.
+      rules: of the next state and the expected reward.
+      ends: node that is true in states where the episode ends.
+      most: how many action variables may differ from their defaults.
+      groups: preconditions that limit how many of a group of bools are true.
+      horizon, discount: of the problem.
+    """
+
+    graph: Graph
+    variables: tuple[Ground, ...]
+    is_bool: tuple[bool, ...]
+    ranges: tuple[str, ...]
+    objects: Mapping[str, Sequence[str]]
+    first: tuple[Any, ...]
+    actions: Mapping[Ground, tuple[Any, list[Any]]]
+    legal: tuple[int, ...]
+    rules: OpenRules
+    ends: int
+    most: float
+    groups: tuple[GroupLimit, ...]
+    horizon: int
+    discount: float
+
+    def leaf(self, number: int) -> int:
+        """The node that stands for a variable's value."""
+        return self.graph.leaf(Kind.STATE, self.variables[number], self.is_bool[number])
+
+    def defaults(self) -> dict[int, int]:
+        """Of the leaf of each action variable the node of its default."""
+        return self.constants({ground: default for ground, (default, _) in self.actions.items()})
+
+    def constants(self, assignment: Mapping[Ground, Any]) -> dict[int, int]:
+        """Of the leaf of each action variable the node of the value that is assigned to it."""
+        graph = self.graph
+        return {
+            graph.leaf(Kind.ACTION, each, isinstance(value, bool)): graph.constant(value)
+            for each, value in assignment.items()
+        }
+
+
+def open_model(problem: Problem, limits: EnumerationLimits) -> OpenModel:
+    """Grounds a problem, but for its actions.
 
     Raises:
-      NotEnumerableError: if its states are not discrete or not observed, if an expression is
-        not understood, or if there are too many actions.
+      NotEnumerableError: if its states or actions are not discrete, the states not observed, or if
+        an expression is not understood.
     """
     rddl = problem.model
     if rddl.observ_fluents:
@@ -63,29 +115,64 @@ def ground_model(problem: Problem, limits: EnumerationLimits) -> GroundModel:
     initial = env.sampler.init_values
     grounder = Grounder(rddl, initial, limits)
     variables = _places(rddl.state_fluents, initial)
-    is_bool = tuple(rddl.variable_ranges[name] == "bool" for name, _ in variables)
-    packing = pack(_sizes(rddl, variables))
+    ranges = tuple(rddl.variable_ranges[name] for name, _ in variables)
+    is_bool = tuple(kind == "bool" for kind in ranges)
+    _sizes(ranges, rddl.type_to_objects)  # raises
     legal = _conjuncts(grounder, rddl.preconditions)
     rules = open_rules(grounder, rddl, list(zip(variables, is_bool, strict=True)), legal)
     first = [np.asarray(initial[name])[place].item() for name, place in variables]
-    try:
-        start = packing.encode_all(first)
-    except OverflowError as error:
-        raise NotEnumerableError(str(error)) from error
     if _is_broken(grounder, rddl, dict(zip(variables, first, strict=True))):
         # the environment looks at them after a step only
         raise NotEnumerableError("the initial state breaks an invariant")
-    return GroundModel(
+    return OpenModel(
         graph=grounder.graph,
         variables=tuple(variables),
         is_bool=is_bool,
-        groups=tuple(group for group in rules.groups if len(group) > 1),
-        packing=packing,
-        initial=start,
-        actions=_per_action(env, grounder.graph, rules, legal, limits),
+        ranges=ranges,
+        objects=rddl.type_to_objects,
+        first=tuple(first),
+        actions=action_variables(env),
+        legal=tuple(legal),
+        rules=rules,
         ends=_ends(grounder, rddl),
+        most=env.model.max_allowed_actions,
+        groups=tuple(group_limits(env.model)[0]),
         horizon=problem.horizon,
         discount=float(env.discount),
+    )
+
+
+def ground_model(
+    problem: Problem, limits: EnumerationLimits, opened: OpenModel | None = None
+) -> GroundModel:
+    """Grounds a problem.
+
+    Args:
+      problem: the parsed problem.
+      limits: for the time and the number of joint actions.
+      opened: the model with the action left open, if there is one already.
+
+    Raises:
+      NotEnumerableError: if its states are not discrete or not observed, if an expression is
+        not understood, or if there are too many actions.
+    """
+    model = open_model(problem, limits) if opened is None else opened
+    packing = pack(_sizes(model.ranges, model.objects))
+    try:
+        start = packing.encode_all(model.first)
+    except OverflowError as error:
+        raise NotEnumerableError(str(error)) from error
+    return GroundModel(
+        graph=model.graph,
+        variables=model.variables,
+        is_bool=model.is_bool,
+        groups=tuple(group for group in model.rules.groups if len(group) > 1),
+        packing=packing,
+        initial=start,
+        actions=_per_action(model, limits),
+        ends=model.ends,
+        horizon=model.horizon,
+        discount=model.discount,
     )
 
 
@@ -93,9 +180,9 @@ def _places(names: Iterable[str], values: Mapping[str, Any]) -> list[Ground]:
     return [(name, place) for name in names for place in np.ndindex(np.shape(values[name]))]
 
 
-def _sizes(rddl: Any, variables: Sequence[Ground]) -> list[int | None]:
+def _sizes(ranges: Sequence[str], objects: Mapping[str, Sequence[str]]) -> list[int | None]:
     try:
-        return sizes_of([rddl.variable_ranges[name] for name, _ in variables], rddl.type_to_objects)
+        return sizes_of(ranges, objects)
     except KeyError as error:
         raise NotEnumerableError(f"{error.args[0]} fluents in the state") from None
 
@@ -130,24 +217,18 @@ def _ends(grounder: Grounder, rddl: Any) -> int:
     return node
 
 
-def _per_action(
-    env: Any, graph: Graph, whole: OpenRules, legal: Sequence[int], limits: EnumerationLimits
-) -> tuple[ActionRules, ...]:
+def _per_action(model: OpenModel, limits: EnumerationLimits) -> tuple[ActionRules, ...]:
     """The rules with each joint action put in; of those with equal rules the first."""
-    nodes = whole.nodes()
+    graph, whole, nodes = model.graph, model.rules, model.rules.nodes()
     leaves = [n for n in graph.needed(nodes, Kind.ACTION) if graph.operators[n] == "leaf"]
     read = {graph.values[leaf] for leaf in leaves}
-    variables = {each: item for each, item in action_variables(env).items() if each in read}
-    most = env.model.max_allowed_actions
+    variables = {each: item for each, item in model.actions.items() if each in read}
     found: dict[tuple[int, ...], tuple[Mapping[Ground, Any], OpenRules]] = {}
-    groups = group_limits(env.model)[0]
     played: Substitution | None = None
-    for assignment in joint_actions(variables, most, (graph, legal), limits, groups):
+    allowed = graph, model.legal
+    for assignment in joint_actions(variables, model.most, allowed, limits, model.groups):
         limits.check_time()
-        constants = {
-            graph.leaf(Kind.ACTION, each, isinstance(value, bool)): graph.constant(value)
-            for each, value in assignment.items()
-        }
+        constants = model.constants(assignment)
         played = played or Substitution(graph, nodes, constants)  # the first is the default
         new = tuple(played(constants))
         if new not in found:

@@ -11,7 +11,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.training import TrainingResult
 from mdpo_rddl.policy.kinds import AnyPolicy
-from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
 
@@ -76,15 +76,15 @@ def planner_figures(config: PlannerConfig, planner: MDPOPlanner) -> dict[str, An
 
 def policy_figures(policy: AnyPolicy) -> dict[str, Any]:
     """The noise that a policy was trained with, and its kind."""
-    if isinstance(policy, TablePolicy):
-        return {"noise": "none", "noise_parameters": {}, "policy": "table"}
+    if isinstance(policy, PlannerlessPolicy):
+        return {"noise": "none", "noise_parameters": {}, "policy": policy.name}
     figures = planner_figures(policy.config, policy.planner)
     return {**figures, "policy": "vote over a belief"} if policy.votes else figures
 
 
 def optimum_figures(policy: AnyPolicy) -> dict[str, Any]:
     """The entry `optimum`, of a policy that is proven to be the best; else nothing."""
-    if not isinstance(policy, TablePolicy) or policy.optimum is None:
+    if not isinstance(policy, PlannerlessPolicy) or policy.optimum is None:
         return {}
     return {"optimum": asdict(policy.optimum)}
 

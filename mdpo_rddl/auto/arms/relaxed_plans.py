@@ -1,0 +1,192 @@
+"""The arm that tries rules by which relaxed plans are made into decisions."""
+
+import logging
+from collections.abc import Callable, Generator, Iterator
+
+import numpy as np
+
+from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.judge import mean_and_error
+from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.errors import Cancelled, one_line_cause
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
+from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
+from mdpo_rddl.problem.delete_relaxation.distances import Prices
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import OpenModel
+
+logger = logging.getLogger(__name__)
+
+RELAXED_PLANS = "relaxed plans"
+# that are tried, the most different ones first
+_RULES = (
+    PlanRule(),
+    PlanRule(prices=Prices(tries=True)),
+    PlanRule(prices=Prices(0.97)),
+    PlanRule(others=0.2),
+    PlanRule(prices=Prices(0.97, tries=True)),
+    PlanRule(patience=1.0),
+)
+# rules in a row that return no more than the no-op, after which it is given up
+_PATIENCE = 2
+# side by side, for each rule; they are fewer where a rule would take more of the first slice
+_EPISODES, _FEWEST_EPISODES, _RULE_SHARE = 16, 4, 0.25
+# of the best rule, other ones that tell what it returns, so many times as many
+_FRESH = 8
+# of the first slice: where the relaxation takes longer, so do its decisions
+_MAKING_SHARE = 0.5
+
+
+class RelaxedPlansArm(Arm):
+    """Offers the best of a few rules, with its return in simulated episodes."""
+
+    def __init__(
+        self,
+        config: PlannerConfig,
+        seed: int,
+        clock: Clock,
+        model: OpenModel,
+        pulse: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Does nothing yet.
+
+        Args:
+          config: of the race.
+          seed: of everything that is drawn.
+          clock: what is asked for the time.
+          model: of the problem, with the action left open.
+          pulse: called between two steps of the episodes.
+        """
+        super().__init__(RELAXED_PLANS, clock)
+        self._config, self._seed, self._model, self._pulse = config, seed, model, pulse
+        self._steps: Iterator[None] | None = None
+        # returns of the no-op, under None, and of the rules in the same episodes
+        self._returns: dict[PlanRule | None, np.ndarray] = {}
+        self._offered: PlanRule | None = None
+
+    @property
+    def has_found(self) -> bool:
+        """Whether a rule returns more than the no-op."""
+        return self._best is not None
+
+    @property
+    def _best(self) -> PlanRule | None:
+        """The rule that returns most; None if that is no more than the no-op."""
+        return max(
+            self._returns, key=lambda rule: float(np.mean(self._returns[rule])), default=None
+        )
+
+    def _work(self, until: float) -> None:
+        """Goes on trying rules; what is best so far is offered at the end of the slice.
+
+        Raises:
+          Cancelled: if interrupted; what was best till then is offered.
+        """
+        try:
+            self._try_rules(until)
+        except NotEnumerableError as error:
+            self._give_up(str(error))
+        except (KeyboardInterrupt, Cancelled):
+            self._offer_best()
+            raise
+        except Exception as error:  # the other arms need no plans
+            self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
+        self._offer_best()
+
+    def _try_rules(self, until: float) -> None:
+        if self._steps is None:
+            self._steps = self._begin(until)
+        for _ in self._steps:
+            self._pulse()
+            if self._clock() >= until:
+                return
+        self.is_exhausted = True
+
+    def _begin(self, until: float) -> Iterator[None]:
+        """The relaxation; the steps of all episodes that are to be played."""
+        seconds = max(0.0, until - self._clock())
+        limits = EnumerationLimits(_MAKING_SHARE * seconds, clock=self._clock)
+        plans = RelaxedPlans(self._model, limits)
+        first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
+        if not plans.reaches_something(first):
+            raise NotEnumerableError("no reward that is a step or more away")
+        started = self._clock()
+        plans.decide(first, 0, PlanRule(), plans.uniform(self._seed, 0))
+        episode = self._model.horizon * max(self._clock() - started, 1e-9)
+        count = int(np.clip(_RULE_SHARE * seconds / episode, _FEWEST_EPISODES, _EPISODES))
+        return self._tried(plans, np.repeat(first, count, axis=1))
+
+    def _tried(self, plans: RelaxedPlans, starts: np.ndarray) -> Iterator[None]:
+        """Plays the no-op and the rules, and the best rule in other episodes."""
+        yield from self._played(plans, starts, None)
+        for number, rule in enumerate(_RULES, start=1):
+            yield from self._played(plans, starts, rule)
+            self._log.iterations = number
+            if number >= _PATIENCE and self._best is None:
+                raise NotEnumerableError("its plans return no more than the no-op")
+        best, fresh = self._best, list[np.ndarray]()
+        assert best is not None
+        for stream in range(1, _FRESH + 1):
+            returns = yield from self._episodes(plans, starts, best, stream)
+            # those that it was chosen by were kind to it
+            fresh.append(returns)
+            self._returns[best] = np.concatenate(fresh)
+
+    def _played(
+        self, plans: RelaxedPlans, starts: np.ndarray, rule: PlanRule | None
+    ) -> Iterator[None]:
+        self._returns[rule] = yield from self._episodes(plans, starts, rule, 0)
+
+    def _episodes(
+        self, plans: RelaxedPlans, starts: np.ndarray, rule: PlanRule | None, stream: int
+    ) -> Generator[None, None, np.ndarray]:
+        """Episodes side by side: their returns, after a pause at each step.
+
+        Args:
+          plans: of the problem.
+          starts: initial states [V, N].
+          rule: that decides; the no-op is played if it is None.
+          stream: of random numbers.
+        """
+        model, sampler, states = self._model, plans.sampler, starts
+        count = starts.shape[1]
+        generator = np.random.default_rng([self._seed, stream])
+        total, alive = np.zeros(count), np.ones(count, bool)
+        for step in range(model.horizon):
+            if rule is None:
+                actions = np.repeat(plans.noop[:, np.newaxis], count, axis=1)
+            else:
+                actions = plans.decide(states, step, rule, plans.uniform(self._seed, step))
+            stepped = sampler.step(states, actions, generator.random((sampler.draws, count)))
+            total += alive * stepped.rewards * model.discount**step
+            alive &= ~stepped.ends
+            states = stepped.states
+            yield
+        return total
+
+    def _offer_best(self) -> None:
+        """Offers the best rule so far, unless there is none or it is known."""
+        best = self._best
+        if best is None or best == self._offered:
+            return
+        returns, self._offered = self._returns[best], best
+        mean, error = mean_and_error(returns)
+        self._offer(
+            Candidate(
+                arm=self.name,
+                label=RELAXED_PLANS,
+                config=self._config,
+                planner=None,
+                params=None,
+                plans=(best, Simulated(mean, error, len(returns))),
+                mean=mean,
+                error=error,
+            )
+        )
+
+    def _give_up(self, cause: str) -> None:
+        logger.info("no relaxed plans: %s", cause)
+        self._log.details = {**self._log.details, "cause": cause}
+        self.is_exhausted = True

@@ -1,0 +1,81 @@
+"""A policy that plays without a compiled planner."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.file import SavedPlanRule, SavedTable, save_policy
+from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
+from mdpo_rddl.policy.plan_rule import Simulated
+from mdpo_rddl.policy.rule.explanation import Explanation
+from mdpo_rddl.policy.table import Claim, Optimum
+from mdpo_rddl.problem.load import Problem
+
+
+class PlannerlessPolicy(PolicyAgent):
+    """What a table and relaxed plans have in common. An agent of pyRDDLGym's.
+
+    Attributes:
+      name: of the kind of policy, as summaries have it.
+      claim: what is known of its return, for the horizon that it was made for.
+      seed: of the run that found it.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, problem: Problem, claim: Claim | Simulated, seed: int) -> None:
+        """Keeps them.
+
+        Args:
+          problem: that is played.
+          claim: see the class.
+          seed: see the class.
+        """
+        self._problem = problem
+        self._claim, self.seed = claim, seed
+
+    def to_saved(self) -> SavedTable | SavedPlanRule:
+        """The policy as a file holds it."""
+        raise NotImplementedError
+
+    def save(self, path: str | Path) -> None:
+        """Writes one file that stands alone, which `mdpo_rddl.load_policy` reads.
+
+        Raises:
+          InputError: naming the file, if it cannot be written.
+        """
+        save_policy(Path(path), self.to_saved())
+
+    @property
+    def problem(self) -> Problem:
+        """The parsed problem."""
+        return self._problem
+
+    @property
+    def optimum(self) -> Optimum | None:
+        """What is proven of the policy; None if nothing is."""
+        return self._claim if isinstance(self._claim, Optimum) else None
+
+    @property
+    def returns(self) -> np.ndarray:
+        """The expected return [1], proven or estimated."""
+        return np.array([self._claim.value])
+
+    def explain(self, seconds: float = 0.0) -> Explanation:
+        """Says that there is no rule.
+
+        Args:
+          seconds: nothing is measured, however many.
+        """
+        return Explanation((), f"the policy is {self.kind}, not a rule")
+
+    @property
+    def kind(self) -> str:
+        """What it is, in words."""
+        raise NotImplementedError
+
+    def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
+        """As `Policy.hindsight`, without an estimate: nothing is compiled for it."""
+        return find_hindsight(self.problem, self, None, (episodes, seed, seconds))

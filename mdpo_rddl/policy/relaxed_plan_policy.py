@@ -1,0 +1,156 @@
+"""A policy that makes a relaxed plan at each decision."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.html import html_table
+from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.file import SavedPlanRule, problem_identity, require_same_problem
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy
+from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import open_model
+from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.source import ProblemSource
+
+# the longest that the ground model of a saved policy may take
+_GROUNDING_SECONDS = 600.0
+
+
+class RelaxedPlanPolicy(PlannerlessPolicy):
+    """Plays by relaxed plans (`mdpo_rddl.policy.relaxed_plans`).
+
+    Attributes:
+      plan_rule: how they are made.
+      claim: what simulated episodes have returned.
+    """
+
+    name = "relaxed plans"
+
+    def __init__(
+        self,
+        problem: Problem,
+        rule: PlanRule,
+        claim: Simulated,
+        seed: int,
+        plans: RelaxedPlans | None = None,
+    ) -> None:
+        """Makes the ground model if there is none, which takes up to seconds.
+
+        Args:
+          problem: that is played.
+          rule: how plans are made.
+          claim: see the class.
+          seed: of the run; what a decision draws depends on it and on the step alone.
+          plans: of the problem's ground model.
+
+        Raises:
+          InputError: if there can be no plans of the problem.
+        """
+        super().__init__(problem, claim, seed)
+        self.plan_rule, self.claim = rule, claim
+        self._plans = _plans_of(problem) if plans is None else plans
+
+    @classmethod
+    def from_saved(cls, saved: SavedPlanRule, problem: Problem, source: str) -> "RelaxedPlanPolicy":
+        """Rebuilds a saved policy.
+
+        Args:
+          saved: the rule.
+          problem: on which to play it.
+          source: where it came from, for error messages.
+
+        Raises:
+          InputError: if it was saved for another problem, or there can be no plans of this one.
+        """
+        require_same_problem(saved, problem, source)
+        return cls(problem, saved.rule, saved.claim, saved.seed)
+
+    def to_saved(self) -> SavedPlanRule:
+        """The policy as a file holds it."""
+        source = ProblemSource.of(self.problem).without_folders()
+        identity = problem_identity(self.problem)
+        return SavedPlanRule(self.plan_rule, self.claim, identity, self.seed, source)
+
+    @property
+    def kind(self) -> str:
+        """Relaxed plans."""
+        return "a relaxed plan at each decision"
+
+    def with_decision_seconds(self, seconds: float) -> PolicyAgent:
+        """The policy itself: it plans at each decision as it is.
+
+        Args:
+          seconds: of a decision, which is not used.
+        """
+        del seconds
+        return self
+
+    def __repr__(self) -> str:
+        return f"<RelaxedPlanPolicy for {self.problem.label}: {self.plan_rule}>"
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
+            "horizon": f"{self.problem.horizon:,}",
+            "plan": self.name,
+            "return": f"{self.claim.value:,.6g}",
+            "seed": f"{self.seed}",
+        }
+        return html_table(f"Policy for {self.problem.label}", rows)
+
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """The action at a step.
+
+        Args:
+          step: number of decisions before this one.
+          observation: per state fluent its values [*shape], as the vectorized environment's, or
+            per ground fluent a scalar.
+
+        Returns:
+          Per action fluent its values [*shape], or per ground action fluent a scalar.
+        """
+        model = self._problem.model
+        if is_grounded(model, observation):
+            return grounded(model, self(step, lifted(model, observation)))
+        plans = self._plans
+        state = np.concatenate([self._values(name, observation[name]) for name in self._fluents])
+        uniform = plans.uniform(self.seed, step)
+        decided = plans.decide(state[:, np.newaxis], step, self.plan_rule, uniform)[:, 0]
+        found = plans.by_fluent(decided)
+        return {
+            name: found[name].astype(like.dtype).reshape(like.shape)[()]
+            for name, like in self._noop.items()
+        }
+
+    def _values(self, name: str, observed: Any) -> np.ndarray:
+        values = np.ravel(np.asarray(observed))
+        if values.dtype.kind in "UO":
+            model = self._problem.model
+            names = list(model.type_to_objects[model.variable_ranges[name]])
+            return np.array([names.index(str(each).removeprefix("@")) for each in values])
+        return values.astype(np.int64)
+
+    @cached_property
+    def _fluents(self) -> tuple[str, ...]:
+        """The state fluents in the order of the model's variables."""
+        return tuple(dict.fromkeys(name for name, _ in self._plans.model.variables))
+
+    @cached_property
+    def _noop(self) -> dict[str, np.ndarray]:
+        sampler = make_environment(self._problem).sampler
+        return {name: np.asarray(value) for name, value in sampler.noop_actions.items()}
+
+
+def _plans_of(problem: Problem) -> RelaxedPlans:
+    limits = EnumerationLimits(_GROUNDING_SECONDS)
+    try:
+        return RelaxedPlans(open_model(problem, limits), limits)
+    except NotEnumerableError as error:
+        raise InputError(f"{problem.label}: no relaxed plans: {error}") from error

@@ -1,0 +1,234 @@
+"""Decisions by relaxed plans, for many states side by side.
+
+A state's promise is what its goals are worth, less for each step that the delete relaxation says
+they are away. Of the actions on the cheapest ways to the most promising goals, alone and together,
+those are played after which most is promised: greedy best-first search with the helpful actions of
+FF (Hoffmann and Nebel 2001) at each decision anew, as FF-Replan does (Yoon, Fern and Givan, "FF-
+Replan: a baseline for probabilistic planning", 2007), with the model's chances in the costs.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from mdpo_rddl.policy.plan_rule import PlanRule
+from mdpo_rddl.problem.delete_relaxation.circuit import Assignment
+from mdpo_rddl.problem.delete_relaxation.distances import FAR, Distances, Prices
+from mdpo_rddl.problem.delete_relaxation.relaxed import relaxed
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.problem.enumeration.model import OpenModel
+from mdpo_rddl.problem.enumeration.sampling import GroundSampler
+
+# next states that stand for all that may follow
+_SAMPLES = 8
+# proposals of a state, the goals that they are for, and of how many of these together
+_MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 8
+# by which a proposal must promise more
+_ROUNDING = 1e-6
+# of the hash of a state
+_SEED = 0
+
+Proposal = frozenset[tuple[int, int]]
+"""Numbers of action variables with numbers of their other values than the default."""
+_NOTHING: Proposal = frozenset()
+
+
+class RelaxedPlans:
+    """Decides by the relaxation of a ground model.
+
+    Attributes:
+      model: the ground model, with the action left open.
+      sampler: of it.
+      samples: next states that stand for all that may follow a decision.
+      noop: values of all action variables that do nothing [A].
+    """
+
+    def __init__(self, model: OpenModel, limits: EnumerationLimits) -> None:
+        """Makes the relaxation.
+
+        Args:
+          model: whose graph grows.
+          limits: for the time.
+
+        Raises:
+          NotEnumerableError: if that is not understood, becomes too large, or has no goal.
+        """
+        self.model, self.sampler = model, GroundSampler(model)
+        self._distances = Distances(relaxed(model, limits))
+        self.samples = _SAMPLES if self.sampler.is_random else 1
+        self.noop = np.array([int(default) for default, _ in model.actions.values()], int)
+        self._values = [[int(each) for each in others] for _, others in model.actions.values()]
+        self._most = int(min(model.most, len(self.noop)))
+        generator = np.random.default_rng(_SEED)
+        self._hash = generator.integers(1, 2**62, len(model.variables))
+
+    def uniform(self, seed: int, step: int) -> np.ndarray:
+        """The random numbers of a decision [draws, samples]: the same for all states."""
+        generator = np.random.default_rng([seed, step])
+        return generator.random((self.sampler.draws, self.samples))
+
+    def reaches_something(self, states: np.ndarray) -> bool:
+        """Whether some goal is a step or more away in a state [V, N], and within the horizon."""
+        distances = self._distances
+        costs = distances.to_goals(distances(states, Prices()))
+        return bool(np.any((costs >= Prices().step) & (costs < FAR)))
+
+    def decide(
+        self, states: np.ndarray, step: int, rule: PlanRule, uniform: np.ndarray
+    ) -> np.ndarray:
+        """The actions in states of one step.
+
+        Args:
+          states: values of all state variables [V, N].
+          step: number of decisions before.
+          rule: what else decides.
+          uniform: see `uniform`.
+
+        Returns:
+          Values of all action variables [A, N]; where none are better, the defaults.
+        """
+        left, count = self.model.horizon - step, states.shape[1]
+        costs = self._distances(states, rule.prices)
+        promised = self._promised(self._distances.to_goals(costs), left, rule)
+        proposals = self._proposals(states, costs, promised)
+        chosen = [_NOTHING] * count
+        best = self._worth(states, chosen, left, rule, uniform, rule.patience)
+        active = list(range(count))
+        for _ in range(self._most):
+            joined = [
+                (each, proposal)
+                for each in active
+                for proposal in dict.fromkeys(chosen[each] | more for more in proposals[each])
+                if proposal != chosen[each] and self._fits(proposal)
+            ]
+            joined = self._legal(states, joined)
+            if not joined:
+                break
+            places = np.array([place for place, _ in joined])
+            worth = self._worth(states[:, places], [p for _, p in joined], left, rule, uniform)
+            better = set()
+            for (place, proposal), value in zip(joined, worth, strict=True):
+                if value > best[place] + _ROUNDING * (1.0 + abs(best[place])):
+                    best[place], chosen[place] = value, proposal
+                    better.add(place)
+            active = sorted(better)
+        return self._actions(chosen)
+
+    def _proposals(
+        self, states: np.ndarray, costs: np.ndarray, promised: np.ndarray
+    ) -> list[list[Proposal]]:
+        """What is on the ways to the most promising goals: each alone, and all that go together.
+
+        The latter are cut to what is legal together.
+        """
+        found: list[dict[Proposal, None]] = [{} for _ in range(states.shape[1])]
+        together: list[tuple[int, Sequence[Assignment]]] = []
+        for place, own in enumerate(found):
+            ways = self._distances.ways(costs[:, place], states[:, place])
+            goals = np.argsort(-promised[:, place], kind="stable")[:_MOST_GOALS].tolist()
+            for number, goal in enumerate(goals):
+                if promised[goal, place] <= 0.0 or len(own) >= _MOST_PROPOSALS:
+                    break
+                for assignment in ways.helpful(goal, all_ways=True):
+                    own[frozenset(assignment)] = None
+                if number < _MOST_TOGETHER:
+                    together.append((place, ways.helpful(goal, all_ways=False)))
+        for place, proposal in self._joint(states, together):
+            found[place][proposal] = None
+        return [list(own) for own in found]
+
+    def _joint(
+        self, states: np.ndarray, together: Sequence[tuple[int, Sequence[Assignment]]]
+    ) -> list[tuple[int, Proposal]]:
+        """Of actions that go together in a state, as many as are legal, in their order."""
+        found = [(place, _NOTHING) for place, _ in together]
+        for number in range(max((len(each) for _, each in together), default=0)):
+            longer = {
+                which: (place, found[which][1] | frozenset(assignments[number]))
+                for which, (place, assignments) in enumerate(together)
+                if number < len(assignments)
+            }
+            longer = {which: pair for which, pair in longer.items() if self._fits(pair[1])}
+            legal = set(self._legal(states, longer.values()))
+            found = [
+                longer[which] if which in longer and longer[which] in legal else pair
+                for which, pair in enumerate(found)
+            ]
+        return found
+
+    def _fits(self, proposal: Proposal) -> bool:
+        """Whether each action has one value, and they are no more than are allowed."""
+        return len({number for number, _ in proposal}) == len(proposal) <= self._most
+
+    def _legal(
+        self, states: np.ndarray, proposals: Iterable[tuple[int, Proposal]]
+    ) -> list[tuple[int, Proposal]]:
+        """Those proposals that are legal in their states, each once."""
+        given = list(dict.fromkeys(proposals))
+        if not given:
+            return []
+        places = np.array([place for place, _ in given])
+        actions = self._actions([proposal for _, proposal in given])
+        legal = self.sampler.legal(states[:, places], actions)
+        return [each for each, holds in zip(given, legal, strict=True) if holds]
+
+    def _worth(
+        self,
+        states: np.ndarray,
+        proposals: Sequence[Proposal],
+        left: int,
+        rule: PlanRule,
+        uniform: np.ndarray,
+        patience: float = 1.0,
+    ) -> np.ndarray:
+        """The reward of proposals [N] and what is promised after it, a mean over the samples."""
+        samples = uniform.shape[1]
+        repeated = np.repeat(states, samples, axis=1)
+        actions = np.repeat(self._actions(proposals), samples, axis=1)
+        drawn = np.tile(uniform, (1, len(proposals)))
+        stepped = self.sampler.step(repeated, actions, drawn)
+        # many are the same state
+        _, first, places = np.unique(
+            self._hash @ stepped.states, return_index=True, return_inverse=True
+        )
+        distances = self._distances
+        costs = distances.to_goals(distances(stepped.states[:, first], rule.prices))
+        promise = self._promise(costs, left - 1, rule)[places.ravel()]
+        promise = np.where(stepped.ends, 0.0, promise)
+        worth = stepped.rewards + self.model.discount * patience * promise
+        return worth.reshape(len(proposals), samples).mean(axis=1)
+
+    def _promised(self, costs: np.ndarray, left: int, rule: PlanRule) -> np.ndarray:
+        """What each goal promises [G, N], so many steps before the end."""
+        distances, step = self._distances, rule.prices.step
+        # what stands for chance in the costs takes no time
+        steps = np.maximum(left - costs / step, 1.0)
+        paid = np.where(distances.lasts[:, np.newaxis], steps, 1.0)
+        worth = distances.worths[:, np.newaxis] * paid * np.exp(-costs - step)
+        return np.where((costs < FAR) & (left > 0), worth, 0.0)
+
+    def _promise(self, costs: np.ndarray, left: int, rule: PlanRule) -> np.ndarray:
+        """What states promise [N]: all that lasts and is reached, and the best of what is not.
+
+        Where goals add up, a state between two of them is as good as one on the way to either.
+        """
+        promised = self._promised(costs, left, rule)
+        is_held = self._distances.lasts[:, np.newaxis] & (costs <= 0.0)
+        held, open_ = np.where(is_held, promised, 0.0), np.where(is_held, 0.0, promised)
+        best = open_.max(axis=0)
+        return held.sum(axis=0) + best + rule.others * (open_.sum(axis=0) - best)
+
+    def _actions(self, proposals: Sequence[Proposal]) -> np.ndarray:
+        """Values of all action variables [A, N]."""
+        actions = np.repeat(self.noop[:, np.newaxis], len(proposals), axis=1)
+        for place, proposal in enumerate(proposals):
+            for number, value in proposal:
+                actions[number, place] = self._values[number][value]
+        return actions
+
+    def by_fluent(self, actions: np.ndarray) -> Mapping[str, np.ndarray]:
+        """The values of all action variables [A] per fluent, in a row [*]."""
+        found: dict[str, list[int]] = {}
+        for (name, _), value in zip(self.model.actions, actions, strict=True):
+            found.setdefault(name, []).append(int(value))
+        return {name: np.array(values) for name, values in found.items()}

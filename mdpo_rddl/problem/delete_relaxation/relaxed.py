@@ -1,0 +1,181 @@
+"""A ground model without what makes a value be lost again: how literals and rewards are reached.
+
+A next value is reached by playing nothing, one action, or two together, as its law says with these
+put in and all others at their defaults: an action that is played and not played in one expression
+would make what no play can. Beside that each literal and each reward is looked at by itself.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from mdpo_rddl.problem.delete_relaxation.circuit import Assignment, Circuit, Literal
+from mdpo_rddl.problem.delete_relaxation.conditions import Condition, conditions
+from mdpo_rddl.problem.delete_relaxation.costs import Costs
+from mdpo_rddl.problem.enumeration.graph import Kind
+from mdpo_rddl.problem.enumeration.laws import Branch
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import OpenModel
+
+# values of actions that a law reads: pairs of more are not looked at
+_MOST_PAIRED = 24
+_MOST_NODES = 200_000
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A condition of the reward.
+
+    Attributes:
+      cost: node of what it costs to make it hold.
+      worth: of a step at which it holds.
+      lasts: whether it may pay at one step after another: it reads no action.
+    """
+
+    cost: int
+    worth: float
+    lasts: bool
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """The delete relaxation of a ground model.
+
+    Attributes:
+      circuit: of all costs.
+      steps: per literal the node of what it costs to make it true at the next step, that step not
+        counted.
+      goals: what pays.
+    """
+
+    circuit: Circuit
+    steps: Mapping[Literal, int]
+    goals: tuple[Goal, ...]
+
+
+def relaxed(model: OpenModel, limits: EnumerationLimits) -> Relaxed:
+    """The delete relaxation.
+
+    Args:
+      model: whose graph grows.
+      limits: for the time.
+
+    Raises:
+      NotEnumerableError: if it becomes too large, or there is no reward that has to be reached.
+    """
+    made = _Relaxation(model, limits)
+    goals = made.goals()
+    if not goals:
+        raise NotEnumerableError("no reward that must be reached")
+    return Relaxed(made.circuit, made.steps(), goals)
+
+
+class _Relaxation:
+    """Makes the circuit."""
+
+    def __init__(self, model: OpenModel, limits: EnumerationLimits) -> None:
+        self.circuit = Circuit()
+        self._model, self._limits = model, limits
+        self._costs = Costs(model, self.circuit)
+        self._defaults = model.defaults()
+        graph = model.graph
+        grounds = list(model.actions)
+        self._leaves = [
+            graph.leaf(Kind.ACTION, ground, isinstance(model.actions[ground][0], bool))
+            for ground in grounds
+        ]
+        self._values = [[graph.constant(each) for each in model.actions[g][1]] for g in grounds]
+        self._numbers = {leaf: number for number, leaf in enumerate(self._leaves)}
+        # the preconditions that read each action
+        self._limiting: dict[int, list[int]] = {}
+        for node in model.legal:
+            for leaf in self._read([node]):
+                self._limiting.setdefault(leaf, []).append(node)
+        self._legal: dict[Assignment, int] = {}
+
+    def steps(self) -> dict[Literal, int]:
+        """Per literal the node of its cost at the next step; of all that are read."""
+        found: dict[Literal, int] = {}
+        known: set[int] = set()
+        while waiting := {each.variable for each in self.circuit.literals} - known:
+            for variable in sorted(waiting):
+                found |= self._of_variable(variable)
+            known |= waiting
+        return {each: found[each] for each in self.circuit.literals}
+
+    def goals(self) -> tuple[Goal, ...]:
+        """The conditions of the reward that cost something; equal ones count together."""
+        graph, reward = self._model.graph, self._model.rules.reward
+        worth: dict[tuple[int, bool], float] = {}
+        for condition in conditions(graph, reward):
+            cost = self._reached(condition)
+            if cost not in (self.circuit.free, self.circuit.impossible):
+                key = cost, not self._read(condition.nodes)
+                worth[key] = worth.get(key, 0.0) + condition.worth
+        return tuple(Goal(cost, total, lasts) for (cost, lasts), total in worth.items())
+
+    def _reached(self, condition: Condition) -> int:
+        """The cheapest way to make a condition hold."""
+        total = self.circuit.total
+        played = self._played(condition.nodes)
+        return self.circuit.least(
+            total([legal, self._held(condition, new)]) for legal, new in played
+        )
+
+    def _held(self, condition: Condition, nodes: Sequence[int]) -> int:
+        parts = [
+            self._costs.truth(node, wanted)
+            for node, wanted in zip(nodes, condition.wanted, strict=True)
+        ]
+        return self.circuit.least(parts) if condition.is_any else self.circuit.total(parts)
+
+    def _of_variable(self, variable: int) -> dict[Literal, int]:
+        law, is_bool = self._model.rules.laws[variable], self._model.is_bool[variable]
+        nodes = [node for branch in law for node in branch]
+        costs: dict[int, list[int]] = {value: [] for value in self._costs.values(variable)}
+        for legal, new in self._played(nodes):
+            pairs = zip(new[::2], new[1::2], strict=True)
+            given = tuple(Branch(value, probability) for value, probability in pairs)
+            for value, found in costs.items():
+                becomes = self._costs.becomes(given, value, is_bool)
+                found.append(self.circuit.total([legal, becomes]))
+        return {Literal(variable, value): self.circuit.least(each) for value, each in costs.items()}
+
+    def _played(self, nodes: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
+        """The nodes with the actions put in that they read, and what it costs to play these."""
+        self._limits.check_time()
+        if len(self.circuit.parts) > _MOST_NODES:
+            raise NotEnumerableError("the relaxation becomes too large")
+        read = sorted(self._numbers[leaf] for leaf in self._read(nodes))
+        single = [(number, value) for number in read for value in range(len(self._values[number]))]
+        yield self.circuit.free, self._put(nodes, ())
+        assignments: list[Assignment] = [(each,) for each in single]
+        if len(single) <= _MOST_PAIRED:
+            assignments += [pair for pair in combinations(single, 2) if pair[0][0] != pair[1][0]]
+        for assignment in assignments:
+            if len(assignment) > self._model.most:
+                continue
+            cost = self._legal_cost(assignment)
+            if cost != self.circuit.impossible:
+                yield cost, self._put(nodes, assignment)
+
+    def _legal_cost(self, assignment: Assignment) -> int:
+        """The node of what it costs to make actions legal that are played together."""
+        if assignment not in self._legal:
+            leaves = [self._leaves[number] for number, _ in assignment]
+            nodes = sorted({node for leaf in leaves for node in self._limiting.get(leaf, ())})
+            holds = [self._costs.truth(node, True) for node in self._put(nodes, assignment)]
+            self._legal[assignment] = self.circuit.played(self.circuit.total(holds), assignment)
+        return self._legal[assignment]
+
+    def _put(self, nodes: Sequence[int], assignment: Assignment) -> list[int]:
+        """The nodes with some actions put in, all others at their defaults."""
+        values = {self._leaves[number]: self._values[number][v] for number, v in assignment}
+        given = {leaf: values.get(leaf, self._defaults[leaf]) for leaf in self._read(nodes)}
+        return self._model.graph.substitute(nodes, given)
+
+    def _read(self, nodes: Sequence[int]) -> list[int]:
+        """The leaves of actions that the nodes read."""
+        graph = self._model.graph
+        needed = graph.needed(nodes, Kind.ACTION)
+        return [each for each in needed if graph.operators[each] == "leaf"]

@@ -1,0 +1,145 @@
+"""Next states and rewards of a ground model whose action is left open, drawn side by side."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.problem.enumeration.graph import Kind
+from mdpo_rddl.problem.enumeration.laws import Law
+from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import OpenModel
+from mdpo_rddl.problem.enumeration.program import Program
+
+
+class Stepped(NamedTuple):
+    """What follows N states and actions.
+
+    Attributes:
+      states: next values [V, N].
+      rewards: expected ones [N].
+      ends: whether the episode ends with the next state [N].
+    """
+
+    states: np.ndarray
+    rewards: np.ndarray
+    ends: np.ndarray
+
+
+class GroundSampler:
+    """Samples a ground model.
+
+    Attributes:
+      is_random: whether any next value is drawn.
+      draws: uniform numbers that a step takes.
+    """
+
+    def __init__(self, model: OpenModel) -> None:
+        """Finds the order of all draws.
+
+        Raises:
+          NotEnumerableError: if draws depend on each other in a circle.
+        """
+        self._model, graph = model, model.graph
+        self._states = [model.leaf(number) for number in range(len(model.variables))]
+        self._is_bool = np.array(model.is_bool, bool)
+        defaults = [(ground, default) for ground, (default, _) in model.actions.items()]
+        self._actions = [
+            graph.leaf(Kind.ACTION, ground, isinstance(default, bool))
+            for ground, default in defaults
+        ]
+        self._is_bool_action = [isinstance(default, bool) for _, default in defaults]
+        self._legal_node = graph.make("and", *model.legal, graph.true)
+        self._legal = Program(graph, [self._legal_node])
+        self._ends = Program(graph, [model.ends])
+        laws, self._reward = model.rules.laws, model.rules.reward
+        self._main = Program(graph, [self._reward, *_nodes(laws)])
+        self._drawn = [
+            (leaf, Program(graph, _nodes([model.rules.drawn[leaf]]))) for leaf in self._ordered()
+        ]
+        self.draws = len(self._drawn) + len(self._states)
+        self.is_random = bool(self._drawn) or not all(
+            len(law) == 1 and (graph.is_bool[law[0].value] or not is_bool)
+            for law, is_bool in zip(laws, model.is_bool, strict=True)
+        )
+
+    def legal(self, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Whether the preconditions hold [N].
+
+        Args:
+          states: values of all state variables [V, N].
+          actions: of all action variables [A, N], in the model's order.
+        """
+        values = self._legal.run(self._leaves(states, actions))
+        return np.broadcast_to(values[self._legal_node], states.shape[1:]).astype(bool)
+
+    def step(self, states: np.ndarray, actions: np.ndarray, uniform: np.ndarray) -> Stepped:
+        """What follows.
+
+        Args:
+          states: values of all state variables [V, N].
+          actions: of all action variables [A, N], in the model's order.
+          uniform: numbers between 0 and 1 [draws, N].
+        """
+        leaves, laws = self._leaves(states, actions), self._model.rules
+        for number, (leaf, program) in enumerate(self._drawn):
+            values = program.run(leaves)
+            is_bool = self._model.graph.is_bool[leaf]
+            drawn = _drawn(laws.drawn[leaf], values, uniform[number], is_law_of_bool=False)
+            leaves[leaf] = drawn.astype(bool) if is_bool else drawn
+        values = self._main.run(leaves)
+        following = np.empty_like(states)
+        rest = uniform[len(self._drawn) :]
+        for number, law in enumerate(laws.laws):
+            is_bool = bool(self._is_bool[number])
+            following[number] = _drawn(law, values, rest[number], is_law_of_bool=is_bool)
+        rewards = np.broadcast_to(np.asarray(values[self._reward], float), states.shape[1:])
+        ended = self._ends.run(self._leaves(following, None))[self._model.ends]
+        return Stepped(following, rewards, np.broadcast_to(ended, states.shape[1:]).astype(bool))
+
+    def _leaves(self, states: np.ndarray, actions: np.ndarray | None) -> dict[int, np.ndarray]:
+        found = {
+            leaf: states[number].astype(bool) if self._is_bool[number] else states[number]
+            for number, leaf in enumerate(self._states)
+        }
+        if actions is not None:
+            for number, leaf in enumerate(self._actions):
+                own = actions[number]
+                found[leaf] = own.astype(bool) if self._is_bool_action[number] else own
+        return found
+
+    def _ordered(self) -> list[int]:
+        """The leaves that are drawn, each after those that its law reads."""
+        graph, drawn = self._model.graph, self._model.rules.drawn
+        reads = {
+            leaf: {each for each in graph.needed(_nodes([law])) if each in drawn}
+            for leaf, law in drawn.items()
+        }
+        order: list[int] = []
+        while len(order) < len(reads):
+            ready = [leaf for leaf, own in reads.items() if leaf not in order and own <= {*order}]
+            if not ready:
+                raise NotEnumerableError("draws that depend on each other in a circle")
+            order += ready
+        return order
+
+
+def _nodes(laws: Iterable[Law]) -> list[int]:
+    return [node for law in laws for branch in law for node in branch]
+
+
+def _drawn(
+    law: Law, values: dict[int, np.ndarray], uniform: np.ndarray, is_law_of_bool: bool
+) -> np.ndarray:
+    """Values [N] drawn by a law; that of a bool may be the probability of true."""
+    if is_law_of_bool:
+        return uniform < np.asarray(values[law[0].value], float)
+    found = np.broadcast_to(np.asarray(values[law[-1].value]), uniform.shape).astype(np.int64)
+    below = np.zeros(uniform.shape)
+    is_open = np.ones(uniform.shape, bool)
+    for branch in law[:-1]:
+        below = below + values[branch.probability]
+        hit = is_open & (uniform < below)
+        found = np.where(hit, values[branch.value], found)
+        is_open &= ~hit
+    return found
