@@ -143,7 +143,6 @@ class _Relaxation:
 
     def _played(self, nodes: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
         """The nodes with the actions put in that they read, and what it costs to play these."""
-        self._limits.check_time()
         if len(self.circuit.parts) > _MOST_NODES:
             raise NotEnumerableError("the relaxation becomes too large")
         read = sorted(self._numbers[leaf] for leaf in self._read(nodes))
@@ -153,6 +152,7 @@ class _Relaxation:
         if len(single) <= _MOST_PAIRED:
             assignments += [pair for pair in combinations(single, 2) if pair[0][0] != pair[1][0]]
         for assignment in assignments:
+            self._limits.check_time()
             if len(assignment) > self._model.most:
                 continue
             cost = self._legal_cost(assignment)

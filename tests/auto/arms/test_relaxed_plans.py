@@ -1,0 +1,128 @@
+"""The arm that tries rules for relaxed plans: what it offers, and when it gives up."""
+
+from dataclasses import replace
+
+import pytest
+from helpers.clocks import Stopped, Ticking
+from helpers.couriers import courier
+from helpers.lakes import preset
+
+from mdpo_rddl.auto.arms import relaxed_plans
+from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
+from mdpo_rddl.auto.ground_arms import GroundSlices
+from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.options import RaceOptions
+from mdpo_rddl.auto.outcome import policy_of
+from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.errors import Cancelled
+from mdpo_rddl.planner.config.search_section import Search
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.problem.enumeration.model import open_model
+
+LIMITS = EnumerationLimits(60.0)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return courier()
+
+
+def made(problem, clock=None, pulse=lambda: None):
+    model = open_model(problem, LIMITS)
+    return RelaxedPlansArm(preset(10.0), 0, clock or Ticking(0.001), model, pulse)
+
+
+def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
+    arm = made(problem)
+    arm.work(1000.0)
+    assert arm.is_exhausted
+    assert arm.log.iterations == len(relaxed_plans._RULES)
+    (candidate,) = arm.take_candidates()
+    rule, simulated = candidate.plans
+    assert simulated.episodes == 8 * 16
+    assert candidate.mean == pytest.approx(find_optimum(problem, 30.0).value, abs=0.2)
+    assert (candidate.mean, candidate.error) == (simulated.value, simulated.error)
+    policy = policy_of(candidate, problem, 7)
+    assert isinstance(policy, RelaxedPlanPolicy)
+    assert (policy.plan_rule, policy.seed) == (rule, 7)
+
+
+def test_what_is_best_at_the_end_of_a_slice_is_offered_once(problem):
+    arm = made(problem, Ticking(1.0))
+    end = 25.0
+    while not arm.has_found:
+        arm.work(end)
+        end += 25.0
+    (first,) = arm.take_candidates()
+    assert not arm.is_exhausted
+    arm.work(end)
+    assert arm.take_candidates() == [] or first.plans[0] != arm._best
+
+
+def test_an_interruption_keeps_what_was_found(problem):
+    steps = 0
+
+    def pulse():
+        nonlocal steps
+        steps += 1
+        if steps > 20:
+            raise Cancelled
+
+    arm = made(problem, pulse=pulse)
+    with pytest.raises(Cancelled):
+        arm.work(1000.0)
+    assert len(arm.take_candidates()) == 1
+
+
+def test_it_gives_up_where_plans_gain_nothing(problem, monkeypatch):
+    arm = made(problem)
+    monkeypatch.setattr(RelaxedPlansArm, "_best", property(lambda self: None))
+    arm.work(1000.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "its plans return no more than the no-op"
+    assert arm.log.iterations == relaxed_plans._PATIENCE
+    assert not arm.take_candidates()
+
+
+def test_it_gives_up_where_every_reward_can_be_had_at_once():
+    model = replace(open_model(courier(), LIMITS), first=(False, False, True, True))
+    arm = RelaxedPlansArm(preset(10.0), 0, Ticking(0.001), model)
+    arm.work(1000.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "no reward that is a step or more away"
+
+
+def test_an_error_costs_the_arm_only(problem, monkeypatch):
+    def broken(*args):
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(relaxed_plans, "RelaxedPlans", broken)
+    arm = made(problem)
+    arm.work(1000.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"] == "RuntimeError: broken"
+
+
+@pytest.mark.parametrize("without", [[], [RELAXED_PLANS]])
+def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
+    options = RaceOptions(clock=Stopped())
+    shares = Search(without=["dynamic programming", "trials", *without])
+    ground = GroundSlices(problem, preset(100.0), 0, options, shares)
+    resumption = Resumption(lambda: 0.0, None)
+    stages = []
+    ground.enumerate(resumption, 100.0)
+    ground.search(resumption, 100.0, stages.append)
+    assert ground.arms.exact.grounded.opened is not None
+    assert ground.arms.trials is None
+    names = [arm.name for arm in ground.arms.all]
+    assert names == ["dynamic programming", *([] if without else [RELAXED_PLANS])]
+    assert stages == ([] if without else ["searching"])
+    if not without:
+        assert ground.arms.plans.has_found
+        again = GroundSlices(problem, preset(100.0), 0, options, shares)
+        later = Resumption(lambda: 0.0, resumption.snapshot())
+        again.enumerate(later, 100.0)
+        again.search(later, 100.0, stages.append)
+        # an earlier process has played all that there was to play
+        assert not again.arms.plans.has_found

@@ -1,0 +1,68 @@
+"""A chain of preconditions, and two who must act together."""
+
+from helpers.toys import problem_from
+
+_COURIER = """domain courier {
+    types { place : object; };
+    pvariables {
+        NEXT(place, place) : { non-fluent, bool, default = false };
+        FIRST(place) : { non-fluent, bool, default = false };
+        LAST(place) : { non-fluent, bool, default = false };
+        at(place) : { state-fluent, bool, default = false };
+        holding : { state-fluent, bool, default = false };
+        go : { action-fluent, bool, default = false };
+        pick : { action-fluent, bool, default = false };
+        hand-over : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        at'(?p) = if (go) then (exists_{?q : place} [NEXT(?q, ?p) ^ at(?q)]) else at(?p);
+        holding' = if (hand-over) then false else (holding | (pick ^ Bernoulli(0.8)));
+    };
+    reward = 10 * hand-over - 1.0 * go;
+    action-preconditions {
+        pick => (exists_{?p : place} [FIRST(?p) ^ at(?p)]);
+        go => (~(exists_{?p : place} [LAST(?p) ^ at(?p)]));
+        hand-over => (holding ^ (exists_{?p : place} [LAST(?p) ^ at(?p)]));
+    };
+}
+non-fluents way {
+    domain = courier;
+    objects { place : {p0, p1, p2}; };
+    non-fluents { NEXT(p0, p1); NEXT(p1, p2); FIRST(p0); LAST(p2); };
+}
+instance inst {
+    domain = courier;
+    non-fluents = way;
+    init-state { at(p0); };
+    max-nondef-actions = 1;
+    horizon = 8;
+    discount = 1.0;
+}"""
+
+_LIFT = """domain lift {
+    types { worker : object; };
+    pvariables {
+        up : { state-fluent, bool, default = false };
+        pull(worker) : { action-fluent, bool, default = false };
+    };
+    cpfs { up' = up | (forall_{?w : worker} [pull(?w)]); };
+    reward = 5 * up - 0.5 * (sum_{?w : worker} [pull(?w)]);
+}
+non-fluents pair { domain = lift; objects { worker : {w0, w1}; }; }
+instance inst {
+    domain = lift;
+    non-fluents = pair;
+    max-nondef-actions = pos-inf;
+    horizon = 4;
+    discount = 1.0;
+}"""
+
+
+def courier():
+    """Pick a parcel, which works four times of five, carry it two places on, hand it over."""
+    return problem_from(_COURIER)
+
+
+def lift():
+    """Only if both pull at once is it up, which pays from then on."""
+    return problem_from(_LIFT)

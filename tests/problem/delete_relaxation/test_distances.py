@@ -1,0 +1,185 @@
+"""How far rewards are: by hand, and with what the relaxation leaves out."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.clocks import Ticking
+from helpers.couriers import courier, lift
+from helpers.toys import problem_from
+
+from mdpo_rddl.problem.delete_relaxation.circuit import Circuit, Literal
+from mdpo_rddl.problem.delete_relaxation.conditions import conditions
+from mdpo_rddl.problem.delete_relaxation.distances import FAR, Distances, Prices
+from mdpo_rddl.problem.delete_relaxation.relaxed import relaxed
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import open_model
+
+STEP = Prices().step
+LIMITS = EnumerationLimits(60.0)
+# places p0, p1, p2 and whether the parcel is held
+START, LATE, THERE = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 1)
+
+
+@pytest.fixture(scope="module")
+def parcel():
+    model = open_model(courier(), LIMITS)
+    return model, Distances(relaxed(model, LIMITS))
+
+
+def cost(distances, state, prices=Prices()):  # noqa: B008  (it is frozen)
+    states = np.array(state)[:, np.newaxis]
+    return float(distances.to_goals(distances(states, prices))[0, 0])
+
+
+def domain(reward, cpfs="x' = x | a; y' = y; z' = z;", more=""):
+    return problem_from(
+        f"""domain d {{
+    pvariables {{
+        x : {{ state-fluent, bool, default = false }};
+        y : {{ state-fluent, bool, default = false }};
+        z : {{ state-fluent, bool, default = false }};
+        a : {{ action-fluent, bool, default = false }};
+        b : {{ action-fluent, bool, default = false }};
+    }};
+    cpfs {{ {cpfs} }};
+    reward = {reward};
+    {more}
+}}
+non-fluents n {{ domain = d; }}
+instance inst {{
+    domain = d; non-fluents = n; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
+}}"""
+    )
+
+
+# --- circuits ------------------------------------------------------------------------------
+
+
+def test_sums_and_minima_are_simplified():
+    circuit = Circuit()
+    one, other = (circuit.literal(Literal(number, 1)) for number in range(2))
+    assert circuit.total([one, circuit.free, one]) == one
+    assert circuit.total([one, circuit.impossible]) == circuit.impossible
+    assert circuit.total([]) == circuit.free
+    assert circuit.least([one, circuit.impossible]) == one
+    assert circuit.least([one, circuit.free]) == circuit.free
+    assert circuit.least([]) == circuit.impossible
+    both = circuit.total([one, other])
+    assert circuit.total([other, one]) == both
+    assert circuit.arguments[circuit.total([both, circuit.constant(2.0)])][:2] == (one, other)
+    assert circuit.played(circuit.impossible, ((0, 0),)) == circuit.impossible
+
+
+# --- costs ---------------------------------------------------------------------------------
+
+
+def test_a_chain_costs_its_steps_and_its_chances(parcel):
+    _, distances = parcel
+    chance = -math.log(0.8)
+    # a pick and two steps
+    assert cost(distances, START) == pytest.approx(3.0 * STEP + chance, rel=1e-5)
+    assert cost(distances, THERE) == 0.0
+    assert cost(distances, LATE) >= FAR
+    assert distances.worths.tolist() == [10.0]
+    assert distances.lasts.tolist() == [False]
+
+
+def test_what_can_be_tried_again_costs_its_tries(parcel):
+    _, distances = parcel
+    prices = Prices(0.5, tries=True)
+    step = math.log(2.0)
+    assert cost(distances, START, prices) == pytest.approx(step * (3.0 + 0.25), rel=1e-5)
+
+
+def test_helpful_actions_are_legal_now_and_on_the_way(parcel):
+    model, distances = parcel
+    names = [name for name, _ in model.actions]
+
+    def helpful(state):
+        costs = distances(np.array(state)[:, np.newaxis], Prices())[:, 0]
+        found = distances.ways(costs, np.array(state)).helpful(0, all_ways=True)
+        return {names[number] for assignment in found for number, _ in assignment}
+
+    assert helpful(START) == {"go", "pick"}
+    assert helpful((0, 1, 0, 1)) == {"go"}
+    assert helpful(THERE) == {"hand-over"}
+    assert helpful(LATE) == set()
+
+
+def test_two_actions_that_must_go_together_are_found_together():
+    model = open_model(lift(), LIMITS)
+    distances = Distances(relaxed(model, LIMITS))
+    state = np.array([0])
+    costs = distances(state[:, np.newaxis], Prices())[:, 0]
+    found = distances.ways(costs, state).helpful(0, all_ways=True)
+    assert list(found) == [((0, 0), (1, 0))]
+    assert distances.lasts.tolist() == [True]
+
+
+def test_an_action_is_not_both_played_and_not_played():
+    # a makes x by half a chance with b, and never without it; b is not legal where y never holds
+    cpfs = "x' = x | (a ^ Bernoulli(if (b) then 0.5 else 0.0)); y' = y; z' = z;"
+    legal = "action-preconditions { b => y; };"
+    found = Distances(relaxed(open_model(domain("x", cpfs, legal), LIMITS), LIMITS))
+    assert cost(found, (0, 0, 0)) >= FAR
+    assert cost(found, (0, 1, 0)) < FAR
+    # if nothing forbids b, both are played
+    found = Distances(relaxed(open_model(domain("x", cpfs), LIMITS), LIMITS))
+    assert cost(found, (0, 0, 0)) == pytest.approx(STEP + math.log(2.0), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("expression", "state", "steps"),
+    [
+        ("~x ^ y", (1, 0, 0), 2),  # each has an action of its own
+        ("x <=> y", (1, 0, 0), 1),
+        ("~(x <=> y)", (1, 1, 0), 1),
+        ("if (x) then y else z", (0, 0, 0), 2),
+        ("if (x) then y else z", (0, 1, 0), 1),
+        ("x => y", (1, 0, 0), 1),
+        ("(x + y) > 0", (0, 0, 0), 1),
+        ("(x + y) >= 1", (1, 0, 0), 0),
+    ],
+)
+def test_conditions_of_all_forms(expression, state, steps):
+    cpfs = "x' = if (a) then ~x else x; y' = y | b; z' = z;"
+    reward = f"if ({expression}) then 1.0 else 0.0"
+    found = relaxed(open_model(domain(reward, cpfs), LIMITS), LIMITS)
+    distances = Distances(found)
+    costs = distances.to_goals(distances(np.array(state)[:, np.newaxis], Prices()))[:, 0]
+    assert costs.min() == pytest.approx(steps * STEP, rel=1e-5)
+
+
+# --- the reward ----------------------------------------------------------------------------
+
+
+def test_a_reward_is_taken_apart():
+    model = open_model(domain("3 * x - 2 * y * z + (if (z) then 4 else 1) * (1 + x)"), LIMITS)
+    graph = model.graph
+    found = {
+        (frozenset(graph.values[node][0] for node in each.nodes), each.wanted, each.is_any): each
+        for each in conditions(graph, model.rules.reward)
+    }
+    assert found[frozenset("x"), (True,), False].worth >= 3.0
+    # what is taken while both hold is paid while one does not
+    assert found[frozenset("yz"), (False, False), True].worth == 2.0
+    # a product of two numbers is not understood
+    assert len(found) == 2
+
+
+def test_a_reward_that_no_play_changes_is_no_goal():
+    with pytest.raises(NotEnumerableError, match="no reward"):
+        relaxed(open_model(domain("1.0"), LIMITS), LIMITS)
+
+
+def test_it_takes_no_longer_than_it_may():
+    model = open_model(courier(), LIMITS)
+    with pytest.raises(NotEnumerableError, match="more than 1 s"):
+        relaxed(model, EnumerationLimits(1.0, clock=Ticking(0.5)))
+
+
+@pytest.mark.parametrize("decay", [0.0, 1.0, -0.5, math.nan])
+def test_a_decay_is_between_0_and_1(decay):
+    with pytest.raises(ValueError, match="decay"):
+        Prices(decay)
