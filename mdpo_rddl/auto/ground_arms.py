@@ -82,9 +82,10 @@ class GroundSlices:
         until = now + self._shares.optimum_until * max(0.0, deadline - now)
         is_over = resumption.marks.is_over(exact.name)
         is_left_out = exact.name in self._shares.without
+        others = resumption.goes_on(TRIALS) or not resumption.marks.is_over(RELAXED_PLANS)
         if not (is_over or is_left_out):
             exact.work(until)
-        elif is_left_out or resumption.goes_on(TRIALS):
+        elif is_left_out or others:
             exact.ground(until)
         resumption.marks.ended(exact.name)
 

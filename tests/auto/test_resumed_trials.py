@@ -13,6 +13,7 @@ from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.trials import TRIALS
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
+from mdpo_rddl.auto.ground_arms import GroundSlices
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -31,21 +32,21 @@ class Races:
 
     def __init__(self, monkeypatch):
         self.events, self.places, self.trials = [], [], []
-        begin = race._begin
+        begin = GroundSlices._begin
 
         def enumerated(arm, until):
             self.events.append("enumerated")
             arm.ground(until)
 
-        def begun(trials, *others):
-            begin(trials, *others)
+        def begun(slices, trials, deadline):
+            begin(slices, trials, deadline)
             self.trials.append(trials)
 
         def probed(*arguments):
             raise KeyboardInterrupt
 
         monkeypatch.setattr(DynamicProgrammingArm, "_work", enumerated)
-        monkeypatch.setattr(race, "_begin", begun)
+        monkeypatch.setattr(GroundSlices, "_begin", begun)
         monkeypatch.setattr(race, "_arena", probed)
         monkeypatch.setattr(race, "first_policy", lambda *arguments: NOOP)
         monkeypatch.setattr("mdpo_rddl.auto.search.trials.trials._TRIALS", 8)
@@ -66,7 +67,8 @@ class Races:
             on_begun=snapshots.append,
             on_pulse=pulse,
         )
-        return plan_automatically(toy("quest"), preset(TICKS), 0, options)
+        config = preset(TICKS).with_values("Search", without=["relaxed plans"])
+        return plan_automatically(toy("quest"), config, 0, options)
 
     def resume(self, state):
         """Goes on from a place, whose policies are of no interest here."""

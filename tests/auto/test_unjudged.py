@@ -106,7 +106,7 @@ def test_what_was_seen_before_the_judge_counts(arena, start, table, expected):
     arena.probe.start_return = start
     found = [Candidate("trials", "table", preset(1.0), None, None, mean=table, error=0.0)]
     early = SimpleNamespace(take_candidates=lambda: found)
-    with known_kept(arena, None, None if table is None else early):
+    with known_kept(arena, None, [] if table is None else [early]):
         raise TooLateError("too late")
     assert arena.judge.incumbent.label == expected
 
@@ -124,7 +124,7 @@ def test_without_chance_all_of_the_judge_s_returns_are_known(arena):
 def test_a_table_that_was_found_meanwhile_counts_in_a_race_that_goes_on(arena, is_late):
     table = Candidate("trials", "table", preset(1.0), None, None, mean=-20.0, error=0.0)
     early = SimpleNamespace(take_candidates=lambda: [table])
-    with known_kept(arena, earlier_race(-30.0), early):
+    with known_kept(arena, earlier_race(-30.0), [early]):
         if is_late:
             raise TooLateError("too late")
     assert arena.judge.incumbent.label == "table"
@@ -132,7 +132,7 @@ def test_a_table_that_was_found_meanwhile_counts_in_a_race_that_goes_on(arena, i
 
 @pytest.mark.usefixtures("failing_race")
 def test_a_race_that_goes_on_keeps_what_it_had(arena, caplog):
-    with known_kept(arena, earlier_race(-30.0), None):
+    with known_kept(arena, earlier_race(-30.0), []):
         raise TooLateError("too late")
     incumbent = arena.judge.incumbent
     assert (incumbent.label, incumbent.mean, incumbent.error) == ("a plan", -30.0, 3.0)
