@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from mdpo_rddl.policy.load import load_policy
     from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
     from mdpo_rddl.policy.policy import Policy
+    from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
     from mdpo_rddl.policy.table_policy import TablePolicy
     from mdpo_rddl.problem.evaluation import Evaluation, evaluate
     from mdpo_rddl.problem.load import Problem, load_problem, make_environment
@@ -63,6 +64,7 @@ __all__ = [
     "PlannerConfig",
     "Policy",
     "Problem",
+    "RelaxedPlanPolicy",
     "TablePolicy",
     "evaluate",
     "load_config",
@@ -94,6 +96,7 @@ _SOURCES = {
     "policy.load": ("load_policy",),
     "policy.lookahead.driver": ("LookaheadPolicy",),
     "policy.policy": ("Policy",),
+    "policy.relaxed_plan_policy": ("RelaxedPlanPolicy",),
     "policy.table_policy": ("TablePolicy",),
     "problem.evaluation": ("Evaluation", "evaluate"),
     "problem.load": ("Problem", "load_problem", "make_environment"),

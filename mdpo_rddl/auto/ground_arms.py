@@ -14,9 +14,9 @@ from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
-# of the time: slices of the relaxed plans, of which the second is for what has found something, and
-# the first ones of the trials
-_PLANS_SHARES, _TRIALS_SHARES = (0.1, 0.12), (0.04, 0.06)
+# of the time: a first slice of the relaxed plans, and those of the trials; the former's most slices
+_PLANS_SHARE, _TRIALS_SHARES = 0.08, (0.04, 0.06)
+_PLANS_SLICES = 2
 
 
 @dataclass
@@ -108,7 +108,9 @@ class GroundSlices:
             self.arms.plans = RelaxedPlansArm(*given, opened, self._options.on_pulse)
             resumption.enter(self.arms.plans)
             if not resumption.marks.is_over(RELAXED_PLANS):
-                self._plan(self.arms.plans, deadline)
+                for _ in range(_PLANS_SLICES):
+                    if self.arms.plans.is_undecided:
+                        self.arms.plans.work(min(self._until(_PLANS_SHARE), deadline))
                 resumption.marks.ended(RELAXED_PLANS)
         if model is not None and TRIALS not in without:
             on_stage("searching")
@@ -117,13 +119,6 @@ class GroundSlices:
             resumption.enter(self.arms.trials)
             if not resumption.marks.is_over(TRIALS):
                 self._begin(self.arms.trials, deadline)
-
-    def _plan(self, plans: RelaxedPlansArm, deadline: float) -> None:
-        """Two slices, of which the second is given only to what has found something."""
-        first, second = _PLANS_SHARES
-        plans.work(min(self._until(first), deadline))
-        if plans.has_found and not plans.is_exhausted:
-            plans.work(min(self._until(second), deadline))
 
     def _begin(self, trials: TrialsArm, deadline: float) -> None:
         """Two slices, of which the second is given only to what promises something.

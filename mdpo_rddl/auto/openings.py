@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.entrants import Entrants
@@ -28,11 +29,17 @@ _MARGIN = 2.0
 # where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
 _STALLED = "plan stalled"
+# of the time left, for relaxed plans that lead
+_PLANS_SHARE, _MORE_PLANS = 0.2, "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 
 
 class Openings(Slices):
-    """Gives the first slices to what learns a value, or climbs along a straight-line plan."""
+    """Gives the first slices to what learns a value, or climbs along a straight-line plan.
+
+    Attributes:
+      plans: an arm that needs no compilation, and has worked already.
+    """
 
     def __init__(
         self,
@@ -52,6 +59,21 @@ class Openings(Slices):
         super().__init__(arena, on_stage, resumption, shares.without)
         self._shares, self._affording = shares, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
+        self.plans: Arm | None = None
+
+    def _judge_plans(self) -> None:
+        """What relaxed plans have found; another slice if that seems to lead.
+
+        So few episodes have large errors, and it need not lead yet.
+        """
+        if (arm := self.plans) is None:
+            return
+        self._enter(arm)
+        self._judge_candidates(arm)
+        if arm.progress >= self._judge.best_mean and not arm.is_exhausted:
+            until = self._arena.until(_PLANS_SHARE)
+            for end in self._marks.once(_MORE_PLANS, self._arena, until):
+                self.give(arm, end)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""

@@ -62,8 +62,7 @@ class Schedule(Openings):
     """Which arm works when.
 
     Attributes:
-      plans: an arm that needs no compilation and has worked already.
-      early: another one, to be tried before those that need it.
+      early: an arm that needs no compilation, to be tried before those that do.
       random_return: mean return of random actions; None if it was not measured.
     """
 
@@ -83,7 +82,6 @@ class Schedule(Openings):
         super().__init__(arena, shares, on_stage, resumption)
         self._initial = initial
         self._polishers: dict[bool, Arm] = {}
-        self.plans: Arm | None = None
         self.early: Arm | None = None
         self.random_return: float | None = None
 
@@ -174,11 +172,6 @@ class Schedule(Openings):
         self._judge_plans()
         if self.early is not None:
             self._try_early(self.early, self._arena.deadline)
-
-    def _judge_plans(self) -> None:
-        if self.plans is not None:
-            self._enter(self.plans)
-            self._judge_candidates(self.plans)
 
     def _try_early(self, arm: Arm, until: float) -> None:
         """Slices for one that may have worked already, while each finds a better policy."""

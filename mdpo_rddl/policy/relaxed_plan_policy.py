@@ -41,7 +41,7 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
         seed: int,
         plans: RelaxedPlans | None = None,
     ) -> None:
-        """Makes the ground model if there is none, which takes up to seconds.
+        """Makes the ground model if there is none, which lasts seconds on a large problem.
 
         Args:
           problem: that is played.

@@ -22,7 +22,7 @@ from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 # next states that stand for all that may follow
 _SAMPLES = 8
 # proposals of a state, the goals that they are for, and of how many of these together
-_MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 8
+_MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 3
 # by which a proposal must promise more
 _ROUNDING = 1e-6
 # of the hash of a state
@@ -40,7 +40,7 @@ class RelaxedPlans:
       model: the ground model, with the action left open.
       sampler: of it.
       samples: next states that stand for all that may follow a decision.
-      noop: values of all action variables that do nothing [A].
+      noop: values of all action variables of the no-op [A].
     """
 
     def __init__(self, model: OpenModel, limits: EnumerationLimits) -> None:

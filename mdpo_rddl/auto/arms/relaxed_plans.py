@@ -26,13 +26,12 @@ _RULES = (
     PlanRule(prices=Prices(tries=True)),
     PlanRule(prices=Prices(0.97)),
     PlanRule(others=0.2),
-    PlanRule(prices=Prices(0.97, tries=True)),
-    PlanRule(patience=1.0),
 )
-# rules in a row that return no more than the no-op, after which it is given up
+# that return no more than the no-op, after which it is given up
 _PATIENCE = 2
-# side by side, for each rule; they are fewer where a rule would take more of the first slice
-_EPISODES, _FEWEST_EPISODES, _RULE_SHARE = 16, 4, 0.25
+# side by side, for each rule: as many as take so much of the first slice, by what four take; twice
+# as many take 1.5 times as long
+_EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8), 4, 0.25, 0.6
 # of the best rule, other ones that tell what it returns, so many times as many
 _FRESH = 8
 # of the first slice: where the relaxation takes longer, so do its decisions
@@ -65,6 +64,11 @@ class RelaxedPlansArm(Arm):
         # returns of the no-op, under None, and of the rules in the same episodes
         self._returns: dict[PlanRule | None, np.ndarray] = {}
         self._offered: PlanRule | None = None
+
+    @property
+    def is_undecided(self) -> bool:
+        """Whether too few rules were tried to tell whether plans are of any use."""
+        return self._log.iterations < _PATIENCE and not self.is_exhausted
 
     @property
     def has_found(self) -> bool:
@@ -112,11 +116,14 @@ class RelaxedPlansArm(Arm):
         first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
         if not plans.reaches_something(first):
             raise NotEnumerableError("no reward that is a step or more away")
-        started = self._clock()
-        plans.decide(first, 0, PlanRule(), plans.uniform(self._seed, 0))
-        episode = self._model.horizon * max(self._clock() - started, 1e-9)
-        count = int(np.clip(_RULE_SHARE * seconds / episode, _FEWEST_EPISODES, _EPISODES))
-        return self._tried(plans, np.repeat(first, count, axis=1))
+        few = np.repeat(first, _FEWEST_EPISODES, axis=1)
+        for step in range(2):  # what is done once is done at the first
+            started = self._clock()
+            plans.decide(few, step, PlanRule(), plans.uniform(self._seed, step))
+        few_seconds = self._model.horizon * max(self._clock() - started, 1e-9)
+        affordable = _RULE_SHARE * seconds / few_seconds
+        fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
+        return self._tried(plans, np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1))
 
     def _tried(self, plans: RelaxedPlans, starts: np.ndarray) -> Iterator[None]:
         """Plays the no-op and the rules, and the best rule in other episodes."""

@@ -16,6 +16,7 @@ from mdpo_rddl.problem.enumeration.graph import Kind
 from mdpo_rddl.problem.enumeration.laws import Branch
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import OpenModel
+from mdpo_rddl.problem.enumeration.substitution import Substitution
 
 # values of actions that a law reads: pairs of more are not looked at
 _MOST_PAIRED = 24
@@ -86,11 +87,12 @@ class _Relaxation:
         ]
         self._values = [[graph.constant(each) for each in model.actions[g][1]] for g in grounds]
         self._numbers = {leaf: number for number, leaf in enumerate(self._leaves)}
-        # the preconditions that read each action
+        # places of the preconditions that read each action, and these with actions put in
         self._limiting: dict[int, list[int]] = {}
-        for node in model.legal:
+        for place, node in enumerate(model.legal):
             for leaf in self._read([node]):
-                self._limiting.setdefault(leaf, []).append(node)
+                self._limiting.setdefault(leaf, []).append(place)
+        self._preconditions = Substitution(graph, model.legal, self._defaults)
         self._legal: dict[Assignment, int] = {}
 
     def steps(self) -> dict[Literal, int]:
@@ -145,9 +147,10 @@ class _Relaxation:
         """The nodes with the actions put in that they read, and what it costs to play these."""
         if len(self.circuit.parts) > _MOST_NODES:
             raise NotEnumerableError("the relaxation becomes too large")
+        put = Substitution(self._model.graph, nodes, self._defaults)
         read = sorted(self._numbers[leaf] for leaf in self._read(nodes))
         single = [(number, value) for number in read for value in range(len(self._values[number]))]
-        yield self.circuit.free, self._put(nodes, ())
+        yield self.circuit.free, put({})
         assignments: list[Assignment] = [(each,) for each in single]
         if len(single) <= _MOST_PAIRED:
             assignments += [pair for pair in combinations(single, 2) if pair[0][0] != pair[1][0]]
@@ -157,22 +160,21 @@ class _Relaxation:
                 continue
             cost = self._legal_cost(assignment)
             if cost != self.circuit.impossible:
-                yield cost, self._put(nodes, assignment)
+                yield cost, put(self._given(assignment))
 
     def _legal_cost(self, assignment: Assignment) -> int:
         """The node of what it costs to make actions legal that are played together."""
         if assignment not in self._legal:
-            leaves = [self._leaves[number] for number, _ in assignment]
-            nodes = sorted({node for leaf in leaves for node in self._limiting.get(leaf, ())})
-            holds = [self._costs.truth(node, True) for node in self._put(nodes, assignment)]
+            given = self._given(assignment)
+            places = sorted({place for leaf in given for place in self._limiting.get(leaf, ())})
+            nodes = self._preconditions(given, places) if places else []
+            holds = [self._costs.truth(node, True) for node in nodes]
             self._legal[assignment] = self.circuit.played(self.circuit.total(holds), assignment)
         return self._legal[assignment]
 
-    def _put(self, nodes: Sequence[int], assignment: Assignment) -> list[int]:
-        """The nodes with some actions put in, all others at their defaults."""
-        values = {self._leaves[number]: self._values[number][v] for number, v in assignment}
-        given = {leaf: values.get(leaf, self._defaults[leaf]) for leaf in self._read(nodes)}
-        return self._model.graph.substitute(nodes, given)
+    def _given(self, assignment: Assignment) -> dict[int, int]:
+        """The nodes in place of the leaves of actions that are played."""
+        return {self._leaves[number]: self._values[number][value] for number, value in assignment}
 
     def _read(self, nodes: Sequence[int]) -> list[int]:
         """The leaves of actions that the nodes read."""

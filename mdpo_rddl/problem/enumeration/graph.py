@@ -5,7 +5,6 @@ Nodes are numbered in the order of their making, so that arguments come before w
 
 import math
 from collections.abc import Hashable, Iterable, Mapping
-from enum import IntFlag
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,8 @@ from mdpo_rddl.problem.enumeration.operators import BOOL_OPERATORS, OPERATORS, P
 _PLAIN = (bool, int, float)
 
 
-class Kind(IntFlag):
-    """What the value of a node depends on: bits of a mask."""
+class Kind:
+    """What the value of a node depends on: bits of a mask, plain ints, which are many."""
 
     CONSTANT = 0
     STATE = 1
@@ -41,7 +40,7 @@ class Graph:
         self.arguments: list[tuple[int, ...]] = []
         self.values: list[Any] = []
         self.is_bool: list[bool] = []
-        self.depends: list[Kind] = []
+        self.depends: list[int] = []
         # whether infinity or no number may come out
         self._may_be_undefined: list[bool] = []
         self._numbers: dict[Hashable, int] = {}
@@ -55,7 +54,7 @@ class Graph:
         key = (type(value), value)
         return self._number(key, "constant", (), value, isinstance(value, bool), Kind.CONSTANT)
 
-    def leaf(self, kind: Kind, name: Hashable, is_bool: bool) -> int:
+    def leaf(self, kind: int, name: Hashable, is_bool: bool) -> int:
         """The node of a ground variable."""
         return self._number((kind, name), "leaf", (), name, is_bool, kind)
 
@@ -65,7 +64,8 @@ class Graph:
 
     def make(self, operator: str, *arguments: int) -> int:
         """The node of an operator applied to nodes, simplified."""
-        if all(self.is_constant(each) for each in arguments):
+        operators = self.operators
+        if all(operators[each] == "constant" for each in arguments):
             with np.errstate(all="ignore"):
                 value = OPERATORS[operator](*(self.values[each] for each in arguments))
             return self.constant(value)
@@ -97,7 +97,7 @@ class Graph:
                 new[node] = self.remade(node, new)
         return [new.get(node, node) for node in nodes]
 
-    def kinds(self, leaves: Iterable[int]) -> Kind:
+    def kinds(self, leaves: Iterable[int]) -> int:
         """All that is among leaves."""
         mask = Kind.CONSTANT
         for leaf in leaves:
@@ -110,7 +110,7 @@ class Graph:
         changed = tuple(new.get(each, each) for each in old)
         return node if changed == old else self.make(self.operators[node], *changed)
 
-    def needed(self, nodes: Iterable[int], mask: Kind | None = None) -> list[int]:
+    def needed(self, nodes: Iterable[int], mask: int | None = None) -> list[int]:
         """The nodes and all below them, arguments first; with a mask only what depends on it."""
         found: set[int] = set()
         waiting = list(nodes)

@@ -7,9 +7,9 @@ import numpy as np
 
 from mdpo_rddl.problem.enumeration.graph import Kind
 from mdpo_rddl.problem.enumeration.laws import Law
+from mdpo_rddl.problem.enumeration.layered_program import Evaluated, LayeredProgram
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import OpenModel
-from mdpo_rddl.problem.enumeration.program import Program
 
 
 class Stepped(NamedTuple):
@@ -48,14 +48,14 @@ class GroundSampler:
             graph.leaf(Kind.ACTION, ground, isinstance(default, bool))
             for ground, default in defaults
         ]
-        self._is_bool_action = [isinstance(default, bool) for _, default in defaults]
         self._legal_node = graph.make("and", *model.legal, graph.true)
-        self._legal = Program(graph, [self._legal_node])
-        self._ends = Program(graph, [model.ends])
+        self._legal = LayeredProgram(graph, [self._legal_node])
+        self._ends = LayeredProgram(graph, [model.ends])
         laws, self._reward = model.rules.laws, model.rules.reward
-        self._main = Program(graph, [self._reward, *_nodes(laws)])
+        self._main = LayeredProgram(graph, [self._reward, *_nodes(laws)])
         self._drawn = [
-            (leaf, Program(graph, _nodes([model.rules.drawn[leaf]]))) for leaf in self._ordered()
+            (leaf, LayeredProgram(graph, _nodes([model.rules.drawn[leaf]])))
+            for leaf in self._ordered()
         ]
         self.draws = len(self._drawn) + len(self._states)
         self.is_random = bool(self._drawn) or not all(
@@ -70,8 +70,8 @@ class GroundSampler:
           states: values of all state variables [V, N].
           actions: of all action variables [A, N], in the model's order.
         """
-        values = self._legal.run(self._leaves(states, actions))
-        return np.broadcast_to(values[self._legal_node], states.shape[1:]).astype(bool)
+        values = self._legal.run(self._leaves(states, actions), states.shape[1])
+        return values[self._legal_node].astype(bool)
 
     def step(self, states: np.ndarray, actions: np.ndarray, uniform: np.ndarray) -> Stepped:
         """What follows.
@@ -82,30 +82,23 @@ class GroundSampler:
           uniform: numbers between 0 and 1 [draws, N].
         """
         leaves, laws = self._leaves(states, actions), self._model.rules
+        count = states.shape[1]
         for number, (leaf, program) in enumerate(self._drawn):
-            values = program.run(leaves)
-            is_bool = self._model.graph.is_bool[leaf]
-            drawn = _drawn(laws.drawn[leaf], values, uniform[number], is_law_of_bool=False)
-            leaves[leaf] = drawn.astype(bool) if is_bool else drawn
-        values = self._main.run(leaves)
+            values = program.run(leaves, count)
+            leaves[leaf] = _drawn(laws.drawn[leaf], values, uniform[number], is_law_of_bool=False)
+        values = self._main.run(leaves, count)
         following = np.empty_like(states)
         rest = uniform[len(self._drawn) :]
         for number, law in enumerate(laws.laws):
             is_bool = bool(self._is_bool[number])
             following[number] = _drawn(law, values, rest[number], is_law_of_bool=is_bool)
-        rewards = np.broadcast_to(np.asarray(values[self._reward], float), states.shape[1:])
-        ended = self._ends.run(self._leaves(following, None))[self._model.ends]
-        return Stepped(following, rewards, np.broadcast_to(ended, states.shape[1:]).astype(bool))
+        ended = self._ends.run(self._leaves(following, None), count)[self._model.ends]
+        return Stepped(following, values[self._reward], ended.astype(bool))
 
     def _leaves(self, states: np.ndarray, actions: np.ndarray | None) -> dict[int, np.ndarray]:
-        found = {
-            leaf: states[number].astype(bool) if self._is_bool[number] else states[number]
-            for number, leaf in enumerate(self._states)
-        }
+        found = dict(zip(self._states, states, strict=True))
         if actions is not None:
-            for number, leaf in enumerate(self._actions):
-                own = actions[number]
-                found[leaf] = own.astype(bool) if self._is_bool_action[number] else own
+            found |= dict(zip(self._actions, actions, strict=True))
         return found
 
     def _ordered(self) -> list[int]:
@@ -128,13 +121,11 @@ def _nodes(laws: Iterable[Law]) -> list[int]:
     return [node for law in laws for branch in law for node in branch]
 
 
-def _drawn(
-    law: Law, values: dict[int, np.ndarray], uniform: np.ndarray, is_law_of_bool: bool
-) -> np.ndarray:
+def _drawn(law: Law, values: Evaluated, uniform: np.ndarray, is_law_of_bool: bool) -> np.ndarray:
     """Values [N] drawn by a law; that of a bool may be the probability of true."""
     if is_law_of_bool:
-        return uniform < np.asarray(values[law[0].value], float)
-    found = np.broadcast_to(np.asarray(values[law[-1].value]), uniform.shape).astype(np.int64)
+        return uniform < values[law[0].value]
+    found = values[law[-1].value].astype(np.int64)
     below = np.zeros(uniform.shape)
     is_open = np.ones(uniform.shape, bool)
     for branch in law[:-1]:

@@ -1,6 +1,5 @@
 """Replacing the same leaves of the same nodes again and again, most of them by usual values."""
 
-from collections import ChainMap
 from collections.abc import Iterable, Mapping
 
 from mdpo_rddl.problem.enumeration.graph import Graph
@@ -28,13 +27,21 @@ class Substitution:
             if node not in usual:
                 self._new[node] = graph.remade(node, self._new)
 
-    def __call__(self, values: Mapping[int, int]) -> list[int]:
-        """The nodes with leaves replaced by these, and all others by their usual values."""
-        changed = {leaf: node for leaf, node in values.items() if self._usual[leaf] != node}
-        new = ChainMap(changed, self._new)
-        for node in self._above(list(changed)):
-            new[node] = self._graph.remade(node, new)
-        return [new.get(node, node) for node in self._nodes]
+    def __call__(self, values: Mapping[int, int], places: Iterable[int] | None = None) -> list[int]:
+        """The nodes with leaves replaced by these, and all others by their usual values.
+
+        Args:
+          values: of some leaves the nodes in their places.
+          places: of the nodes that are wanted; all if None.
+        """
+        new = {leaf: node for leaf, node in values.items() if self._usual[leaf] != node}
+        graph, usual = self._graph, self._new
+        for node in self._above(list(new)):
+            old = graph.arguments[node]
+            arguments = tuple([new[e] if e in new else usual.get(e, e) for e in old])
+            new[node] = node if arguments == old else graph.make(graph.operators[node], *arguments)
+        nodes = self._nodes if places is None else [self._nodes[place] for place in places]
+        return [new[node] if node in new else usual.get(node, node) for node in nodes]
 
     def _above(self, leaves: Iterable[int]) -> list[int]:
         """All nodes that leaves lead to, arguments first."""

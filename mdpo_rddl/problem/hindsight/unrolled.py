@@ -109,7 +109,7 @@ class _Values:
         self,
         step: OneStep,
         program: Program,
-        leaves: Mapping[Kind, Mapping[Ground, Value]],
+        leaves: Mapping[int, Mapping[Ground, Value]],
         drawn: Mapping[int, np.ndarray],
     ) -> None:
         self._known: dict[int, Value | Piecewise] = {}

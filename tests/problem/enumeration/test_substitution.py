@@ -38,7 +38,10 @@ def test_what_a_change_does_not_lead_to_is_not_made_again(monkeypatch):
     states = [graph.leaf(Kind.STATE, ("s", number), True) for number in range(2)]
     nodes = [graph.make("and", *pair) for pair in zip(actions, states, strict=True)]
     played = Substitution(graph, nodes, dict.fromkeys(actions, graph.false))
-    remade, remake = [], graph.remade
-    monkeypatch.setattr(graph, "remade", lambda node, new: remade.append(node) or remake(node, new))
-    assert played({actions[0]: graph.true, actions[1]: graph.false}) == [states[0], graph.false]
-    assert remade == nodes[:1]
+    made, make = [], graph.make
+    monkeypatch.setattr(graph, "make", lambda *given: made.append(given) or make(*given))
+    given = {actions[0]: graph.true, actions[1]: graph.false}
+    assert played(given) == [states[0], graph.false]
+    assert made == [("and", *sorted((graph.true, states[0])))]
+    # of those that are wanted
+    assert played(given, [1]) == [graph.false]
