@@ -8,6 +8,7 @@ Replan: a baseline for probabilistic planning", 2007), with the model's chances 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 _SAMPLES = 8
 # proposals of a state, the goals that they are for, and of how many of these together
 _MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 3
+# that are computed at once
+_MOST_VALUES = 4_000_000
 # by which a proposal must promise more
 _ROUNDING = 1e-6
 # of the hash of a state
@@ -31,6 +34,14 @@ _SEED = 0
 Proposal = frozenset[tuple[int, int]]
 """Numbers of action variables with numbers of their other values than the default."""
 _NOTHING: Proposal = frozenset()
+
+
+class _Decision(NamedTuple):
+    """What the decisions of one step have in common: steps left, the rule, random numbers."""
+
+    left: int
+    rule: PlanRule
+    uniform: np.ndarray
 
 
 class RelaxedPlans:
@@ -88,11 +99,12 @@ class RelaxedPlans:
           Values of all action variables [A, N]; where none are better, the defaults.
         """
         left, count = self.model.horizon - step, states.shape[1]
+        given = _Decision(left, rule, uniform)
         costs = self._distances(states, rule.prices)
         promised = self._promised(self._distances.to_goals(costs), left, rule)
         proposals = self._proposals(states, costs, promised)
         chosen = [_NOTHING] * count
-        best = self._worth(states, chosen, left, rule, uniform, rule.patience)
+        best = self._worth(states, chosen, given, rule.patience)
         active = list(range(count))
         for _ in range(self._most):
             joined = [
@@ -105,7 +117,7 @@ class RelaxedPlans:
             if not joined:
                 break
             places = np.array([place for place, _ in joined])
-            worth = self._worth(states[:, places], [p for _, p in joined], left, rule, uniform)
+            worth = self._worth(states[:, places], [p for _, p in joined], given)
             better = set()
             for (place, proposal), value in zip(joined, worth, strict=True):
                 if value > best[place] + _ROUNDING * (1.0 + abs(best[place])):
@@ -176,12 +188,27 @@ class RelaxedPlans:
         self,
         states: np.ndarray,
         proposals: Sequence[Proposal],
-        left: int,
-        rule: PlanRule,
-        uniform: np.ndarray,
+        given: _Decision,
         patience: float = 1.0,
     ) -> np.ndarray:
         """The reward of proposals [N] and what is promised after it, a mean over the samples."""
+        # of a large problem many at once would take gigabytes
+        rows = self._distances.rows + len(self.model.graph.operators)
+        most = max(1, _MOST_VALUES // (rows * given.uniform.shape[1]))
+        parts = [slice(start, start + most) for start in range(0, len(proposals), most)]
+        worth = [
+            self._worth_of_few(states[:, part], proposals[part], given, patience) for part in parts
+        ]
+        return np.concatenate(worth)
+
+    def _worth_of_few(
+        self,
+        states: np.ndarray,
+        proposals: Sequence[Proposal],
+        given: _Decision,
+        patience: float,
+    ) -> np.ndarray:
+        left, rule, uniform = given
         samples = uniform.shape[1]
         repeated = np.repeat(states, samples, axis=1)
         actions = np.repeat(self._actions(proposals), samples, axis=1)

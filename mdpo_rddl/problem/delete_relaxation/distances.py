@@ -60,6 +60,7 @@ class Distances:
     Attributes:
       worths: of the goals [G].
       lasts: whether each goal may pay at one step after another [G].
+      rows: number R of costs.
     """
 
     def __init__(self, relaxed: Relaxed) -> None:
@@ -77,6 +78,7 @@ class Distances:
         self._variables = np.array([each.variable for each in literals], int)
         self._values = np.array([each.value for each in literals], int)
         self._layered = layered(circuit, places, self._first + len(literals))
+        self.rows = self._layered.rows
         self._next = np.array([places[relaxed.steps[each]] for each in literals], int)
         self._goals = np.array([places[goal.cost] for goal in relaxed.goals], int)
         self._rows, self._goal_rows = self._next.tolist(), self._goals.tolist()
@@ -88,7 +90,7 @@ class Distances:
           states: values of all state variables [V, N].
           prices: what counts.
         """
-        costs = np.zeros((self._layered.rows, states.shape[1]), np.float32)
+        costs = np.zeros((self.rows, states.shape[1]), np.float32)
         costs[: self._first] = prices.of_chance(self._constants)[:, np.newaxis]
         literals = costs[self._first : self._first + len(self._variables)]
         literals[:] = np.where(states[self._variables] == self._values[:, np.newaxis], 0.0, FAR)
