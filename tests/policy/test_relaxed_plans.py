@@ -23,7 +23,7 @@ from mdpo_rddl.problem.delete_relaxation.distances import Prices
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import open_model
 
-LIMITS = EnumerationLimits(60.0)
+LIMITS = EnumerationLimits(1e9)
 CLAIM = Simulated(9.0, 0.5, 16)
 RULE = PlanRule(0.5, 0.25, Prices(0.95, tries=True))
 

@@ -63,7 +63,10 @@ class RelaxedPlansArm(Arm):
         self._steps: Iterator[None] | None = None
         # returns of the no-op, under None, and of the rules in the same episodes
         self._returns: dict[PlanRule | None, np.ndarray] = {}
-        self._offered: PlanRule | None = None
+        # the best rule, once all were tried, and its returns in other episodes
+        self._fresh: tuple[PlanRule, list[np.ndarray]] | None = None
+        # episodes that the latest offer was told by
+        self._offered: tuple[PlanRule, int] | None = None
 
     @property
     def is_undecided(self) -> bool:
@@ -133,13 +136,12 @@ class RelaxedPlansArm(Arm):
             self._log.iterations = number
             if number >= _PATIENCE and self._best is None:
                 raise NotEnumerableError("its plans return no more than the no-op")
-        best, fresh = self._best, list[np.ndarray]()
+        best, returns = self._best, list[np.ndarray]()
         assert best is not None
         for stream in range(1, _FRESH + 1):
-            returns = yield from self._episodes(plans, starts, best, stream)
+            returns.append((yield from self._episodes(plans, starts, best, stream)))
             # those that it was chosen by were kind to it
-            fresh.append(returns)
-            self._returns[best] = np.concatenate(fresh)
+            self._fresh = best, returns
 
     def _played(
         self, plans: RelaxedPlans, starts: np.ndarray, rule: PlanRule | None
@@ -174,11 +176,16 @@ class RelaxedPlansArm(Arm):
         return total
 
     def _offer_best(self) -> None:
-        """Offers the best rule so far, unless there is none or it is known."""
-        best = self._best
-        if best is None or best == self._offered:
+        """Offers the best rule so far, unless there is none or no more is known of it."""
+        if self._fresh is not None:
+            best, returns = self._fresh[0], np.concatenate(self._fresh[1])
+        elif (leading := self._best) is not None:
+            best, returns = leading, self._returns[leading]
+        else:
             return
-        returns, self._offered = self._returns[best], best
+        if self._offered == (best, len(returns)):
+            return
+        self._offered = best, len(returns)
         mean, error = mean_and_error(returns)
         self._offer(
             Candidate(

@@ -20,7 +20,7 @@ from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import open_model
 
-LIMITS = EnumerationLimits(60.0)
+LIMITS = EnumerationLimits(1e9)
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +48,26 @@ def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
     assert (policy.plan_rule, policy.seed) == (rule, 7)
 
 
-def test_what_is_best_at_the_end_of_a_slice_is_offered_once(problem):
+def test_it_offers_what_is_best_at_the_end_of_a_slice_and_what_more_episodes_say(problem):
     arm = made(problem, Ticking(1.0))
     end = 25.0
     while not arm.has_found:
         arm.work(end)
         end += 25.0
     (first,) = arm.take_candidates()
+    assert first.plans[1].episodes == 4
     assert not arm.is_exhausted
-    arm.work(end)
-    assert arm.take_candidates() == [] or first.plans[0] != arm._best
+    offers = []
+    while not arm.is_exhausted:
+        arm.work(end)
+        offers += arm.take_candidates()
+        end += 25.0
+    rule, simulated = offers[-1].plans
+    assert simulated.episodes == 8 * 4
+    # what is known of it grows, and nothing is offered twice
+    told = [(offer.plans[0], offer.plans[1].episodes) for offer in (first, *offers)]
+    assert len(set(told)) == len(told)
+    assert [count for each, count in told if each == rule and count > 4][-1] == 32
 
 
 def test_an_interruption_keeps_what_was_found(problem):

@@ -16,7 +16,7 @@ from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerabl
 from mdpo_rddl.problem.enumeration.model import open_model
 
 STEP = Prices().step
-LIMITS = EnumerationLimits(60.0)
+LIMITS = EnumerationLimits(1e9)
 # places p0, p1, p2 and whether the parcel is held
 START, LATE, THERE = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 1)
 

@@ -10,7 +10,7 @@ from mdpo_rddl.problem.enumeration.model import open_model
 from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 from mdpo_rddl.problem.load import load_problem
 
-LIMITS = EnumerationLimits(60.0)
+LIMITS = EnumerationLimits(1e9)
 
 
 def spread(model, actions, count):
