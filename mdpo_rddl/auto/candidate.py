@@ -11,6 +11,7 @@ import numpy as np
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
+from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
 from mdpo_rddl.policy.table import ActionTable, Estimate
 
 NOOP = "no-op"
@@ -35,6 +36,7 @@ class Candidate:
         have found.
       plans: how relaxed plans are made, with what simulated episodes have returned, if the policy
         plays by them.
+      relaxed: what makes them; None if it has yet to be made here.
       mean, error: of its return on the exact model, by the judge; `mean` is None before that.
       returns: of the judge's rollouts [N], which are common to all; None if it has played none.
     """
@@ -49,6 +51,7 @@ class Candidate:
     uses_noise: bool = False
     table: tuple[ActionTable, Estimate] | None = None
     plans: tuple[PlanRule, Simulated] | None = None
+    relaxed: RelaxedPlans | None = None
     mean: float | None = None
     error: float = float("inf")
     returns: np.ndarray | None = None

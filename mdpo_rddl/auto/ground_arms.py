@@ -82,7 +82,7 @@ class GroundSlices:
         until = now + self._shares.optimum_until * max(0.0, deadline - now)
         is_over = resumption.marks.is_over(exact.name)
         is_left_out = exact.name in self._shares.without
-        others = resumption.goes_on(TRIALS) or not resumption.marks.is_over(RELAXED_PLANS)
+        others = resumption.goes_on(TRIALS) or self._plans_go_on(resumption)
         if not (is_over or is_left_out):
             exact.work(until)
         elif is_left_out or others:
@@ -111,7 +111,7 @@ class GroundSlices:
                 for _ in range(_PLANS_SLICES):
                     if self.arms.plans.is_undecided:
                         self.arms.plans.work(min(self._until(_PLANS_SHARE), deadline))
-                resumption.marks.ended(RELAXED_PLANS)
+        resumption.marks.ended(RELAXED_PLANS)
         if model is not None and TRIALS not in without:
             on_stage("searching")
             more = model, self._options.on_pulse
@@ -119,6 +119,12 @@ class GroundSlices:
             resumption.enter(self.arms.trials)
             if not resumption.marks.is_over(TRIALS):
                 self._begin(self.arms.trials, deadline)
+
+    def _plans_go_on(self, resumption: Resumption) -> bool:
+        """Whether there are relaxed plans to be tried in a race that goes on."""
+        is_over = resumption.marks.is_over(RELAXED_PLANS)
+        is_wanted = RELAXED_PLANS not in self._shares.without
+        return is_wanted and (not is_over or resumption.goes_on(RELAXED_PLANS))
 
     def _begin(self, trials: TrialsArm, deadline: float) -> None:
         """Two slices, of which the second is given only to what promises something.

@@ -123,7 +123,7 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
     if candidate.table is not None:
         return TablePolicy(problem, *candidate.table, seed)
     if candidate.plans is not None:
-        return RelaxedPlanPolicy(problem, *candidate.plans, seed)
+        return RelaxedPlanPolicy(problem, *candidate.plans, seed, candidate.relaxed)
     planner, config = candidate.planner, candidate.config
     if planner is None:
         planner = build_planner(problem, config).planner

@@ -8,6 +8,7 @@ Replan: a baseline for probabilistic planning", 2007), with the model's chances 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -105,6 +106,10 @@ class RelaxedPlans:
         proposals = self._proposals(states, costs, promised)
         chosen = [_NOTHING] * count
         best = self._worth(states, chosen, given, rule.patience)
+        is_legal = self.sampler.legal(states, self._actions(chosen))
+        for place in np.flatnonzero(~is_legal).tolist():
+            best[place] = -np.inf
+            proposals[place] += self._singles
         active = list(range(count))
         for _ in range(self._most):
             joined = [
@@ -120,11 +125,25 @@ class RelaxedPlans:
             worth = self._worth(states[:, places], [p for _, p in joined], given)
             better = set()
             for (place, proposal), value in zip(joined, worth, strict=True):
-                if value > best[place] + _ROUNDING * (1.0 + abs(best[place])):
+                if value > best[place] + self._margin(best[place]):
                     best[place], chosen[place] = value, proposal
                     better.add(place)
             active = sorted(better)
         return self._actions(chosen)
+
+    @staticmethod
+    def _margin(worth: float) -> float:
+        """What another proposal must be better by."""
+        return _ROUNDING * (1.0 + abs(worth)) if np.isfinite(worth) else 0.0
+
+    @cached_property
+    def _singles(self) -> list[Proposal]:
+        """Each value of each action alone, for states in which the no-op is illegal."""
+        return [
+            frozenset([(number, value)])
+            for number, values in enumerate(self._values)
+            for value in range(len(values))
+        ]
 
     def _proposals(
         self, states: np.ndarray, costs: np.ndarray, promised: np.ndarray
@@ -141,8 +160,8 @@ class RelaxedPlans:
             for number, goal in enumerate(goals):
                 if promised[goal, place] <= 0.0 or len(own) >= _MOST_PROPOSALS:
                     break
-                for assignment in ways.helpful(goal, all_ways=True):
-                    own[frozenset(assignment)] = None
+                helpful = ways.helpful(goal, all_ways=True)[: _MOST_PROPOSALS - len(own)]
+                own |= dict.fromkeys(map(frozenset, helpful))
                 if number < _MOST_TOGETHER:
                     together.append((place, ways.helpful(goal, all_ways=False)))
         for place, proposal in self._joint(states, together):
@@ -177,12 +196,14 @@ class RelaxedPlans:
     ) -> list[tuple[int, Proposal]]:
         """Those proposals that are legal in their states, each once."""
         given = list(dict.fromkeys(proposals))
-        if not given:
-            return []
-        places = np.array([place for place, _ in given])
-        actions = self._actions([proposal for _, proposal in given])
-        legal = self.sampler.legal(states[:, places], actions)
-        return [each for each, holds in zip(given, legal, strict=True) if holds]
+        most, found = max(1, _MOST_VALUES // self.sampler.rows), list[tuple[int, Proposal]]()
+        for start in range(0, len(given), most):
+            part = given[start : start + most]
+            places = np.array([place for place, _ in part])
+            actions = self._actions([proposal for _, proposal in part])
+            legal = self.sampler.legal(states[:, places], actions)
+            found += [each for each, holds in zip(part, legal, strict=True) if holds]
+        return found
 
     def _worth(
         self,
@@ -193,7 +214,7 @@ class RelaxedPlans:
     ) -> np.ndarray:
         """The reward of proposals [N] and what is promised after it, a mean over the samples."""
         # of a large problem many at once would take gigabytes
-        rows = self._distances.rows + len(self.model.graph.operators)
+        rows = self._distances.rows + self.sampler.rows
         most = max(1, _MOST_VALUES // (rows * given.uniform.shape[1]))
         parts = [slice(start, start + most) for start in range(0, len(proposals), most)]
         worth = [

@@ -25,6 +25,7 @@ TABLES = {
     "ablation": lambda folder: ablation_table(rows(folder)),
     "ablation_objects": lambda folder: ablation_table(rows(folder)),
     "ablation_goals": lambda folder: ablation_table(rows(folder)),
+    "ablation_plans": lambda folder: ablation_table(rows(folder)),
     "ablation_own": lambda folder: ablation_table(rows(folder)),
     "ablation_ppo": lambda folder: ablation_table(rows(folder)),
     "ablation_voting": lambda folder: ablation_table(rows(folder)),

@@ -1,6 +1,7 @@
 """Decisions by relaxed plans, and the policy that makes them: played, saved, read back, refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,18 @@ def test_states_are_decided_alike_alone_and_side_by_side(problem):
     together = plans.decide(states, 0, RULE, uniform)
     alone = [plans.decide(states[:, [each]], 0, RULE, uniform)[:, 0] for each in range(4)]
     np.testing.assert_array_equal(together, np.array(alone).T)
+
+
+def test_where_the_no_op_is_illegal_something_legal_is_played(problem):
+    model = open_model(problem, LIMITS)
+    graph, actions = model.graph, list(model.defaults())
+    model = replace(model, legal=(*model.legal, graph.make("or", *actions)))
+    plans = RelaxedPlans(model, LIMITS)
+    # at the second place without the parcel, from where no reward can be had
+    state = np.array([[0], [1], [0], [0]])
+    decided = plans.decide(state, 0, PlanRule(), plans.uniform(0, 0))
+    assert plans.sampler.legal(state, decided).all()
+    assert decided.any()
 
 
 def test_who_is_patient_does_nothing_that_does_not_pay():

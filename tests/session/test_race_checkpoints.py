@@ -18,6 +18,7 @@ from mdpo_rddl.auto.curve import candidate_figures
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.auto.race_state import RaceState
 from mdpo_rddl.policy.container import read_container, write_container
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.table import Estimate, table_tensors
 from mdpo_rddl.session import race_checkpoints
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
@@ -164,6 +165,19 @@ def test_a_table_comes_back(tmp_path, table):
     assert_same_bits(table_tensors(found.table[0]), table_tensors(candidate.table[0]))
     assert found.table[1] == candidate.table[1]
     assert [other.arm for other in start.others] == ["plan"]
+
+
+def test_relaxed_plans_come_back(tmp_path, table):
+    arena, _ = table
+    plans = PlanRule(0.5, 0.25), Simulated(3.5, 0.2, 16)
+    own = {"plans": plans, "mean": 3.5, "error": 0.2}
+    candidate = Candidate("relaxed plans", "relaxed plans", CONFIG, None, None, **own)
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    start = kept(folder, judged(-5.0, 1.0), Judged(candidate, 2.0, became_incumbent=True))
+    found = start.incumbent.candidate(arena)
+    assert (found.arm, found.mean, found.error, found.plans) == ("relaxed plans", 3.5, 0.2, plans)
+    assert found.table is None
 
 
 def test_a_table_of_other_fluents_is_refused(tmp_path, table):

@@ -29,9 +29,11 @@ _RULES = (
 )
 # that return no more than the no-op, after which it is given up
 _PATIENCE = 2
-# side by side, for each rule: as many as take so much of the first slice, by what four take; twice
+# side by side, for each rule: as many as take so much of the first slice, by what two take; twice
 # as many take 1.5 times as long
-_EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8), 4, 0.25, 0.6
+_EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8, 4), 2, 0.25, 0.6
+# first slices in which the episodes of a rule must be over
+_MOST_SLICES = 2.0
 # of the best rule, other ones that tell what it returns, so many times as many
 _FRESH = 8
 # of the first slice: where the relaxation takes longer, so do its decisions
@@ -60,6 +62,7 @@ class RelaxedPlansArm(Arm):
         """
         super().__init__(RELAXED_PLANS, clock)
         self._config, self._seed, self._model, self._pulse = config, seed, model, pulse
+        self._plans: RelaxedPlans | None = None
         self._steps: Iterator[None] | None = None
         # returns of the no-op, under None, and of the rules in the same episodes
         self._returns: dict[PlanRule | None, np.ndarray] = {}
@@ -71,12 +74,7 @@ class RelaxedPlansArm(Arm):
     @property
     def is_undecided(self) -> bool:
         """Whether too few rules were tried to tell whether plans are of any use."""
-        return self._log.iterations < _PATIENCE and not self.is_exhausted
-
-    @property
-    def has_found(self) -> bool:
-        """Whether a rule returns more than the no-op."""
-        return self._best is not None
+        return len(self._returns) <= _PATIENCE and not self.is_exhausted
 
     @property
     def _best(self) -> PlanRule | None:
@@ -115,8 +113,10 @@ class RelaxedPlansArm(Arm):
         """The relaxation; the steps of all episodes that are to be played."""
         seconds = max(0.0, until - self._clock())
         limits = EnumerationLimits(_MAKING_SHARE * seconds, clock=self._clock)
-        plans = RelaxedPlans(self._model, limits)
+        plans = self._plans = RelaxedPlans(self._model, limits)
         first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
+        if not plans.sampler.legal(first, plans.noop[:, np.newaxis]).all():
+            raise NotEnumerableError("the no-op is illegal at first")
         if not plans.reaches_something(first):
             raise NotEnumerableError("no reward that is a step or more away")
         few = np.repeat(first, _FEWEST_EPISODES, axis=1)
@@ -124,6 +124,8 @@ class RelaxedPlansArm(Arm):
             started = self._clock()
             plans.decide(few, step, PlanRule(), plans.uniform(self._seed, step))
         few_seconds = self._model.horizon * max(self._clock() - started, 1e-9)
+        if few_seconds > _MOST_SLICES * seconds:
+            raise NotEnumerableError(f"{_FEWEST_EPISODES} episodes take {few_seconds:.0f} s")
         affordable = _RULE_SHARE * seconds / few_seconds
         fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
         return self._tried(plans, np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1))
@@ -195,6 +197,7 @@ class RelaxedPlansArm(Arm):
                 planner=None,
                 params=None,
                 plans=(best, Simulated(mean, error, len(returns))),
+                relaxed=self._plans,
                 mean=mean,
                 error=error,
             )

@@ -38,6 +38,7 @@ class Circuit:
       constants: of a constant its cost, else 0.
       literals: per literal its node.
       assignments: of a node that plays actions, these.
+      size: number of all arguments.
       free, impossible: the nodes of the costs 0 and infinity.
     """
 
@@ -48,6 +49,7 @@ class Circuit:
         self.constants: list[float] = []
         self.literals: dict[Literal, int] = {}
         self.assignments: dict[int, Assignment] = {}
+        self.size = 0
         self._numbers: dict[Hashable, int] = {}
         self.free, self.impossible = self.constant(0.0), self.constant(math.inf)
 
@@ -61,18 +63,28 @@ class Circuit:
         return number
 
     def total(self, nodes: Iterable[int]) -> int:
-        """The node of a sum, in which each cost counts once."""
-        found = self._flat(nodes, Part.TOTAL) - {self.free}
-        if self.impossible in found:
+        """The node of a sum, in which a cost counts once, but for constants, which are chances."""
+        found, known = set[int](), 0.0
+        for node in set(nodes):
+            for each in self.arguments[node] if self.parts[node] is Part.TOTAL else (node,):
+                if self.parts[each] is Part.CONSTANT:
+                    known += self.constants[each]
+                else:
+                    found.add(each)
+        if known == math.inf:
             return self.impossible
+        if known > 0.0:
+            found.add(self.constant(known))
         return self._joined(found, Part.TOTAL, self.free)
 
     def least(self, nodes: Iterable[int]) -> int:
         """The node of the smallest of some costs."""
-        found = self._flat(nodes, Part.LEAST) - {self.impossible}
+        found: set[int] = set()
+        for node in nodes:
+            found.update(self.arguments[node] if self.parts[node] is Part.LEAST else (node,))
         if self.free in found:
             return self.free
-        return self._joined(found, Part.LEAST, self.impossible)
+        return self._joined(found - {self.impossible}, Part.LEAST, self.impossible)
 
     def played(self, cost: int, assignment: Assignment) -> int:
         """The node of a cost that is paid by playing actions: that of making them legal."""
@@ -81,13 +93,6 @@ class Circuit:
         number = self._number((Part.PLAYED, assignment, cost), Part.PLAYED, (cost,))
         self.assignments[number] = assignment
         return number
-
-    def _flat(self, nodes: Iterable[int], part: Part) -> set[int]:
-        """The nodes, in place of those of the same kind their arguments."""
-        found: set[int] = set()
-        for node in nodes:
-            found.update(self.arguments[node] if self.parts[node] is part else (node,))
-        return found
 
     def _joined(self, found: set[int], part: Part, none: int) -> int:
         if len(found) < 2:
@@ -103,5 +108,6 @@ class Circuit:
             number = self._numbers[key] = len(self.parts)
             self.parts.append(part)
             self.arguments.append(tuple(arguments))
+            self.size += len(arguments)
             self.constants.append(constant)
         return number

@@ -5,8 +5,11 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from mdpo_rddl.problem.enumeration.graph import Graph
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 
 Interval = tuple[float, float]
+# of a reward, which may have more than it has nodes
+_MOST = 50_000
 
 
 class Condition(NamedTuple):
@@ -28,7 +31,7 @@ class Condition(NamedTuple):
 _Wanted = tuple[tuple[int, bool], ...]
 
 
-def conditions(graph: Graph, reward: int) -> list[Condition]:
+def conditions(graph: Graph, reward: int, limits: EnumerationLimits) -> list[Condition]:
     """The conditions that a reward is made of; terms that are not understood are left out.
 
     A number is its largest value, where it is never below 0. What is taken from the reward while
@@ -37,10 +40,24 @@ def conditions(graph: Graph, reward: int) -> list[Condition]:
     Args:
       graph: of the nodes.
       reward: its node.
+      limits: for the time.
+
+    Raises:
+      NotEnumerableError: if there are too many, or the reward is too deep.
     """
+    try:
+        return _conditions(graph, reward, limits)
+    except RecursionError:
+        raise NotEnumerableError("the reward is too deep") from None
+
+
+def _conditions(graph: Graph, reward: int, limits: EnumerationLimits) -> list[Condition]:
     bounds = Bounds(graph)
-    found = []
+    found: list[Condition] = []
     for worth, wanted in _terms(graph, bounds, reward, 1.0, ()):
+        limits.check_time()
+        if len(found) >= _MOST:
+            raise NotEnumerableError(f"the reward has more than {_MOST:,} conditions")
         if worth == 0.0 or not math.isfinite(worth):
             continue
         nodes = tuple(node for node, _ in wanted)

@@ -8,7 +8,7 @@ What is not understood costs nothing: the relaxation only ever hopes too much.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 from mdpo_rddl.problem.delete_relaxation.circuit import Circuit, Literal
 from mdpo_rddl.problem.enumeration.graph import Kind
@@ -28,15 +28,19 @@ def chance_cost(probability: float) -> float:
 class Costs:
     """Costs of nodes of a ground model that read no action."""
 
-    def __init__(self, model: OpenModel, circuit: Circuit) -> None:
+    def __init__(
+        self, model: OpenModel, circuit: Circuit, drawn: Mapping[int, Law] | None = None
+    ) -> None:
         """Costs nothing yet.
 
         Args:
           model: whose nodes they are.
           circuit: that grows.
+          drawn: laws of what is drawn, which read no action; the model's if None.
         """
         self._graph, self._circuit = model.graph, circuit
-        self._drawn, self._ranges, self._objects = model.rules.drawn, model.ranges, model.objects
+        self._drawn = model.rules.drawn if drawn is None else drawn
+        self._ranges, self._objects = model.ranges, model.objects
         self._variables = {ground: number for number, ground in enumerate(model.variables)}
         self._known: dict[tuple[Callable[..., int], int, object], int] = {}
 
@@ -133,8 +137,6 @@ class Costs:
         graph = self._graph
         if graph.depends[node] == Kind.STATE:
             return self._circuit.literal(Literal(self._variables[graph.values[node]], value))
-        if graph.depends[node] == Kind.ACTION:  # which what is drawn reads
-            return self._circuit.free
         law = self._drawn[node]
         if graph.is_bool[node]:
             return self._drawn_as(law, lambda each: self.truth(each, bool(value)))

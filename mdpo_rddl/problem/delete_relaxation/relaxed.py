@@ -13,14 +13,15 @@ from mdpo_rddl.problem.delete_relaxation.circuit import Assignment, Circuit, Lit
 from mdpo_rddl.problem.delete_relaxation.conditions import Condition, conditions
 from mdpo_rddl.problem.delete_relaxation.costs import Costs
 from mdpo_rddl.problem.enumeration.graph import Kind
-from mdpo_rddl.problem.enumeration.laws import Branch
+from mdpo_rddl.problem.enumeration.joint import leaves_of
+from mdpo_rddl.problem.enumeration.laws import Branch, Law
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import OpenModel
 from mdpo_rddl.problem.enumeration.substitution import Substitution
 
 # values of actions that a law reads: pairs of more are not looked at
 _MOST_PAIRED = 24
-_MOST_NODES = 200_000
+_MOST_ARGUMENTS = 500_000
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class _Relaxation:
         """The conditions of the reward that cost something; equal ones count together."""
         graph, reward = self._model.graph, self._model.rules.reward
         worth: dict[tuple[int, bool], float] = {}
-        for condition in conditions(graph, reward):
+        for condition in conditions(graph, reward, self._limits):
             cost = self._reached(condition)
             if cost not in (self.circuit.free, self.circuit.impossible):
                 key = cost, not self._read(condition.nodes)
@@ -118,49 +119,64 @@ class _Relaxation:
 
     def _reached(self, condition: Condition) -> int:
         """The cheapest way to make a condition hold."""
-        total = self.circuit.total
-        played = self._played(condition.nodes)
         return self.circuit.least(
-            total([legal, self._held(condition, new)]) for legal, new in played
+            self.circuit.total([legal, self._held(condition, new, costs)])
+            for legal, new, costs in self._played(condition.nodes)
         )
 
-    def _held(self, condition: Condition, nodes: Sequence[int]) -> int:
+    def _held(self, condition: Condition, nodes: Sequence[int], costs: Costs) -> int:
         parts = [
-            self._costs.truth(node, wanted)
-            for node, wanted in zip(nodes, condition.wanted, strict=True)
+            costs.truth(node, wanted) for node, wanted in zip(nodes, condition.wanted, strict=True)
         ]
         return self.circuit.least(parts) if condition.is_any else self.circuit.total(parts)
 
     def _of_variable(self, variable: int) -> dict[Literal, int]:
         law, is_bool = self._model.rules.laws[variable], self._model.is_bool[variable]
-        nodes = [node for branch in law for node in branch]
-        costs: dict[int, list[int]] = {value: [] for value in self._costs.values(variable)}
-        for legal, new in self._played(nodes):
-            pairs = zip(new[::2], new[1::2], strict=True)
-            given = tuple(Branch(value, probability) for value, probability in pairs)
-            for value, found in costs.items():
-                becomes = self._costs.becomes(given, value, is_bool)
-                found.append(self.circuit.total([legal, becomes]))
-        return {Literal(variable, value): self.circuit.least(each) for value, each in costs.items()}
+        nodes = _nodes_of(law)
+        found: dict[int, list[int]] = {value: [] for value in self._costs.values(variable)}
+        for legal, new, costs in self._played(nodes):
+            given = _law(new)
+            for value, ways in found.items():
+                becomes = costs.becomes(given, value, is_bool)
+                ways.append(self.circuit.total([legal, becomes]))
+        return {Literal(variable, value): self.circuit.least(each) for value, each in found.items()}
 
-    def _played(self, nodes: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
-        """The nodes with the actions put in that they read, and what it costs to play these."""
-        if len(self.circuit.parts) > _MOST_NODES:
-            raise NotEnumerableError("the relaxation becomes too large")
-        put = Substitution(self._model.graph, nodes, self._defaults)
-        read = sorted(self._numbers[leaf] for leaf in self._read(nodes))
+    def _played(self, nodes: Sequence[int]) -> Iterator[tuple[int, list[int], Costs]]:
+        """The nodes with the actions put in that they read, themselves or by what is drawn.
+
+        Yields:
+          What it costs to play the actions, the nodes, and the costs of what they read.
+        """
+        graph, drawn = self._model.graph, self._model.rules.drawn
+        leaves = sorted(leaves_of(graph, nodes, drawn))
+        moved = [leaf for leaf in leaves if self._read(_nodes_of(drawn[leaf]))]
+        every = [*nodes, *(node for leaf in moved for node in _nodes_of(drawn[leaf]))]
+        put = Substitution(graph, every, self._defaults)
+
+        def given(assignment: Assignment) -> tuple[list[int], Costs]:
+            new = put(self._given(assignment))
+            if not moved:
+                return new, self._costs
+            rest, laws = iter(new[len(nodes) :]), dict(drawn)
+            for leaf in moved:
+                laws[leaf] = _law([next(rest) for _ in _nodes_of(drawn[leaf])])
+            return new[: len(nodes)], Costs(self._model, self.circuit, laws)
+
+        read = sorted(self._numbers[leaf] for leaf in self._read(every))
         single = [(number, value) for number in read for value in range(len(self._values[number]))]
-        yield self.circuit.free, put({})
+        yield self.circuit.free, *given(())
         assignments: list[Assignment] = [(each,) for each in single]
         if len(single) <= _MOST_PAIRED:
             assignments += [pair for pair in combinations(single, 2) if pair[0][0] != pair[1][0]]
         for assignment in assignments:
             self._limits.check_time()
+            if self.circuit.size > _MOST_ARGUMENTS:
+                raise NotEnumerableError("the relaxation becomes too large")
             if len(assignment) > self._model.most:
                 continue
             cost = self._legal_cost(assignment)
             if cost != self.circuit.impossible:
-                yield cost, put(self._given(assignment))
+                yield cost, *given(assignment)
 
     def _legal_cost(self, assignment: Assignment) -> int:
         """The node of what it costs to make actions legal that are played together."""
@@ -181,3 +197,12 @@ class _Relaxation:
         graph = self._model.graph
         needed = graph.needed(nodes, Kind.ACTION)
         return [each for each in needed if graph.operators[each] == "leaf"]
+
+
+def _nodes_of(law: Law) -> list[int]:
+    """All nodes of a law."""
+    return [node for branch in law for node in branch]
+
+
+def _law(nodes: Sequence[int]) -> Law:
+    return tuple(Branch(*pair) for pair in zip(nodes[::2], nodes[1::2], strict=True))

@@ -44,6 +44,11 @@ class LayeredProgram:
             places = [np.array([self._rows[each] for each in column]) for column in columns]
             self._groups.append((OPERATORS[operator], places, start, start + len(nodes)))
 
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return len(self._rows)
+
     def run(self, leaves: Mapping[int, np.ndarray], count: int) -> "Evaluated":
         """The value of every node.
 

@@ -32,6 +32,7 @@ class GroundSampler:
     Attributes:
       is_random: whether any next value is drawn.
       draws: uniform numbers that a step takes.
+      rows: nodes whose values it holds at once.
     """
 
     def __init__(self, model: OpenModel) -> None:
@@ -57,6 +58,7 @@ class GroundSampler:
             (leaf, LayeredProgram(graph, _nodes([model.rules.drawn[leaf]])))
             for leaf in self._ordered()
         ]
+        self.rows = self._main.size + self._legal.size
         self.draws = len(self._drawn) + len(self._states)
         self.is_random = bool(self._drawn) or not all(
             len(law) == 1 and (graph.is_bool[law[0].value] or not is_bool)

@@ -44,6 +44,7 @@ def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
     assert candidate.mean == pytest.approx(find_optimum(problem, 30.0).value, abs=0.2)
     assert (candidate.mean, candidate.error) == (simulated.value, simulated.error)
     policy = policy_of(candidate, problem, 7)
+    assert policy._plans is candidate.relaxed
     assert isinstance(policy, RelaxedPlanPolicy)
     assert (policy.plan_rule, policy.seed) == (rule, 7)
 
@@ -51,11 +52,13 @@ def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
 def test_it_offers_what_is_best_at_the_end_of_a_slice_and_what_more_episodes_say(problem):
     arm = made(problem, Ticking(1.0))
     end = 25.0
-    while not arm.has_found:
+    offers = []
+    while not offers:
         arm.work(end)
+        offers = arm.take_candidates()
         end += 25.0
-    (first,) = arm.take_candidates()
-    assert first.plans[1].episodes == 4
+    (first,) = offers
+    assert first.plans[1].episodes == 2
     assert not arm.is_exhausted
     offers = []
     while not arm.is_exhausted:
@@ -63,11 +66,11 @@ def test_it_offers_what_is_best_at_the_end_of_a_slice_and_what_more_episodes_say
         offers += arm.take_candidates()
         end += 25.0
     rule, simulated = offers[-1].plans
-    assert simulated.episodes == 8 * 4
+    assert simulated.episodes == 8 * 2
     # what is known of it grows, and nothing is offered twice
     told = [(offer.plans[0], offer.plans[1].episodes) for offer in (first, *offers)]
     assert len(set(told)) == len(told)
-    assert [count for each, count in told if each == rule and count > 4][-1] == 32
+    assert told[-1] == (rule, 16)
 
 
 def test_an_interruption_keeps_what_was_found(problem):
@@ -103,6 +106,23 @@ def test_it_gives_up_where_every_reward_can_be_had_at_once():
     assert arm.log.details["cause"] == "no reward that is a step or more away"
 
 
+def test_it_gives_up_where_decisions_take_too_long(problem, monkeypatch):
+    monkeypatch.setattr(relaxed_plans, "_MOST_SLICES", 1e-9)
+    arm = made(problem)
+    arm.work(1000.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"].startswith("2 episodes take")
+
+
+def test_it_gives_up_where_the_no_op_is_illegal(problem):
+    model = open_model(problem, LIMITS)
+    arm = RelaxedPlansArm(
+        preset(10.0), 0, Ticking(0.001), replace(model, legal=(model.graph.false,))
+    )
+    arm.work(1000.0)
+    assert arm.log.details["cause"] == "the no-op is illegal at first"
+
+
 def test_an_error_costs_the_arm_only(problem, monkeypatch):
     def broken(*args):
         raise RuntimeError("broken")
@@ -129,10 +149,11 @@ def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
     assert names == ["dynamic programming", *([] if without else [RELAXED_PLANS])]
     assert stages == ([] if without else ["searching"])
     if not without:
-        assert ground.arms.plans.has_found
+        (found,) = ground.arms.plans.take_candidates()
+        assert found.relaxed is not None
         again = GroundSlices(problem, preset(100.0), 0, options, shares)
         later = Resumption(lambda: 0.0, resumption.snapshot())
         again.enumerate(later, 100.0)
         again.search(later, 100.0, stages.append)
         # an earlier process has played all that there was to play
-        assert not again.arms.plans.has_found
+        assert not again.arms.plans.take_candidates()

@@ -68,6 +68,11 @@ def test_sums_and_minima_are_simplified():
     both = circuit.total([one, other])
     assert circuit.total([other, one]) == both
     assert circuit.arguments[circuit.total([both, circuit.constant(2.0)])][:2] == (one, other)
+    # two chances are not one
+    half = circuit.constant(0.5)
+    assert circuit.total([circuit.total([one, half]), circuit.total([other, half])]) == (
+        circuit.total([one, other, circuit.constant(1.0)])
+    )
     assert circuit.played(circuit.impossible, ((0, 0),)) == circuit.impossible
 
 
@@ -83,6 +88,32 @@ def test_a_chain_costs_its_steps_and_its_chances(parcel):
     assert cost(distances, LATE) >= FAR
     assert distances.worths.tolist() == [10.0]
     assert distances.lasts.tolist() == [False]
+
+
+def test_an_action_that_only_what_is_drawn_reads_is_played():
+    problem = problem_from(
+        """domain d {
+    pvariables {
+        luck : { interm-fluent, bool };
+        x : { state-fluent, bool, default = false };
+        a : { action-fluent, bool, default = false };
+    };
+    cpfs { luck = if (a) then Bernoulli(0.5) else false; x' = x | luck; };
+    reward = x;
+}
+non-fluents n { domain = d; }
+instance inst {
+    domain = d; non-fluents = n; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
+}"""
+    )
+    model = open_model(problem, LIMITS)
+    distances = Distances(relaxed(model, LIMITS))
+    state = np.array([0])
+    costs = distances(state[:, np.newaxis], Prices())[:, 0]
+    assert distances.to_goals(costs[:, np.newaxis])[0, 0] == pytest.approx(
+        STEP + math.log(2.0), rel=1e-5
+    )
+    assert list(distances.ways(costs, state).helpful(0, all_ways=True)) == [((0, 0),)]
 
 
 def test_what_can_be_tried_again_costs_its_tries(parcel):
@@ -159,7 +190,7 @@ def test_a_reward_is_taken_apart():
     graph = model.graph
     found = {
         (frozenset(graph.values[node][0] for node in each.nodes), each.wanted, each.is_any): each
-        for each in conditions(graph, model.rules.reward)
+        for each in conditions(graph, model.rules.reward, LIMITS)
     }
     assert found[frozenset("x"), (True,), False].worth >= 3.0
     # what is taken while both hold is paid while one does not
@@ -171,6 +202,13 @@ def test_a_reward_is_taken_apart():
 def test_a_reward_that_no_play_changes_is_no_goal():
     with pytest.raises(NotEnumerableError, match="no reward"):
         relaxed(open_model(domain("1.0"), LIMITS), LIMITS)
+
+
+def test_a_reward_of_too_many_conditions_is_refused(monkeypatch):
+    model = open_model(domain("3 * x - 2 * y"), LIMITS)
+    monkeypatch.setattr("mdpo_rddl.problem.delete_relaxation.conditions._MOST", 1)
+    with pytest.raises(NotEnumerableError, match="more than 1 conditions"):
+        conditions(model.graph, model.rules.reward, LIMITS)
 
 
 def test_it_takes_no_longer_than_it_may():
