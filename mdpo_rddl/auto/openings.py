@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
+from mdpo_rddl.auto.arms.relaxed_plans import RelaxedPlansArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.gains import return_to_beat
@@ -29,8 +29,10 @@ _MARGIN = 2.0
 # where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
 _STALLED = "plan stalled"
-# of the time left, for relaxed plans that lead
-_PLANS_SHARE, _MORE_PLANS = 0.2, "more relaxed plans"
+# of the time left, for relaxed plans that lead; where they were not played yet, and no constant
+# returns more than the no-op
+_PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
+_MORE_PLANS = "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 
 
@@ -59,10 +61,10 @@ class Openings(Slices):
         super().__init__(arena, on_stage, resumption, shares.without)
         self._shares, self._affording = shares, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
-        self.plans: Arm | None = None
+        self.plans: RelaxedPlansArm | None = None
 
     def _judge_plans(self) -> None:
-        """What relaxed plans have found; another slice if that seems to lead.
+        """What relaxed plans have found; another slice if that seems to lead, or was not played.
 
         So few episodes have large errors, and it need not lead yet.
         """
@@ -70,10 +72,12 @@ class Openings(Slices):
             return
         self._enter(arm)
         self._judge_candidates(arm)
-        if arm.progress >= self._judge.best_mean and not arm.is_exhausted:
-            until = self._arena.until(_PLANS_SHARE)
-            for end in self._marks.once(_MORE_PLANS, self._arena, until):
-                self.give(arm, end)
+        if arm.is_exhausted or not (arm.is_untried or arm.progress >= self._judge.best_mean):
+            return
+        is_only_hope = arm.is_untried and not self._finds_reward()
+        until = self._arena.until(_HOPE_SHARE if is_only_hope else _PLANS_SHARE)
+        for end in self._marks.once(_MORE_PLANS, self._arena, until):
+            self.give(arm, end)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""

@@ -32,8 +32,6 @@ _PATIENCE = 2
 # side by side, for each rule: as many as take so much of the first slice, by what two take; twice
 # as many take 1.5 times as long
 _EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8, 4), 2, 0.25, 0.6
-# first slices in which the episodes of a rule must be over
-_MOST_SLICES = 2.0
 # of the best rule, other ones that tell what it returns, so many times as many
 _FRESH = 8
 # of the first slice: where the relaxation takes longer, so do its decisions
@@ -63,6 +61,8 @@ class RelaxedPlansArm(Arm):
         super().__init__(RELAXED_PLANS, clock)
         self._config, self._seed, self._model, self._pulse = config, seed, model, pulse
         self._plans: RelaxedPlans | None = None
+        # what the fewest episodes of a rule take
+        self._few_seconds = 0.0
         self._steps: Iterator[None] | None = None
         # returns of the no-op, under None, and of the rules in the same episodes
         self._returns: dict[PlanRule | None, np.ndarray] = {}
@@ -70,6 +70,11 @@ class RelaxedPlansArm(Arm):
         self._fresh: tuple[PlanRule, list[np.ndarray]] | None = None
         # episodes that the latest offer was told by
         self._offered: tuple[PlanRule, int] | None = None
+
+    @property
+    def is_untried(self) -> bool:
+        """Whether no rule was played yet, for which there may have been too little time."""
+        return len(self._returns) <= 1 and not self.is_exhausted
 
     @property
     def is_undecided(self) -> bool:
@@ -103,6 +108,10 @@ class RelaxedPlansArm(Arm):
     def _try_rules(self, until: float) -> None:
         if self._steps is None:
             self._steps = self._begin(until)
+        if self.is_untried and self._few_seconds > until - self._clock():
+            self._log.details = {"cause": f"a rule's episodes take {self._few_seconds:.0f} s"}
+            return  # a longer slice may come
+        self._log.details = {}
         for _ in self._steps:
             self._pulse()
             if self._clock() >= until:
@@ -124,8 +133,7 @@ class RelaxedPlansArm(Arm):
             started = self._clock()
             plans.decide(few, step, PlanRule(), plans.uniform(self._seed, step))
         few_seconds = self._model.horizon * max(self._clock() - started, 1e-9)
-        if few_seconds > _MOST_SLICES * seconds:
-            raise NotEnumerableError(f"{_FEWEST_EPISODES} episodes take {few_seconds:.0f} s")
+        self._few_seconds = few_seconds
         affordable = _RULE_SHARE * seconds / few_seconds
         fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
         return self._tried(plans, np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1))

@@ -106,12 +106,24 @@ def test_it_gives_up_where_every_reward_can_be_had_at_once():
     assert arm.log.details["cause"] == "no reward that is a step or more away"
 
 
-def test_it_gives_up_where_decisions_take_too_long(problem, monkeypatch):
-    monkeypatch.setattr(relaxed_plans, "_MOST_SLICES", 1e-9)
-    arm = made(problem)
+def test_it_waits_for_a_slice_in_which_a_rule_can_be_played(problem, monkeypatch):
+    now, decide = [0.0], relaxed_plans.RelaxedPlans.decide
+
+    def slow(*args):
+        now[0] += 5.0
+        return decide(*args)
+
+    monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
+    arm = made(problem, lambda: now[0])
+    # eight steps of two episodes would take 40 s
+    arm.work(30.0)
+    assert arm.is_untried
+    assert not arm.is_exhausted
+    assert arm.log.details["cause"].startswith("a rule's episodes take")
     arm.work(1000.0)
-    assert arm.is_exhausted
-    assert arm.log.details["cause"].startswith("2 episodes take")
+    assert not arm.is_untried
+    assert arm.log.details == {}
+    assert arm.take_candidates()
 
 
 def test_it_gives_up_where_the_no_op_is_illegal(problem):
