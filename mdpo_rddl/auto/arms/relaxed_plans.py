@@ -14,7 +14,11 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
 from mdpo_rddl.problem.delete_relaxation.distances import Prices
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.limits import (
+    EnumerationLimits,
+    NotEnumerableError,
+    OutOfTimeError,
+)
 from mdpo_rddl.problem.enumeration.model import OpenModel
 
 logger = logging.getLogger(__name__)
@@ -34,8 +38,8 @@ _PATIENCE = 2
 _EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8, 4), 2, 0.25, 0.6
 # of the best rule, other ones that tell what it returns, so many times as many
 _FRESH = 8
-# of the first slice: where the relaxation takes longer, so do its decisions
-_MAKING_SHARE = 0.5
+# of a slice: where the relaxation takes longer, so do its decisions; what both take then at least
+_MAKING_SHARE, _MUCH_LONGER = 0.5, 2.5
 
 
 class RelaxedPlansArm(Arm):
@@ -106,17 +110,29 @@ class RelaxedPlansArm(Arm):
         self._offer_best()
 
     def _try_rules(self, until: float) -> None:
-        if self._steps is None:
-            self._steps = self._begin(until)
-        if self.is_untried and self._few_seconds > until - self._clock():
-            self._log.details = {"cause": f"a rule's episodes take {self._few_seconds:.0f} s"}
+        began = self._clock()
+        if self._lacks_time(until):
             return  # a longer slice may come
+        try:
+            self._steps = self._steps or self._begin(until)
+        except OutOfTimeError:
+            self._few_seconds = _MUCH_LONGER * (until - began)
+        if self._lacks_time(until):
+            return
         self._log.details = {}
+        assert self._steps is not None
         for _ in self._steps:
             self._pulse()
             if self._clock() >= until:
                 return
         self.is_exhausted = True
+
+    def _lacks_time(self, until: float) -> bool:
+        """Whether a first rule could not be played till then."""
+        is_long = self.is_untried and self._few_seconds > until - self._clock()
+        if is_long:
+            self._log.details = {"cause": f"a rule's episodes take {self._few_seconds:.0f} s"}
+        return is_long
 
     def _begin(self, until: float) -> Iterator[None]:
         """The relaxation; the steps of all episodes that are to be played."""
