@@ -64,20 +64,17 @@ class Openings(Slices):
         self.plans: RelaxedPlansArm | None = None
 
     def _judge_plans(self) -> None:
-        """What relaxed plans have found; another slice if that seems to lead, or was not played.
-
-        So few episodes have large errors, and it need not lead yet.
-        """
+        """What relaxed plans have found, after another slice if they may lead."""
         if (arm := self.plans) is None:
             return
         self._enter(arm)
+        seems_to_lead = arm.leading >= self._judge.best_mean
+        if not arm.is_exhausted and (arm.is_untried or seems_to_lead):
+            is_only_hope = arm.is_untried and not self._finds_reward()
+            until = self._arena.until(_HOPE_SHARE if is_only_hope else _PLANS_SHARE)
+            for end in self._marks.once(_MORE_PLANS, self._arena, until):
+                self.give(arm, end)
         self._judge_candidates(arm)
-        if arm.is_exhausted or not (arm.is_untried or arm.progress >= self._judge.best_mean):
-            return
-        is_only_hope = arm.is_untried and not self._finds_reward()
-        until = self._arena.until(_HOPE_SHARE if is_only_hope else _PLANS_SHARE)
-        for end in self._marks.once(_MORE_PLANS, self._arena, until):
-            self.give(arm, end)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""

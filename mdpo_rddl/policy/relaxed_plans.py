@@ -80,7 +80,7 @@ class RelaxedPlans:
         return generator.random((self.sampler.draws, self.samples))
 
     def reaches_something(self, states: np.ndarray) -> bool:
-        """Whether some goal is a step or more away in a state [V, N], and within the horizon."""
+        """Whether some goal is a step or more away, and in reach, in states [V, N]."""
         distances = self._distances
         costs = distances.to_goals(distances(states, Prices()))
         return bool(np.any((costs >= Prices().step) & (costs < FAR)))

@@ -8,6 +8,7 @@ from helpers.lakes import preset, write_lake
 from helpers.races import CLOCK
 
 from mdpo_rddl.auto import RaceOptions, race
+from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.judge import Judge
@@ -46,6 +47,32 @@ def test_what_probing_has_found_is_enough_to_begin(openings, monkeypatch):
     assert openings._best.label == "constant"
     # only a race that begins needs that
     assert not openings._knows_by_probing()
+
+
+class Plans(Arm):
+    """Relaxed plans that say how they do, and note the slices that they have."""
+
+    def __init__(self, leading, is_untried=False):
+        super().__init__("relaxed plans", CLOCK)
+        self.leading, self.is_untried, self.ends = leading, is_untried, []
+
+    def _work(self, until):
+        self.ends.append(until)
+
+
+@pytest.mark.parametrize(
+    ("leading", "is_untried", "share"),
+    # a constant returns more than the no-op here, so that they are not the only hope
+    [(1e9, False, 0.2), (-1e9, False, 0.0), (-1e9, True, 0.2)],
+)
+def test_relaxed_plans_that_may_lead_have_another_slice(openings, leading, is_untried, share):
+    arena = openings._arena
+    assert openings._knows_by_probing()
+    openings.plans = arm = Plans(leading, is_untried)
+    until = arena.until(share)
+    openings._judge_plans()
+    assert arm.ends == ([pytest.approx(until, abs=1.0)] if share else [])
+    assert arm in openings.arms
 
 
 def test_elsewhere_the_judge_comes_first(openings):

@@ -1,6 +1,7 @@
 """The arm that tries rules by which relaxed plans are made into decisions."""
 
 import logging
+import math
 from collections.abc import Callable, Generator, Iterator
 
 import numpy as np
@@ -9,7 +10,7 @@ from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.errors import Cancelled, one_line_cause
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
@@ -43,7 +44,11 @@ _MAKING_SHARE, _MUCH_LONGER = 0.5, 2.5
 
 
 class RelaxedPlansArm(Arm):
-    """Offers the best of a few rules, with its return in simulated episodes."""
+    """Offers the best of a few rules, with its return in simulated episodes.
+
+    It is offered when candidates are taken, not before: what is first said of a rule is noisy, and
+    the judge would go by the largest return that was ever told of it.
+    """
 
     def __init__(
         self,
@@ -86,6 +91,25 @@ class RelaxedPlansArm(Arm):
         return len(self._returns) <= _PATIENCE and not self.is_exhausted
 
     @property
+    def leading(self) -> float:
+        """Mean return of the best rule so far; minus infinity if it is no more than the no-op's."""
+        known = self._known
+        return -math.inf if known is None else float(np.mean(known[1]))
+
+    def take_candidates(self) -> list[Candidate]:
+        """The best rule so far, if more is known of it than the last time."""
+        self._offer_best()
+        return super().take_candidates()
+
+    @property
+    def _known(self) -> tuple[PlanRule, np.ndarray] | None:
+        """The best rule so far and its returns, in fresh episodes if there are any."""
+        if self._fresh is not None:
+            return self._fresh[0], np.concatenate(self._fresh[1])
+        best = self._best
+        return None if best is None else (best, self._returns[best])
+
+    @property
     def _best(self) -> PlanRule | None:
         """The rule that returns most; None if that is no more than the no-op."""
         return max(
@@ -93,21 +117,12 @@ class RelaxedPlansArm(Arm):
         )
 
     def _work(self, until: float) -> None:
-        """Goes on trying rules; what is best so far is offered at the end of the slice.
-
-        Raises:
-          Cancelled: if interrupted; what was best till then is offered.
-        """
         try:
             self._try_rules(until)
         except NotEnumerableError as error:
             self._give_up(str(error))
-        except (KeyboardInterrupt, Cancelled):
-            self._offer_best()
-            raise
         except Exception as error:  # the other arms need no plans
             self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
-        self._offer_best()
 
     def _try_rules(self, until: float) -> None:
         began = self._clock()
@@ -203,12 +218,9 @@ class RelaxedPlansArm(Arm):
 
     def _offer_best(self) -> None:
         """Offers the best rule so far, unless there is none or no more is known of it."""
-        if self._fresh is not None:
-            best, returns = self._fresh[0], np.concatenate(self._fresh[1])
-        elif (leading := self._best) is not None:
-            best, returns = leading, self._returns[leading]
-        else:
+        if (known := self._known) is None:
             return
+        best, returns = known
         if self._offered == (best, len(returns)):
             return
         self._offered = best, len(returns)
