@@ -29,8 +29,8 @@ _MARGIN = 2.0
 # where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
 _STALLED = "plan stalled"
-# of the time left, for relaxed plans that lead; where they were not played yet, and no constant
-# returns more than the no-op
+# of the time left, at most, for relaxed plans that may lead; where no constant returns more than the
+# no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
 _MORE_PLANS = "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
@@ -70,8 +70,7 @@ class Openings(Slices):
         self._enter(arm)
         seems_to_lead = arm.leading >= self._judge.best_mean
         if not arm.is_exhausted and (arm.is_untried or seems_to_lead):
-            is_only_hope = arm.is_untried and not self._finds_reward()
-            until = self._arena.until(_HOPE_SHARE if is_only_hope else _PLANS_SHARE)
+            until = self._arena.until(_PLANS_SHARE if self._finds_reward() else _HOPE_SHARE)
             for end in self._marks.once(_MORE_PLANS, self._arena, until):
                 self.give(arm, end)
         self._judge_candidates(arm)

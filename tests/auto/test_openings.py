@@ -75,6 +75,15 @@ def test_relaxed_plans_that_may_lead_have_another_slice(openings, leading, is_un
     assert arm in openings.arms
 
 
+def test_relaxed_plans_have_more_time_where_nothing_else_finds_a_reward(openings, monkeypatch):
+    assert openings._knows_by_probing()
+    monkeypatch.setattr(openings, "_finds_reward", lambda: False)
+    openings.plans = arm = Plans(1e9)
+    until = openings._arena.until(0.6)
+    openings._judge_plans()
+    assert arm.ends == [pytest.approx(until, abs=1.0)]
+
+
 def test_elsewhere_the_judge_comes_first(openings):
     arena = openings._arena
     openings._entrants.may_shoot = lambda until: False

@@ -172,7 +172,9 @@ class RelaxedPlansArm(Arm):
     def _tried(self, plans: RelaxedPlans, starts: np.ndarray) -> Iterator[None]:
         """Plays the no-op and the rules, and the best rule in other episodes."""
         yield from self._played(plans, starts, None)
-        for number, rule in enumerate(_RULES, start=1):
+        # where episodes are few, what they return is told before other rules are tried
+        rules = _RULES if starts.shape[1] > _FEWEST_EPISODES else _RULES[:_PATIENCE]
+        for number, rule in enumerate(rules, start=1):
             yield from self._played(plans, starts, rule)
             self._log.iterations = number
             if number >= _PATIENCE and self._best is None:
