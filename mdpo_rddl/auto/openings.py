@@ -29,8 +29,7 @@ _MARGIN = 2.0
 # where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
 _STALLED = "plan stalled"
-# of the time left, at most, for relaxed plans that may lead; where no constant returns more than the
-# no-op
+# of the time left, at most, for relaxed plans that may lead, and where no constant beats the no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
 _MORE_PLANS = "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
