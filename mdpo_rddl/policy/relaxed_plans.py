@@ -3,8 +3,8 @@
 A state's promise is what its goals are worth, less for each step that the delete relaxation says
 they are away. Of the actions on the cheapest ways to the most promising goals, alone and together,
 those are played after which most is promised: greedy best-first search with the helpful actions of
-FF (Hoffmann and Nebel 2001) at each decision anew, as FF-Replan does (Yoon, Fern and Givan, "FF-
-Replan: a baseline for probabilistic planning", 2007), with the model's chances in the costs.
+FF (Hoffmann and Nebel 2001) at each decision anew, as FF-Replan does (Yoon, Fern and Givan,
+"FF-Replan: a baseline for probabilistic planning", 2007), with the model's chances in the costs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
