@@ -1,7 +1,9 @@
 """A policy that plays without a compiled planner."""
 
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.plan_rule import Simulated
 from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.table import Claim, Optimum
+from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
 
 
@@ -36,9 +39,9 @@ class PlannerlessPolicy(PolicyAgent):
         self._problem = problem
         self._claim, self.seed = claim, seed
 
+    @abstractmethod
     def to_saved(self) -> SavedTable | SavedPlanRule:
         """The policy as a file holds it."""
-        raise NotImplementedError
 
     def save(self, path: str | Path) -> None:
         """Writes one file that stands alone, which `mdpo_rddl.load_policy` reads.
@@ -72,10 +75,43 @@ class PlannerlessPolicy(PolicyAgent):
         return Explanation((), f"the policy is {self.kind}, not a rule")
 
     @property
+    @abstractmethod
     def kind(self) -> str:
         """What it is, in words."""
-        raise NotImplementedError
 
     def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
         """As `Policy.hindsight`, without an estimate: nothing is compiled for it."""
         return find_hindsight(self.problem, self, None, (episodes, seed, seconds))
+
+    def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """The action at a step.
+
+        Args:
+          step: number of decisions before this one.
+          observation: per state fluent its values [*shape], as the vectorized environment's, or
+            per ground fluent a scalar.
+
+        Returns:
+          Per action fluent its values [*shape], or per ground action fluent a scalar.
+        """
+        model = self._problem.model
+        if is_grounded(model, observation):
+            return grounded(model, self._act(step, lifted(model, observation)))
+        return self._act(step, observation)
+
+    @abstractmethod
+    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """The same where all fluents are lifted."""
+
+
+def numbers_of(observed: Any, objects: Sequence[str]) -> np.ndarray:
+    """A fluent's values in a row: of a bool 0 or 1, of an object its number.
+
+    Args:
+      observed: its values [*shape].
+      objects: the names of those that its values may be, if they are objects.
+    """
+    values = np.ravel(np.asarray(observed))
+    if values.dtype.kind in "UO":
+        return np.array([list(objects).index(str(each).removeprefix("@")) for each in values])
+    return values.astype(np.int64)

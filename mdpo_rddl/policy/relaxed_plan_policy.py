@@ -11,11 +11,10 @@ from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPlanRule, problem_identity, require_same_problem
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
-from mdpo_rddl.policy.plannerless import PlannerlessPolicy
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy, numbers_of
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import open_model
-from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.source import ProblemSource
 
@@ -105,42 +104,26 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
         }
         return html_table(f"Policy for {self.problem.label}", rows)
 
-    def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """The action at a step.
-
-        Args:
-          step: number of decisions before this one.
-          observation: per state fluent its values [*shape], as the vectorized environment's, or
-            per ground fluent a scalar.
-
-        Returns:
-          Per action fluent its values [*shape], or per ground action fluent a scalar.
-        """
-        model = self._problem.model
-        if is_grounded(model, observation):
-            return grounded(model, self(step, lifted(model, observation)))
-        plans = self._plans
-        state = np.concatenate([self._values(name, observation[name]) for name in self._fluents])
+    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        plans, model = self._plans, self._plans.model
+        state = [
+            numbers_of(observation[name], model.objects.get(kind, ()))
+            for name, kind in self._fluents.items()
+        ]
         uniform = plans.uniform(self.seed, step)
-        decided = plans.decide(state[:, np.newaxis], step, self.plan_rule, uniform)[:, 0]
-        found = plans.by_fluent(decided)
+        states = np.concatenate(state)[:, np.newaxis]
+        found = plans.by_fluent(plans.decide(states, step, self.plan_rule, uniform)[:, 0])
         return {
             name: found[name].astype(like.dtype).reshape(like.shape)[()]
             for name, like in self._noop.items()
         }
 
-    def _values(self, name: str, observed: Any) -> np.ndarray:
-        values = np.ravel(np.asarray(observed))
-        if values.dtype.kind in "UO":
-            model = self._problem.model
-            names = list(model.type_to_objects[model.variable_ranges[name]])
-            return np.array([names.index(str(each).removeprefix("@")) for each in values])
-        return values.astype(np.int64)
-
     @cached_property
-    def _fluents(self) -> tuple[str, ...]:
-        """The state fluents in the order of the model's variables."""
-        return tuple(dict.fromkeys(name for name, _ in self._plans.model.variables))
+    def _fluents(self) -> dict[str, str]:
+        """Of the state fluents, in the order of the model's variables, the ranges."""
+        model = self._plans.model
+        names = (name for name, _ in model.variables)
+        return dict(zip(names, model.ranges, strict=True))
 
     @cached_property
     def _noop(self) -> dict[str, np.ndarray]:

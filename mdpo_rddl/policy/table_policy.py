@@ -14,11 +14,10 @@ from mdpo_rddl.policy.file import (
     require_same_problem,
 )
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
-from mdpo_rddl.policy.plannerless import PlannerlessPolicy
+from mdpo_rddl.policy.plannerless import PlannerlessPolicy, numbers_of
 from mdpo_rddl.policy.table import ActionTable, Claim
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
-from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.source import ProblemSource
 
@@ -102,20 +101,7 @@ class TablePolicy(PlannerlessPolicy):
         }
         return html_table(f"Policy for {self.problem.label}", rows)
 
-    def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """The action at a step.
-
-        Args:
-          step: number of decisions before this one.
-          observation: per state fluent its values [*shape], as the vectorized environment's, or
-            per ground fluent a scalar.
-
-        Returns:
-          Per action fluent its values [*shape], or per ground action fluent a scalar.
-        """
-        model = self._problem.model
-        if is_grounded(model, observation):
-            return grounded(model, self(step, lifted(model, observation)))
+    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
         number = self._number(step, observation)
         return {
             name: values[number] if values.ndim > 1 else values[number].item()
@@ -139,7 +125,9 @@ class TablePolicy(PlannerlessPolicy):
     def _place(self, observation: Mapping[str, Any]) -> int | None:
         """The place of a state in the table; None if it is not there."""
         table = self.table
-        values = [self._values(name, observation[name]) for name in table.fluents]
+        values = [
+            numbers_of(observation[name], table.objects.get(name, ())) for name in table.fluents
+        ]
         try:
             packed = self._packing.encode_all(np.concatenate([*values, _NONE]).tolist())
         except OverflowError:
@@ -148,13 +136,6 @@ class TablePolicy(PlannerlessPolicy):
         place = int(np.searchsorted(self._keys, keys(state[np.newaxis])[0]))
         is_known = place < len(self._keys) and np.array_equal(table.states[place], state)
         return place if is_known else None
-
-    def _values(self, name: str, observed: Any) -> np.ndarray:
-        values = np.ravel(np.asarray(observed))
-        if values.dtype.kind in "UO":
-            names = self.table.objects[name]
-            return np.array([names.index(str(each).removeprefix("@")) for each in values])
-        return values.astype(np.int64)
 
 
 _NONE = np.zeros(0, np.int64)

@@ -14,7 +14,7 @@ from mdpo_rddl.problem.delete_relaxation.conditions import Condition, conditions
 from mdpo_rddl.problem.delete_relaxation.costs import Costs
 from mdpo_rddl.problem.enumeration.graph import Kind
 from mdpo_rddl.problem.enumeration.joint import leaves_of
-from mdpo_rddl.problem.enumeration.laws import Branch, Law
+from mdpo_rddl.problem.enumeration.laws import Branch, Law, law_nodes
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import OpenModel
 from mdpo_rddl.problem.enumeration.substitution import Substitution
@@ -132,7 +132,7 @@ class _Relaxation:
 
     def _of_variable(self, variable: int) -> dict[Literal, int]:
         law, is_bool = self._model.rules.laws[variable], self._model.is_bool[variable]
-        nodes = _nodes_of(law)
+        nodes = law_nodes(law)
         found: dict[int, list[int]] = {value: [] for value in self._costs.values(variable)}
         for legal, new, costs in self._played(nodes):
             given = _law(new)
@@ -149,8 +149,8 @@ class _Relaxation:
         """
         graph, drawn = self._model.graph, self._model.rules.drawn
         leaves = sorted(leaves_of(graph, nodes, drawn))
-        moved = [leaf for leaf in leaves if self._read(_nodes_of(drawn[leaf]))]
-        every = [*nodes, *(node for leaf in moved for node in _nodes_of(drawn[leaf]))]
+        moved = [leaf for leaf in leaves if self._read(law_nodes(drawn[leaf]))]
+        every = [*nodes, *(node for leaf in moved for node in law_nodes(drawn[leaf]))]
         put = Substitution(graph, every, self._defaults)
 
         def given(assignment: Assignment) -> tuple[list[int], Costs]:
@@ -159,7 +159,7 @@ class _Relaxation:
                 return new, self._costs
             rest, laws = iter(new[len(nodes) :]), dict(drawn)
             for leaf in moved:
-                laws[leaf] = _law([next(rest) for _ in _nodes_of(drawn[leaf])])
+                laws[leaf] = _law([next(rest) for _ in law_nodes(drawn[leaf])])
             return new[: len(nodes)], Costs(self._model, self.circuit, laws)
 
         read = sorted(self._numbers[leaf] for leaf in self._read(every))
@@ -197,11 +197,6 @@ class _Relaxation:
         graph = self._model.graph
         needed = graph.needed(nodes, Kind.ACTION)
         return [each for each in needed if graph.operators[each] == "leaf"]
-
-
-def _nodes_of(law: Law) -> list[int]:
-    """All nodes of a law."""
-    return [node for branch in law for node in branch]
 
 
 def _law(nodes: Sequence[int]) -> Law:

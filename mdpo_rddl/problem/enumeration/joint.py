@@ -9,7 +9,7 @@ from math import prod
 from typing import NamedTuple
 
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
-from mdpo_rddl.problem.enumeration.laws import Branch, Law
+from mdpo_rddl.problem.enumeration.laws import Branch, Law, law_nodes
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 
 _MAX_COMBINATIONS = 4096
@@ -42,7 +42,7 @@ def combinations(
     Raises:
       NotEnumerableError: if there are too many.
     """
-    order = _ordered(graph, nodes, laws)
+    order = ordered_leaves(graph, nodes, laws)
     _check_count(graph, order, laws)
     found: list[tuple[dict[int, int], int]] = [({}, graph.one)]
     for leaf in order:
@@ -59,7 +59,7 @@ def combinations(
 
 def check_combinations(graph: Graph, nodes: Iterable[int], laws: Mapping[int, Law]) -> None:
     """Raises what `combinations` would raise, at once."""
-    _check_count(graph, _ordered(graph, nodes, laws), laws)
+    _check_count(graph, ordered_leaves(graph, nodes, laws), laws)
 
 
 def _check_count(graph: Graph, leaves: Iterable[int], laws: Mapping[int, Law]) -> None:
@@ -74,7 +74,7 @@ def leaves_of(graph: Graph, nodes: Iterable[int], laws: Mapping[int, Law]) -> se
     waiting = _direct(graph, nodes)
     while waiting:
         found |= waiting
-        waiting = _direct(graph, (n for leaf in waiting for n in _nodes(laws[leaf]))) - found
+        waiting = _direct(graph, (n for leaf in waiting for n in law_nodes(laws[leaf]))) - found
     return found
 
 
@@ -96,7 +96,7 @@ def joint_law(
     Raises:
       NotEnumerableError: if it has too many branches.
     """
-    nodes = [node for law, _ in variables for node in _nodes(law)]
+    nodes = [node for law, _ in variables for node in law_nodes(law)]
     joined: dict[tuple[int, ...], int] = {}
     for values, probability in combinations(graph, nodes, laws):
         check_time()
@@ -140,22 +140,18 @@ def _split(graph: Graph, law: Sequence[Branch], is_bool: bool) -> Sequence[Branc
     ]
 
 
-def _nodes(law: Law) -> list[int]:
-    return [node for branch in law for node in branch]
-
-
 def _direct(graph: Graph, nodes: Iterable[int]) -> set[int]:
     read = graph.needed(nodes, Kind.DRAWN)
     return {node for node in read if graph.operators[node] == "leaf"}
 
 
-def _ordered(graph: Graph, nodes: Iterable[int], laws: Mapping[int, Law]) -> list[int]:
+def ordered_leaves(graph: Graph, nodes: Iterable[int], laws: Mapping[int, Law]) -> list[int]:
     """The leaves, those that another one's law reads before it."""
     order: list[int] = []
 
     def add(leaf: int) -> None:
         if leaf not in order:
-            for other in sorted(_direct(graph, _nodes(laws[leaf]))):
+            for other in sorted(_direct(graph, law_nodes(laws[leaf]))):
                 add(other)
             order.append(leaf)
 

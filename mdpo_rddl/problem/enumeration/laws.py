@@ -30,6 +30,11 @@ Law = tuple[Branch, ...]
 """What an expression may be: one branch where nothing is random; the probabilities sum to 1."""
 
 
+def law_nodes(law: Law) -> list[int]:
+    """All nodes of a law."""
+    return [node for branch in law for node in branch]
+
+
 class Laws:
     """Makes laws of laws, in one graph."""
 

@@ -1,14 +1,13 @@
 """Next states and rewards of a ground model whose action is left open, drawn side by side."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from mdpo_rddl.problem.enumeration.graph import Kind
-from mdpo_rddl.problem.enumeration.laws import Law
+from mdpo_rddl.problem.enumeration.joint import ordered_leaves
+from mdpo_rddl.problem.enumeration.laws import Law, law_nodes
 from mdpo_rddl.problem.enumeration.layered_program import Evaluated, LayeredProgram
-from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import OpenModel
 
 
@@ -36,11 +35,7 @@ class GroundSampler:
     """
 
     def __init__(self, model: OpenModel) -> None:
-        """Finds the order of all draws.
-
-        Raises:
-          NotEnumerableError: if draws depend on each other in a circle.
-        """
+        """Finds the order of all draws."""
         self._model, graph = model, model.graph
         self._states = [model.leaf(number) for number in range(len(model.variables))]
         self._is_bool = np.array(model.is_bool, bool)
@@ -53,10 +48,11 @@ class GroundSampler:
         self._legal = LayeredProgram(graph, [self._legal_node])
         self._ends = LayeredProgram(graph, [model.ends])
         laws, self._reward = model.rules.laws, model.rules.reward
-        self._main = LayeredProgram(graph, [self._reward, *_nodes(laws)])
+        nodes, drawn = [node for law in laws for node in law_nodes(law)], model.rules.drawn
+        self._main = LayeredProgram(graph, [self._reward, *nodes])
         self._drawn = [
-            (leaf, LayeredProgram(graph, _nodes([model.rules.drawn[leaf]])))
-            for leaf in self._ordered()
+            (leaf, LayeredProgram(graph, law_nodes(drawn[leaf])))
+            for leaf in ordered_leaves(graph, nodes, drawn)
         ]
         self.rows = self._main.size + self._legal.size
         self.draws = len(self._drawn) + len(self._states)
@@ -102,25 +98,6 @@ class GroundSampler:
         if actions is not None:
             found |= dict(zip(self._actions, actions, strict=True))
         return found
-
-    def _ordered(self) -> list[int]:
-        """The leaves that are drawn, each after those that its law reads."""
-        graph, drawn = self._model.graph, self._model.rules.drawn
-        reads = {
-            leaf: {each for each in graph.needed(_nodes([law])) if each in drawn}
-            for leaf, law in drawn.items()
-        }
-        order: list[int] = []
-        while len(order) < len(reads):
-            ready = [leaf for leaf, own in reads.items() if leaf not in order and own <= {*order}]
-            if not ready:
-                raise NotEnumerableError("draws that depend on each other in a circle")
-            order += ready
-        return order
-
-
-def _nodes(laws: Iterable[Law]) -> list[int]:
-    return [node for law in laws for branch in law for node in branch]
 
 
 def _drawn(law: Law, values: Evaluated, uniform: np.ndarray, is_law_of_bool: bool) -> np.ndarray:
