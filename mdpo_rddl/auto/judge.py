@@ -26,8 +26,6 @@ def _ignore(judged: Judged) -> None:
     del judged
 
 
-# of the standard error of the difference: what a candidate of another planner must be better by
-_MARGIN = 2.0
 # with fewer rollouts the best of many candidates would be the luckiest
 _MANY_ROLLOUTS = 32
 
@@ -146,9 +144,9 @@ class Judge:
         """Plays a candidate unless its return is known; whether it is the new incumbent.
 
         A mean that is not finite is worst. A candidate of the incumbent's planner, or of the arm of
-        one without a planner, must be better, with few rollouts by a standard error of the
-        difference; one of another planner, whose rollouts need not meet the same random numbers,
-        must be so by two. Errors are taken rollout by rollout where both were played.
+        one without a planner, must be better; with few rollouts, or if it is of another planner,
+        whose rollouts need not meet the same random numbers, it must be so by a standard error of
+        the difference, which is taken rollout by rollout where both were played.
 
         Args:
           candidate: with a planner, or with its mean and error, and the returns if there are any.
@@ -255,7 +253,6 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     # what another process has left has no planner here, or is a table
     if best.planner is None and candidate.arm == best.arm:
         return 0.0
-    if candidate.planner is not best.planner or best.planner is None:
-        return _MARGIN * difference_error(candidate, best)
+    is_other = candidate.planner is not best.planner or best.planner is None
     are_few = candidate.returns is not None and len(candidate.returns) < _MANY_ROLLOUTS
-    return difference_error(candidate, best) if are_few else 0.0
+    return difference_error(candidate, best) if is_other or are_few else 0.0

@@ -69,7 +69,8 @@ class Openings(Slices):
         self._enter(arm)
         seems_to_lead = arm.leading >= self._judge.best_mean
         if not arm.is_exhausted and (arm.is_untried or seems_to_lead):
-            until = self._arena.until(_PLANS_SHARE if self._finds_reward() else _HOPE_SHARE)
+            pays = self._arena.beats_noop(self._best)
+            until = self._arena.until(_PLANS_SHARE if pays else _HOPE_SHARE)
             for end in self._marks.once(_MORE_PLANS, self._arena, until):
                 self.give(arm, end)
         self._judge_candidates(arm)

@@ -9,6 +9,8 @@ from typing import Any
 from mdpo_rddl.problem.delete_relaxation.distances import Prices
 
 _KEY = "plan_rule"
+# episodes or samples that a file may tell of
+_MOST = 2**20
 
 
 @dataclass(frozen=True)
@@ -19,19 +21,23 @@ class PlanRule:
       patience: what is promised if nothing is played, as a share: below 1 something is done.
       others: the weight of all goals beside that of the most promising one.
       prices: what ways to goals cost.
+      samples: next states that stand for all that may follow a decision.
 
     Raises:
-      ValueError: if a share or weight is not between 0 and 1.
+      ValueError: if a share or weight is not between 0 and 1, or there is no sample.
     """
 
     patience: float = 0.8
     others: float = 0.02
     prices: Prices = field(default_factory=Prices)
+    samples: int = 8
 
     def __post_init__(self) -> None:
         for name, value in (("patience", self.patience), ("others", self.others)):
             if not 0.0 <= value <= 1.0:
                 raise ValueError(f"{name}: {value!r} is not between 0 and 1")
+        if self.samples < 1:
+            raise ValueError(f"samples: must be at least 1, got {self.samples!r}")
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,7 @@ def rule_text(rule: PlanRule, claim: Simulated) -> dict[str, str]:
         "others": rule.others,
         "decay": rule.prices.decay,
         "tries": rule.prices.tries,
+        "samples": rule.samples,
         "value": claim.value,
         "error": claim.error,
         "episodes": claim.episodes,
@@ -73,11 +80,13 @@ def parse_rule(metadata: Mapping[str, Any]) -> tuple[PlanRule, Simulated]:
     patience, others, decay, value, error = (
         float(figures[name]) for name in ("patience", "others", "decay", "value", "error")
     )
-    tries, episodes = figures["tries"], figures["episodes"]
+    tries, samples, episodes = (figures[name] for name in ("tries", "samples", "episodes"))
     if not isinstance(tries, bool):
         raise ValueError("its tries cannot be what was saved")
-    if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
-        raise ValueError("its episodes cannot be what was saved")
+    for name, count in (("samples", samples), ("episodes", episodes)):
+        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MOST:
+            raise ValueError(f"its {name} cannot be what was saved")
     if not math.isfinite(value) or not 0.0 <= error < math.inf:
         raise ValueError("its return cannot be what was saved")
-    return PlanRule(patience, others, Prices(decay, tries)), Simulated(value, error, episodes)
+    rule = PlanRule(patience, others, Prices(decay, tries), samples)
+    return rule, Simulated(value, error, episodes)

@@ -110,7 +110,7 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
             numbers_of(observation[name], model.objects.get(kind, ()))
             for name, kind in self._fluents.items()
         ]
-        uniform = plans.uniform(self.seed, step)
+        uniform = plans.uniform(self.seed, step, self.plan_rule)
         states = np.concatenate(state)[:, np.newaxis]
         found = plans.by_fluent(plans.decide(states, step, self.plan_rule, uniform)[:, 0])
         return {

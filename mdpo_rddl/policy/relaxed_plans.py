@@ -21,8 +21,6 @@ from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import OpenModel
 from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 
-# next states that stand for all that may follow
-_SAMPLES = 8
 # proposals of a state, the goals that they are for, and of how many of these together
 _MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 3
 # that are computed at once
@@ -51,7 +49,6 @@ class RelaxedPlans:
     Attributes:
       model: the ground model, with the action left open.
       sampler: of it.
-      samples: next states that stand for all that may follow a decision.
       noop: values of all action variables of the no-op [A].
     """
 
@@ -67,17 +64,17 @@ class RelaxedPlans:
         """
         self.model, self.sampler = model, GroundSampler(model)
         self._distances = Distances(relaxed(model, limits))
-        self.samples = _SAMPLES if self.sampler.is_random else 1
         self.noop = np.array([int(default) for default, _ in model.actions.values()], int)
         self._values = [[int(each) for each in others] for _, others in model.actions.values()]
         self._most = int(min(model.most, len(self.noop)))
         generator = np.random.default_rng(_SEED)
         self._hash = generator.integers(1, 2**62, len(model.variables))
 
-    def uniform(self, seed: int, step: int) -> np.ndarray:
+    def uniform(self, seed: int, step: int, rule: PlanRule) -> np.ndarray:
         """The random numbers of a decision [draws, samples]: the same for all states."""
         generator = np.random.default_rng([seed, step])
-        return generator.random((self.sampler.draws, self.samples))
+        samples = rule.samples if self.sampler.is_random else 1
+        return generator.random((self.sampler.draws, samples))
 
     def reaches_something(self, states: np.ndarray) -> bool:
         """Whether some goal is a step or more away, and in reach, in states [V, N]."""
@@ -102,34 +99,70 @@ class RelaxedPlans:
         left, count = self.model.horizon - step, states.shape[1]
         given = _Decision(left, rule, uniform)
         costs = self._distances(states, rule.prices)
-        promised = self._promised(self._distances.to_goals(costs), left, rule)
-        proposals = self._proposals(states, costs, promised)
-        chosen = [_NOTHING] * count
-        best = self._worth(states, chosen, given, rule.patience)
-        is_legal = self.sampler.legal(states, self._actions(chosen))
-        for place in np.flatnonzero(~is_legal).tolist():
-            best[place] = -np.inf
-            proposals[place] += self._singles
-        active = list(range(count))
+        to_goals = self._distances.to_goals(costs)
+        promised = self._promised(to_goals, left, rule)
+        # what is held needs no action, and would hide the others
+        open_ = np.where(self._is_held(to_goals), 0.0, promised)
+        proposals = self._proposals(states, costs, open_)
+        chosen, best = self._waiting(states, given)
+        active, grown = list(range(count)), [_NOTHING] * count
         for _ in range(self._most):
             joined = [
                 (each, proposal)
                 for each in active
-                for proposal in dict.fromkeys(chosen[each] | more for more in proposals[each])
-                if proposal != chosen[each] and self._fits(proposal)
+                for proposal in dict.fromkeys(grown[each] | more for more in proposals[each])
+                if proposal != grown[each] and self._fits(proposal)
             ]
             joined = self._legal(states, joined)
-            if not joined:
-                break
-            places = np.array([place for place, _ in joined])
-            worth = self._worth(states[:, places], [p for _, p in joined], given)
-            better = set()
-            for (place, proposal), value in zip(joined, worth, strict=True):
-                if value > best[place] + self._margin(best[place]):
-                    best[place], chosen[place] = value, proposal
-                    better.add(place)
+            better = self._improve(states, joined, given, chosen, best)
+            for place in better:
+                grown[place] = chosen[place]
             active = sorted(better)
         return self._actions(chosen)
+
+    def _waiting(self, states: np.ndarray, given: _Decision) -> tuple[list[Proposal], np.ndarray]:
+        """What is done in each state if nothing helps, and what it is worth to the patient [N].
+
+        That is the no-op; where it is illegal, the best of what takes its place.
+        """
+        chosen = [_NOTHING] * states.shape[1]
+        best = self._worth(states, chosen, given, given.rule.patience)
+        is_legal = self.sampler.legal(states, self._actions(chosen))
+        best[~is_legal] = -np.inf
+        places = np.flatnonzero(~is_legal).tolist()
+        others = self._legal(states, ((place, each) for place in places for each in self._simplest))
+        self._improve(states, others, given, chosen, best, given.rule.patience)
+        return chosen, best
+
+    def _improve(
+        self,
+        states: np.ndarray,
+        proposals: Sequence[tuple[int, Proposal]],
+        given: _Decision,
+        chosen: list[Proposal],
+        best: np.ndarray,
+        patience: float = 1.0,
+    ) -> set[int]:
+        """Writes the better of proposals over those of their states; the states where some are.
+
+        Args:
+          states: values of all state variables [V, N].
+          proposals: legal ones, with the number of the state that each is for.
+          given: what the decisions have in common.
+          chosen: of each state the best so far.
+          best: what that is worth [N].
+          patience: see `PlanRule`.
+        """
+        if not proposals:
+            return set()
+        places = np.array([place for place, _ in proposals])
+        worth = self._worth(states[:, places], [each for _, each in proposals], given, patience)
+        better = set()
+        for (place, proposal), value in zip(proposals, worth, strict=True):
+            if value > best[place] + self._margin(best[place]):
+                best[place], chosen[place] = value, proposal
+                better.add(place)
+        return better
 
     @staticmethod
     def _margin(worth: float) -> float:
@@ -137,12 +170,22 @@ class RelaxedPlans:
         return _ROUNDING * (1.0 + abs(worth)) if np.isfinite(worth) else 0.0
 
     @cached_property
-    def _singles(self) -> list[Proposal]:
-        """Each value of each action alone, for states in which the no-op is illegal."""
-        return [
+    def _simplest(self) -> list[Proposal]:
+        """Each value of each action alone, and of each fluent that is a bool all that may change.
+
+        They are for states in which the no-op is illegal.
+        """
+        single = [
             frozenset([(number, value)])
             for number, values in enumerate(self._values)
             for value in range(len(values))
+        ]
+        together: dict[str, set[tuple[int, int]]] = {}
+        for number, (name, _) in enumerate(self.model.actions):
+            if len(self._values[number]) == 1:
+                together.setdefault(name, set()).add((number, 0))
+        return single + [
+            whole for each in together.values() if self._fits(whole := frozenset(each))
         ]
 
     def _proposals(
@@ -156,11 +199,14 @@ class RelaxedPlans:
         together: list[tuple[int, Sequence[Assignment]]] = []
         for place, own in enumerate(found):
             ways = self._distances.ways(costs[:, place], states[:, place])
+            # what the way to one goal has shown is not looked at again for another one
+            seen = set[int]()
             goals = np.argsort(-promised[:, place], kind="stable")[:_MOST_GOALS].tolist()
             for number, goal in enumerate(goals):
                 if promised[goal, place] <= 0.0 or len(own) >= _MOST_PROPOSALS:
                     break
-                helpful = ways.helpful(goal, all_ways=True)[: _MOST_PROPOSALS - len(own)]
+                helpful = ways.helpful(goal, all_ways=True, seen=seen)
+                helpful = helpful[: _MOST_PROPOSALS - len(own)]
                 own |= dict.fromkeys(map(frozenset, helpful))
                 if number < _MOST_TOGETHER:
                     together.append((place, ways.helpful(goal, all_ways=False)))
@@ -255,13 +301,17 @@ class RelaxedPlans:
         worth = distances.worths[:, np.newaxis] * paid * np.exp(-costs - step)
         return np.where((costs < FAR) & (left > 0), worth, 0.0)
 
+    def _is_held(self, costs: np.ndarray) -> np.ndarray:
+        """Which goals pay at one step after another as it is [G, N]."""
+        return self._distances.lasts[:, np.newaxis] & (costs <= 0.0)
+
     def _promise(self, costs: np.ndarray, left: int, rule: PlanRule) -> np.ndarray:
         """What states promise [N]: all that lasts and is reached, and the best of what is not.
 
         Where goals add up, a state between two of them is as good as one on the way to either.
         """
         promised = self._promised(costs, left, rule)
-        is_held = self._distances.lasts[:, np.newaxis] & (costs <= 0.0)
+        is_held = self._is_held(costs)
         held, open_ = np.where(is_held, promised, 0.0), np.where(is_held, 0.0, promised)
         best = open_.max(axis=0)
         return held.sum(axis=0) + best + rule.others * (open_.sum(axis=0) - best)

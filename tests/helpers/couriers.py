@@ -1,4 +1,4 @@
-"""A chain of preconditions, and two who must act together."""
+"""A chain of preconditions, two who must act together, and an action that needs another one."""
 
 from helpers.toys import problem_from
 
@@ -57,6 +57,27 @@ instance inst {
     discount = 1.0;
 }"""
 
+_CAMERA = """domain camera {
+    types { target : object; };
+    pvariables {
+        taken(target) : { state-fluent, bool, default = false };
+        aim : { action-fluent, bool, default = false };
+        shoot(target) : { action-fluent, bool, default = false };
+    };
+    cpfs { taken'(?t) = taken(?t) | shoot(?t); };
+    reward = (sum_{?t : target} [taken(?t)]) - 0.5 * aim;
+    action-preconditions { forall_{?t : target} [shoot(?t) => aim]; };
+}
+non-fluents two { domain = camera; objects { target : {t0, t1}; }; }
+instance inst {
+    domain = camera;
+    non-fluents = two;
+    init-state { taken(t0); };
+    max-nondef-actions = 2;
+    horizon = 4;
+    discount = 1.0;
+}"""
+
 
 def courier():
     """Pick a parcel, which works four times of five, carry it two places on, hand it over."""
@@ -66,3 +87,8 @@ def courier():
 def lift():
     """Only if both pull at once is it up, which pays from then on."""
     return problem_from(_LIFT)
+
+
+def camera():
+    """Each target that was shot pays from then on; to shoot one the camera must be aimed."""
+    return problem_from(_CAMERA)

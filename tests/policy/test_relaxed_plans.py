@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import toy_mdps as toys
-from helpers.couriers import courier, lift
+from helpers.couriers import camera, courier, lift
 from helpers.mistakes import one_line
 from helpers.toys import toy
 
 import mdpo_rddl
 from mdpo_rddl.auto.optimum import find_optimum
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.policy import relaxed_plans
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.file import RULE_FORMAT, load_policy, save_policy
 from mdpo_rddl.policy.kinds import restored
@@ -26,7 +27,7 @@ from mdpo_rddl.problem.enumeration.model import open_model
 
 LIMITS = EnumerationLimits(1e9)
 CLAIM = Simulated(9.0, 0.5, 16)
-RULE = PlanRule(0.5, 0.25, Prices(0.95, tries=True))
+RULE = PlanRule(0.5, 0.25, Prices(0.95, tries=True), samples=4)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_both_pull_at_once():
 def test_states_are_decided_alike_alone_and_side_by_side(problem):
     plans = RelaxedPlans(open_model(problem, LIMITS), LIMITS)
     states = np.array([[1, 0, 0, 0], [1, 0, 0, 1], [0, 0, 1, 1], [0, 1, 0, 0]]).T
-    uniform = plans.uniform(0, 0)
+    uniform = plans.uniform(0, 0, RULE)
     together = plans.decide(states, 0, RULE, uniform)
     alone = [plans.decide(states[:, [each]], 0, RULE, uniform)[:, 0] for each in range(4)]
     np.testing.assert_array_equal(together, np.array(alone).T)
@@ -87,9 +88,41 @@ def test_where_the_no_op_is_illegal_something_legal_is_played(problem):
     plans = RelaxedPlans(model, LIMITS)
     # at the second place without the parcel, from where no reward can be had
     state = np.array([[0], [1], [0], [0]])
-    decided = plans.decide(state, 0, PlanRule(), plans.uniform(0, 0))
+    decided = plans.decide(state, 0, PlanRule(), plans.uniform(0, 0, PlanRule()))
     assert plans.sampler.legal(state, decided).all()
     assert decided.any()
+
+
+def test_what_must_be_done_by_all_at_once_is_found():
+    model = open_model(lift(), LIMITS)
+    graph, pulls = model.graph, list(model.defaults())
+    # where nobody needs to pull, and no way to a reward is open
+    model = replace(model, legal=(graph.make("and", *pulls),))
+    plans = RelaxedPlans(model, LIMITS)
+    up = np.array([[1]])
+    assert plans.decide(up, 0, PlanRule(), plans.uniform(0, 0, PlanRule())).all()
+
+
+def test_an_action_is_played_with_what_makes_it_legal(monkeypatch):
+    # the target that was shot already must not hide the other one
+    monkeypatch.setattr(relaxed_plans, "_MOST_GOALS", 1)
+    policy = RelaxedPlanPolicy(camera(), PlanRule(), CLAIM, seed=0)
+    action = policy(0, {"taken": np.array([True, False])})
+    assert action["aim"]
+    np.testing.assert_array_equal(action["shoot"], [False, True])
+    done = policy(1, {"taken": np.array([True, True])})
+    assert not done["aim"]
+    assert not done["shoot"].any()
+
+
+def test_waiting_by_another_action_is_not_better_than_what_helps(problem):
+    model = open_model(problem, LIMITS)
+    legal = model.graph.make("or", *model.defaults())
+    plans = RelaxedPlans(replace(model, legal=(*model.legal, legal)), LIMITS)
+    # at the first place with the parcel: it could pick for ever, which costs nothing
+    state = np.array([[1], [0], [0], [1]])
+    go, pick, hand_over = plans.decide(state, 0, PlanRule(), plans.uniform(0, 0, PlanRule()))[:, 0]
+    assert (go, pick, hand_over) == (1, 0, 0)
 
 
 def test_who_is_patient_does_nothing_that_does_not_pay():
@@ -97,7 +130,7 @@ def test_who_is_patient_does_nothing_that_does_not_pay():
     problem = courier()
     plans = RelaxedPlans(open_model(problem, LIMITS), LIMITS)
     state = np.array([[0], [1], [0], [0]])
-    decided = plans.decide(state, 0, PlanRule(patience=1.0), plans.uniform(0, 0))
+    decided = plans.decide(state, 0, PlanRule(patience=1.0), plans.uniform(0, 0, PlanRule()))
     assert not decided.any()
 
 
@@ -137,6 +170,9 @@ def test_a_rule_is_what_it_was_as_text():
         ("error", -1.0),
         ("episodes", 0),
         ("episodes", True),
+        ("samples", 0),
+        ("samples", 2.0),
+        ("samples", 2**30),
         ("patience", None),
     ],
 )

@@ -1,8 +1,10 @@
 """The arm that tries rules by which relaxed plans are made into decisions."""
 
+import contextlib
 import logging
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,10 +39,16 @@ _PATIENCE = 2
 # side by side, for each rule: as many as take so much of the first slice, by what two take; twice
 # as many take 1.5 times as long
 _EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8, 4), 2, 0.25, 0.6
+# of what may follow a decision, where they would take longer
+_FEW_SAMPLES = 2
 # of the best rule, other ones that tell what it returns, so many times as many
 _FRESH = 8
 # of a slice: where the relaxation takes longer, so do its decisions; what both take then at least
 _MAKING_SHARE, _MUCH_LONGER = 0.5, 2.5
+
+
+class _IllegalActionError(NotEnumerableError):
+    """What is played breaks a precondition."""
 
 
 class RelaxedPlansArm(Arm):
@@ -73,7 +81,7 @@ class RelaxedPlansArm(Arm):
         # what the fewest episodes of a rule take
         self._few_seconds = 0.0
         self._steps: Iterator[None] | None = None
-        # returns of the no-op, under None, and of the rules in the same episodes
+        # returns of the rules, and in the same episodes of the no-op, under None, if it is legal
         self._returns: dict[PlanRule | None, np.ndarray] = {}
         # the best rule, once all were tried, and its returns in other episodes
         self._fresh: tuple[PlanRule, list[np.ndarray]] | None = None
@@ -83,12 +91,16 @@ class RelaxedPlansArm(Arm):
     @property
     def is_untried(self) -> bool:
         """Whether no rule was played yet, for which there may have been too little time."""
-        return len(self._returns) <= 1 and not self.is_exhausted
+        return self._tried_rules == 0 and not self.is_exhausted
 
     @property
     def is_undecided(self) -> bool:
         """Whether too few rules were tried to tell whether plans are of any use."""
-        return len(self._returns) <= _PATIENCE and not self.is_exhausted
+        return self._tried_rules < _PATIENCE and not self.is_exhausted
+
+    @property
+    def _tried_rules(self) -> int:
+        return sum(rule is not None for rule in self._returns)
 
     @property
     def leading(self) -> float:
@@ -155,25 +167,34 @@ class RelaxedPlansArm(Arm):
         limits = EnumerationLimits(_MAKING_SHARE * seconds, clock=self._clock)
         plans = self._plans = RelaxedPlans(self._model, limits)
         first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
-        if not plans.sampler.legal(first, plans.noop[:, np.newaxis]).all():
-            raise NotEnumerableError("the no-op is illegal at first")
         if not plans.reaches_something(first):
             raise NotEnumerableError("no reward that is a step or more away")
         few = np.repeat(first, _FEWEST_EPISODES, axis=1)
-        for step in range(2):  # what is done once is done at the first
-            started = self._clock()
-            plans.decide(few, step, PlanRule(), plans.uniform(self._seed, step))
-        few_seconds = self._model.horizon * max(self._clock() - started, 1e-9)
-        self._few_seconds = few_seconds
-        affordable = _RULE_SHARE * seconds / few_seconds
+        self._seconds_of(plans, few, _RULES[0])  # what is done once is done now
+        self._few_seconds = self._seconds_of(plans, few, _RULES[0])
+        rules: Sequence[PlanRule] = _RULES
+        if self._few_seconds > _RULE_SHARE * seconds and plans.sampler.is_random:
+            rules = [replace(rule, samples=_FEW_SAMPLES) for rule in _RULES]
+            self._few_seconds = self._seconds_of(plans, few, rules[0])
+        affordable = _RULE_SHARE * seconds / self._few_seconds
         fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
-        return self._tried(plans, np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1))
+        starts = np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1)
+        return self._tried(plans, starts, rules)
 
-    def _tried(self, plans: RelaxedPlans, starts: np.ndarray) -> Iterator[None]:
+    def _seconds_of(self, plans: RelaxedPlans, states: np.ndarray, rule: PlanRule) -> float:
+        """What episodes take that begin in states [V, N], by one decision."""
+        started = self._clock()
+        plans.decide(states, 0, rule, plans.uniform(self._seed, 0, rule))
+        return self._model.horizon * max(self._clock() - started, 1e-9)
+
+    def _tried(
+        self, plans: RelaxedPlans, starts: np.ndarray, rules: Sequence[PlanRule]
+    ) -> Iterator[None]:
         """Plays the no-op and the rules, and the best rule in other episodes."""
-        yield from self._played(plans, starts, None)
+        with contextlib.suppress(_IllegalActionError):
+            yield from self._played(plans, starts, None)
         # where episodes are few, what they return is told before other rules are tried
-        rules = _RULES if starts.shape[1] > _FEWEST_EPISODES else _RULES[:_PATIENCE]
+        rules = rules if starts.shape[1] > _FEWEST_EPISODES else rules[:_PATIENCE]
         for number, rule in enumerate(rules, start=1):
             yield from self._played(plans, starts, rule)
             self._log.iterations = number
@@ -201,6 +222,10 @@ class RelaxedPlansArm(Arm):
           starts: initial states [V, N].
           rule: that decides; the no-op is played if it is None.
           stream: of random numbers.
+
+        Raises:
+          _IllegalActionError: where an action is illegal, so that the environment would play
+            another one.
         """
         model, sampler, states = self._model, plans.sampler, starts
         count = starts.shape[1]
@@ -210,7 +235,9 @@ class RelaxedPlansArm(Arm):
             if rule is None:
                 actions = np.repeat(plans.noop[:, np.newaxis], count, axis=1)
             else:
-                actions = plans.decide(states, step, rule, plans.uniform(self._seed, step))
+                actions = plans.decide(states, step, rule, plans.uniform(self._seed, step, rule))
+            if not sampler.legal(states[:, alive], actions[:, alive]).all():
+                raise _IllegalActionError("no legal action was found in a state")
             stepped = sampler.step(states, actions, generator.random((sampler.draws, count)))
             total += alive * stepped.rewards * model.discount**step
             alive &= ~stepped.ends

@@ -27,7 +27,7 @@ _TINY = 1e-30
 # of what v reads, that one change affects: then it is worth while to compute the others once
 _FEW_AFFECTED = 4
 # of a step of which not all that is drawn is read as probabilities; and of all that are tried
-_MOST_SAMPLES, _MOST_STEPS = 8, 256
+_MOST_SAMPLES, _MOST_STEPS = 64, 2048
 
 
 class GreedyPlan(JaxPlan):
@@ -73,7 +73,7 @@ class GreedyPlan(JaxPlan):
         Args:
           shape: what the value is made of; `ValueShape()` if None.
           samples: of the step of the model, for each change, as it is played; if None 1 where all
-            that is drawn is read as probabilities, elsewhere 8, or fewer where many changes are
+            that is drawn is read as probabilities, elsewhere 64, or fewer where many changes are
             tried.
 
         Raises:

@@ -140,7 +140,9 @@ class Ways:
     layered: Layered
     goals: Sequence[int]
 
-    def helpful(self, goal: int, all_ways: bool) -> Sequence[Assignment]:
+    def helpful(
+        self, goal: int, all_ways: bool, seen: set[int] | None = None
+    ) -> Sequence[Assignment]:
         """The actions that are legal in the state and on the cheapest way to a goal.
 
         They are the helpful actions of FF (Hoffmann and Nebel, "The FF planning system", 2001).
@@ -148,11 +150,13 @@ class Ways:
         Args:
           goal: the goal's number.
           all_ways: whether those of all ways count that cost the same.
+          seen: rows that were looked at for other goals, whose actions are left out; it grows.
         """
         costs, pairs = self.costs, self.layered.pairs
         if costs[self.goals[goal]] >= FAR:
             return []
-        found, seen, waiting = [], set[int](), [self.goals[goal]]
+        found, waiting = [], [self.goals[goal]]
+        seen = set() if seen is None else seen
         while waiting:
             row = waiting.pop()
             if row in seen or row < self.first:

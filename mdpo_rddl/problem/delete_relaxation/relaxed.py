@@ -2,7 +2,9 @@
 
 A next value is reached by playing nothing, one action, or two together, as its law says with these
 put in and all others at their defaults: an action that is played and not played in one expression
-would make what no play can. Beside that each literal and each reward is looked at by itself.
+would make what no play can. Two are those of few that the law reads, or one that is illegal alone
+with another one that makes it legal. Beside that each literal and each reward is looked at by
+itself.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -168,7 +170,8 @@ class _Relaxation:
         assignments: list[Assignment] = [(each,) for each in single]
         if len(single) <= _MOST_PAIRED:
             assignments += [pair for pair in combinations(single, 2) if pair[0][0] != pair[1][0]]
-        for assignment in assignments:
+        assignments += [pair for each in single for pair in self._completed(each)]
+        for assignment in dict.fromkeys(assignments):
             self._limits.check_time()
             if self.circuit.size > _MOST_ARGUMENTS:
                 raise NotEnumerableError("the relaxation becomes too large")
@@ -177,6 +180,20 @@ class _Relaxation:
             cost = self._legal_cost(assignment)
             if cost != self.circuit.impossible:
                 yield cost, *given(assignment)
+
+    def _completed(self, single: tuple[int, int]) -> list[Assignment]:
+        """An action that is never legal alone, with another one that its preconditions read."""
+        if self._legal_cost((single,)) != self.circuit.impossible:
+            return []
+        limiting = self._limiting.get(self._leaves[single[0]], ())
+        leaves = self._read([self._model.legal[place] for place in limiting])
+        others = {self._numbers[leaf] for leaf in leaves} - {single[0]}
+        pairs: list[Assignment] = [
+            tuple(sorted([single, (number, value)]))
+            for number in others
+            for value in range(len(self._values[number]))
+        ]
+        return sorted(pairs) if len(pairs) <= _MOST_PAIRED else []
 
     def _legal_cost(self, assignment: Assignment) -> int:
         """The node of what it costs to make actions legal that are played together."""

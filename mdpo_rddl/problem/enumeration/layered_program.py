@@ -1,11 +1,15 @@
 """Nodes of a graph evaluated in groups of the same operator, for few values of many nodes."""
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 
 import numpy as np
 
 from mdpo_rddl.problem.enumeration.graph import Graph
-from mdpo_rddl.problem.enumeration.operators import OPERATORS
+from mdpo_rddl.problem.enumeration.operators import OPERATORS, REDUCED
+
+# arguments of a node: more are put together at once
+_MANY_ARGUMENTS = 8
 
 
 class LayeredProgram:
@@ -42,7 +46,10 @@ class LayeredProgram:
             start = self._rows[nodes[0]]
             columns = zip(*(graph.arguments[node] for node in nodes), strict=True)
             places = [np.array([self._rows[each] for each in column]) for column in columns]
-            self._groups.append((OPERATORS[operator], places, start, start + len(nodes)))
+            function = OPERATORS[operator]
+            if operator in REDUCED and len(places) > _MANY_ARGUMENTS:
+                function, places = partial(REDUCED[operator].reduce, axis=0), [np.array(places)]
+            self._groups.append((function, places, start, start + len(nodes)))
 
     @property
     def size(self) -> int:

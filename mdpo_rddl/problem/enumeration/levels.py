@@ -6,7 +6,7 @@ import numpy as np
 
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 
-MAX_LEVELS, MAX_JOINT_LEVELS = 1024, 2**14
+MAX_LEVELS, MAX_JOINT_LEVELS = 2**18, 2**14
 """How many one variable may have, and some that are drawn together."""
 # numbers in all distributions of some variables
 _MAX_NUMBERS = 2_000_000
@@ -29,7 +29,9 @@ class Levels:
         self._numbers: dict[tuple[float, ...], int] = {}
         # of some that were given with the same value several times
         self._joined: dict[tuple[float, ...], int] = {}
-        self._tables: tuple[np.ndarray, np.ndarray] | None = None
+        # of the levels when they were last asked for, and what was added since
+        self._tables = np.zeros((variables, 0, 0)), np.zeros((0, 0))
+        self._new: list[tuple[float, ...]] = []
 
     def of_bools(self, chances: np.ndarray) -> np.ndarray:
         """The level [N] of each chance of true [N]."""
@@ -68,6 +70,8 @@ class Levels:
             raise NotEnumerableError(f"a fluent with more than {self._most} distributions")
         if number * len(key) > _MAX_NUMBERS:
             raise NotEnumerableError("fluents with many distributions of many values together")
+        if number == len(self._numbers):
+            self._new.append(key)
         self._numbers[key] = number
         if key != given and len(self._joined) < self._most:
             self._joined[given] = number
@@ -90,14 +94,16 @@ class Levels:
         return (*(value for column in columns for value in column), *probabilities.values())
 
     def tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values [G, L, B] and probabilities [L, B] of all levels."""
-        if self._tables is not None and len(self._tables[1]) == len(self._numbers):
-            return self._tables
-        widest = max(map(len, self._numbers)) // self._parts
-        table = np.zeros((self._parts, len(self._numbers), widest))
-        for row, number in self._numbers.items():
+        """Values [G, L, B] and probabilities [L, B] of all levels; new arrays if some are new."""
+        known = self._tables[1].shape
+        if self._new:
+            rows = [np.reshape(row, (self._parts, -1)) for row in self._new]
+            widest = max(known[1], *(each.shape[1] for each in rows))
+            table = np.zeros((self._parts, len(self._numbers), widest))
+            table[:-1, : known[0], : known[1]], table[-1, : known[0], : known[1]] = self._tables
             # of what has fewer branches the others have no probability
-            branches = len(row) // self._parts
-            table[:, number, :branches] = np.reshape(row, (self._parts, branches))
-        self._tables = table[:-1], table[-1]
+            for number, each in enumerate(rows, start=known[0]):
+                table[:, number, : each.shape[1]] = each
+            self._tables = table[:-1], table[-1]
+            self._new.clear()
         return self._tables

@@ -41,6 +41,17 @@ OPERATORS: dict[str, Callable[..., Any]] = {
     "maximum": lambda *values: reduce(np.maximum, (1 * value for value in values)),
 }
 OPERATORS |= {"min": OPERATORS["minimum"], "max": OPERATORS["maximum"]}
+REDUCED: dict[str, np.ufunc] = {
+    "and": np.logical_and,
+    "or": np.logical_or,
+    "+": np.add,
+    "*": np.multiply,
+    "minimum": np.minimum,
+    "maximum": np.maximum,
+    "min": np.minimum,
+    "max": np.maximum,
+}
+"""Of those that take any number of arguments, what puts two together."""
 
 
 def _power(base: Any, exponent: Any) -> Any:

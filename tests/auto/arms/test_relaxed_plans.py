@@ -127,13 +127,51 @@ def test_it_waits_for_a_slice_in_which_a_rule_can_be_played(problem, monkeypatch
     assert arm.take_candidates()
 
 
-def test_it_gives_up_where_the_no_op_is_illegal(problem):
+def test_where_episodes_take_long_few_samples_stand_for_what_may_follow(problem, monkeypatch):
+    now, decide = [0.0], relaxed_plans.RelaxedPlans.decide
+
+    def slow(self, states, step, rule, uniform):
+        assert uniform.shape[1] == rule.samples
+        now[0] += 0.5 * rule.samples
+        return decide(self, states, step, rule, uniform)
+
+    monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
+    arm = made(problem, lambda: now[0])
+    # eight steps with eight samples would take 32 s, with two 8 s
+    arm.work(40.0)
+    (candidate,) = arm.take_candidates()
+    assert candidate.plans[0].samples == 2
+    longer = made(problem, lambda: now[0])
+    longer.work(now[0] + 200.0)
+    (candidate,) = longer.take_candidates()
+    assert candidate.plans[0].samples == 8
+
+
+def test_it_gives_up_where_no_action_is_legal(problem):
     model = open_model(problem, LIMITS)
+    # once the parcel is there
+    legal = model.graph.make("or", *model.defaults())
     arm = RelaxedPlansArm(
-        preset(10.0), 0, Ticking(0.001), replace(model, legal=(model.graph.false,))
+        preset(10.0), 0, Ticking(0.001), replace(model, legal=(*model.legal, legal))
     )
     arm.work(1000.0)
-    assert arm.log.details["cause"] == "the no-op is illegal at first"
+    assert arm.log.details["cause"] == "no legal action was found in a state"
+    assert not arm.take_candidates()
+
+
+def test_rules_are_compared_with_each_other_where_the_no_op_is_illegal(problem):
+    model = open_model(problem, LIMITS)
+    # anywhere but at the last place
+    legal = model.graph.make("or", *model.defaults(), model.leaf(2))
+    assert model.variables[2] == ("at", (2,))
+    arm = RelaxedPlansArm(
+        preset(10.0), 0, Ticking(0.001), replace(model, legal=(*model.legal, legal))
+    )
+    arm.work(1000.0)
+    assert arm.log.details == {}
+    assert arm.log.iterations == 4
+    (candidate,) = arm.take_candidates()
+    assert candidate.mean > 0.0
 
 
 def test_an_error_costs_the_arm_only(problem, monkeypatch):

@@ -190,7 +190,7 @@ def test_few_of_them_may_leave_the_noop(most, turns, paint):
 
 @pytest.mark.parametrize(
     ("name", "instance", "samples"),
-    [("Traffic_MDP_ippc2014", "1", 1), ("Elevators", "0", 8), ("PowerGen_Discrete", "0", 8)],
+    [("Traffic_MDP_ippc2014", "1", 1), ("Elevators", "0", 64), ("PowerGen_Discrete", "0", 64)],
 )
 def test_more_is_sampled_where_not_all_that_is_drawn_is_read(name, instance, samples):
     problem = load_problem(name, instance)

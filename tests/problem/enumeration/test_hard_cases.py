@@ -13,6 +13,7 @@ from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.joint_actions import joint_actions
+from mdpo_rddl.problem.enumeration.levels import Levels
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
 from mdpo_rddl.problem.limits import GroupLimit
@@ -143,6 +144,20 @@ _IDLE = """domain d {
     };
     cpfs { on'(?x) = if (risk) then Bernoulli(0.5) else on(?x); };
     reward = 1.0 + 0.5 * risk;
+}"""
+
+# after some steps each state has a chance of its own
+_DIGITS = """domain d {
+    pvariables {
+        number : { state-fluent, int, default = 0 };
+        lit : { state-fluent, bool, default = false };
+        a : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        number' = 2 * number + a;
+        lit' = Bernoulli(number / 4096);
+    };
+    reward = lit;
 }"""
 
 
@@ -298,3 +313,23 @@ def test_the_first_row_is_made_alone(preconditions):
     assert np.count_nonzero(first.action) == (1 if preconditions else 0)
     for column, all_of_them in zip(first, every, strict=True):
         np.testing.assert_array_equal(column, all_of_them[places])
+
+
+def test_a_chance_may_have_thousands_of_values():
+    found = find_optimum(problem(_DIGITS, horizon=13), 20.0)
+    # the number has one digit more at each step, and tells of the reward two steps later
+    best = sum((2**digits - 1) / 4096 for digits in range(12))
+    assert (found.value, found.optimum.states > 2**12) == (pytest.approx(best), True)
+
+
+def test_levels_are_told_in_the_order_in_which_they_came_whenever_they_are_asked_for():
+    levels = Levels()
+    levels.of_rows(np.array([[3.0, 5.0, 0.25, 0.75]]))
+    first = levels.tables()
+    assert levels.tables() is first
+    levels.of_bools(np.array([0.5, 1.0]))
+    # the wider one is asked for with those that were there, once its values are joined
+    levels.of_rows(np.array([[1.0, 2.0, 1.0, 7.0, 0.25, 0.25, 0.25, 0.25]]))
+    values, probabilities = levels.tables()
+    assert values[0].tolist() == [[3, 5, 0], [1, 0, 0], [1, 0, 0], [1, 2, 7]]
+    assert probabilities.tolist() == [[0.25, 0.75, 0], [0.5, 0.5, 0], [1, 0, 0], [0.5, 0.25, 0.25]]

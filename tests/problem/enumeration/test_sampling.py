@@ -5,8 +5,11 @@ import pytest
 from helpers import toy_mdps as toys
 from helpers.couriers import courier
 
+from mdpo_rddl.problem.enumeration.graph import Graph, Kind
+from mdpo_rddl.problem.enumeration.layered_program import LayeredProgram
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import open_model
+from mdpo_rddl.problem.enumeration.operators import REDUCED
 from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 from mdpo_rddl.problem.load import load_problem
 
@@ -17,6 +20,23 @@ def spread(model, actions, count):
     """So many copies of the initial state and of an action."""
     first = np.array([int(value) for value in model.first])
     return np.repeat(first[:, np.newaxis], count, 1), np.repeat(actions[:, np.newaxis], count, 1)
+
+
+@pytest.mark.parametrize("operator", sorted(REDUCED))
+def test_many_arguments_are_put_together_as_few_are(operator):
+    graph, generator = Graph(), np.random.default_rng(0)
+    is_bool = operator in ("and", "or")
+    leaves = [graph.leaf(Kind.STATE, number, is_bool) for number in range(40)]
+    values = generator.random((40, 500))
+    # of some columns all are true, of some none is
+    values = values < 0.5 ** generator.integers(-9, 9, 500) if is_bool else 0.5 + values
+    given = dict(zip(leaves, values, strict=True))
+    wide, narrow = graph.make(operator, *leaves), leaves[0]
+    for leaf in leaves[1:]:
+        narrow = graph.make(operator, narrow, leaf)
+    found = LayeredProgram(graph, [wide, narrow]).run(given, 500)
+    np.testing.assert_allclose(found[wide], found[narrow], rtol=1e-12)
+    assert len(set(found[wide])) > 1
 
 
 def test_a_pick_works_as_often_as_it_should():
