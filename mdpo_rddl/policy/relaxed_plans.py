@@ -114,10 +114,11 @@ class RelaxedPlans:
                 if proposal != grown[each] and self._fits(proposal)
             ]
             joined = self._legal(states, joined)
-            better = self._improve(states, joined, given, chosen, best)
-            for place in better:
+            active = self._improve(states, joined, given, chosen, best)
+            if not active:
+                break
+            for place in active:
                 grown[place] = chosen[place]
-            active = sorted(better)
         return self._actions(chosen)
 
     def _waiting(self, states: np.ndarray, given: _Decision) -> tuple[list[Proposal], np.ndarray]:
@@ -142,7 +143,7 @@ class RelaxedPlans:
         chosen: list[Proposal],
         best: np.ndarray,
         patience: float = 1.0,
-    ) -> set[int]:
+    ) -> list[int]:
         """Writes the better of proposals over those of their states; the states where some are.
 
         Args:
@@ -154,7 +155,7 @@ class RelaxedPlans:
           patience: see `PlanRule`.
         """
         if not proposals:
-            return set()
+            return []
         places = np.array([place for place, _ in proposals])
         worth = self._worth(states[:, places], [each for _, each in proposals], given, patience)
         better = set()
@@ -162,7 +163,7 @@ class RelaxedPlans:
             if value > best[place] + self._margin(best[place]):
                 best[place], chosen[place] = value, proposal
                 better.add(place)
-        return better
+        return sorted(better)
 
     @staticmethod
     def _margin(worth: float) -> float:
