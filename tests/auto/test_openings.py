@@ -75,9 +75,14 @@ def test_relaxed_plans_that_may_lead_have_another_slice(openings, leading, is_un
     assert arm in openings.arms
 
 
-def test_relaxed_plans_have_more_time_where_nothing_else_finds_a_reward(openings, monkeypatch):
+@pytest.mark.parametrize("has_plan", [False, True])
+def test_relaxed_plans_have_more_time_where_nothing_else_finds_a_reward(
+    openings, monkeypatch, has_plan
+):
     assert openings._knows_by_probing()
-    monkeypatch.setattr(openings, "_finds_reward", lambda: False)
+    # with a plan or without
+    monkeypatch.setattr(type(openings._arena), "has_plan", has_plan)
+    monkeypatch.setattr(type(openings._arena), "beats_noop", lambda self, candidate: False)
     openings.plans = arm = Plans(1e9)
     until = openings._arena.until(0.6)
     openings._judge_plans()
