@@ -110,8 +110,10 @@ class RelaxedPlans:
             joined = [
                 (each, proposal)
                 for each in active
-                for proposal in dict.fromkeys(grown[each] | more for more in proposals[each])
-                if proposal != grown[each] and self._fits(proposal)
+                # in place of what takes the no-op's, and beside it, as it may have to be done
+                for begun in dict.fromkeys((grown[each], chosen[each]))
+                for proposal in dict.fromkeys(begun | more for more in proposals[each])
+                if proposal not in (grown[each], chosen[each]) and self._fits(proposal)
             ]
             joined = self._legal(states, joined)
             active = self._improve(states, joined, given, chosen, best)

@@ -22,6 +22,7 @@ from mdpo_rddl.policy.plan_rule import PlanRule, Simulated, parse_rule, rule_tex
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
 from mdpo_rddl.problem.delete_relaxation.distances import Prices
+from mdpo_rddl.problem.enumeration.graph import Kind
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import open_model
 
@@ -113,6 +114,20 @@ def test_an_action_is_played_with_what_makes_it_legal(monkeypatch):
     done = policy(1, {"taken": np.array([True, True])})
     assert not done["aim"]
     assert not done["shoot"].any()
+
+
+def test_what_helps_is_done_beside_what_must_be_done():
+    model = open_model(camera(), LIMITS)
+    # shooting does not read whether the camera is aimed, which is to be so at every step
+    aim = model.graph.leaf(Kind.ACTION, ("aim", ()), True)
+    plans = RelaxedPlans(replace(model, legal=(aim,)), LIMITS)
+    state = np.array([[1], [0]])
+    decided = plans.decide(state, 0, PlanRule(), plans.uniform(0, 0, PlanRule()))[:, 0]
+    assert dict(zip(model.actions, decided, strict=True)) == {
+        ("aim", ()): 1,
+        ("shoot", (0,)): 0,
+        ("shoot", (1,)): 1,
+    }
 
 
 def test_waiting_by_another_action_is_not_better_than_what_helps(problem):
