@@ -44,14 +44,14 @@ OPERATORS |= {"min": OPERATORS["minimum"], "max": OPERATORS["maximum"]}
 REDUCED: dict[str, np.ufunc] = {
     "and": np.logical_and,
     "or": np.logical_or,
-    "+": np.add,
-    "*": np.multiply,
     "minimum": np.minimum,
     "maximum": np.maximum,
     "min": np.minimum,
     "max": np.maximum,
 }
-"""Of those that take any number of arguments, what puts two together."""
+"""Of those that take any number of arguments, in whatever order, what puts two together.
+
+Sums and products are not among them: they would round otherwise for one value than for many."""
 
 
 def _power(base: Any, exponent: Any) -> Any:
