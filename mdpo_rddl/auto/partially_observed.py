@@ -5,6 +5,7 @@ the state elects by its policy is played in the same episodes as the race's poli
 is the result. The underlying policy stays with it, for thinking at the decision.
 """
 
+import contextlib
 import dataclasses
 import logging
 from collections.abc import Callable, Mapping
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING, DynamicProgrammingArm
@@ -240,9 +242,11 @@ def _compile(policy: Policy) -> None:
     env = make_environment(policy.problem)
     state: Mapping[str, Any] = env.reset(seed=policy.seed)[0]
     policy.reset()
-    for _ in range(_STEPS):
-        if not env.done:
-            state = env.step(policy.sample_action(state))[0]
+    # the trial's episodes tell how often it makes the environment raise an error
+    with contextlib.suppress(RDDLValueOutOfRangeError):
+        for _ in range(_STEPS):
+            if not env.done:
+                state = env.step(policy.sample_action(state))[0]
     policy.reset()
 
 

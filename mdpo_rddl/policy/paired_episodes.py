@@ -4,7 +4,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from pyRDDLGym import RDDLEnv
+from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
+from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.problem.episode import Policy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
@@ -30,7 +33,7 @@ def paired_returns(
     """What both return in the same episodes [N, 2], as many as there is time for.
 
     They end early once the difference is clear, which a few episodes with the same luck may seem to
-    make it.
+    make it. An episode in which the environment raises an error counts as `LOST`.
 
     Args:
       problem: what is played.
@@ -49,7 +52,7 @@ def paired_returns(
         and not (len(returns) >= least and _is_clear(returns))
     ):
         episode = (_STREAM + seed) * MOST + len(returns)
-        returns.append([evaluate(env, policy, 1, episode).mean for policy in policies])
+        returns.append([_return_of(policy, env, episode) for policy in policies])
         now = clock()
         longest, before = max(longest, now - before), now
     return np.array(returns).reshape(-1, 2)
@@ -58,6 +61,13 @@ def paired_returns(
 def mean_and_error(values: np.ndarray) -> tuple[float, float]:
     """The mean of some values [N], at least two, and its standard error."""
     return float(np.mean(values)), float(np.std(values, ddof=1) / math.sqrt(len(values)))
+
+
+def _return_of(policy: Policy, env: RDDLEnv, episode: int) -> float:
+    try:
+        return evaluate(env, policy, 1, episode).mean
+    except RDDLValueOutOfRangeError:
+        return LOST
 
 
 def _is_clear(returns: list[list[float]]) -> bool:

@@ -6,6 +6,7 @@ from helpers.clocks import Stopped, Ticking
 from helpers.toys import toy
 from helpers.umbrella import careless, voting
 
+from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.policy.paired_episodes import MOST, mean_and_error, paired_returns
 
 PROBLEM = toy("umbrella")
@@ -34,6 +35,14 @@ def test_a_clear_gain_ends_them():
 def test_none_is_begun_that_would_end_late(until, count):
     returns = paired_returns(PROBLEM, (careless(), careless()), until, Ticking(1.0))
     assert returns.shape == (count, 2)
+
+
+def test_an_episode_in_which_the_environment_fails_is_lost():
+    kettle = toy("kettle", TERMINATION="false")
+    heating, cooling = (lambda step, state: {}), (lambda step, state: {"cool": True})
+    returns = paired_returns(kettle, (heating, cooling), 1000.0, Stopped(), least=3)
+    assert set(returns[:, 0]) == {LOST}
+    assert returns[:, 1].tolist() == pytest.approx([-4.0] * len(returns))
 
 
 def test_the_error_is_that_of_a_mean():

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.planner.exact import fluent_bytes
@@ -273,7 +274,10 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
             count += 1
             action = policy(step, known)
             note_played(policy, known, action)
-            state, _, terminated, truncated, _ = env.step(action)
+            try:
+                state, _, terminated, truncated, _ = env.step(action)
+            except RDDLValueOutOfRangeError:
+                break  # of this episode: what it saw before may well be seen again
             step, done = step + 1, terminated or truncated
     if not found:
         return [(0, known_at(policy, 0, env.reset(seed=policy.seed)[0]))]

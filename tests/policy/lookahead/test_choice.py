@@ -10,6 +10,8 @@ from helpers.clocks import Stopped, Ticking
 from helpers.levers import NONE, lever_policy
 from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
+from pyRDDLGym import RDDLEnv
+from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.planner.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
@@ -115,6 +117,22 @@ def test_few_of_the_states_are_kept_while_they_are_visited(monkeypatch):
     assert visited[0][1] is references[0]()
     # and the one at hand
     assert max(kept) <= 2 * 3 + 1
+
+
+def test_an_environment_that_fails_ends_the_episode_only(monkeypatch):
+    policy, steps = lever_policy(NONE), []
+    step = RDDLEnv.step
+
+    def failing(env, action):
+        steps.append(action)
+        if len(steps) % 2 == 0:
+            raise RDDLValueOutOfRangeError("a probability above 1")
+        return step(env, action)
+
+    monkeypatch.setattr(RDDLEnv, "step", failing)
+    visited = choosing._visited(policy, lambda: True)
+    assert {step for step, _ in visited} == {0, 1}
+    assert len(visited) == len(steps)
 
 
 def test_a_table_that_takes_all_the_time_is_played_alone(monkeypatch):
