@@ -22,6 +22,7 @@ from mdpo_rddl.auto.candidate import Candidate, Judged
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
 from mdpo_rddl.auto.race import run_race
+from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -79,6 +80,8 @@ def plan_partially_observed(
 ) -> RaceOutcome:
     """Finds a policy as `run_race` does, and whether a vote over the belief is a better one.
 
+    Where the environment raises an error for some actions, the race has all of the time.
+
     Args:
       problem: whose state is observed in part only.
       config: as for the race; its time is for everything.
@@ -94,7 +97,10 @@ def plan_partially_observed(
     used = 0.0 if options.earlier is None else options.earlier.seconds
     deadline = began + seconds - used
     search = read_search(config.sections)
-    is_left_out = search is not None and ACTION_VOTING in search.without
+    watched_until = began + RAISING_SHARE * seconds
+    problem = watched(problem, lambda: clock() < watched_until)
+    # a vote meets in play what no rollout of the judge's has shown
+    is_left_out = problem.raises or (search is not None and ACTION_VOTING in search.without)
     underlying = None if is_left_out else _underlying(problem)
     if underlying is None:
         return run_race(problem, config, seed, options)
