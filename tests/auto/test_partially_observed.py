@@ -141,6 +141,14 @@ def test_the_vote_can_be_left_out(raced):
     assert (found.asked, found.stages) == ([(True, 100.0)], [])
 
 
+def test_where_the_environment_fails_all_of_the_time_is_the_races(raced, monkeypatch):
+    monkeypatch.setattr(
+        partially_observed, "watched", lambda problem, _: dataclasses.replace(problem, raises=True)
+    )
+    found = raced(race_outcome(careless()))
+    assert (found.asked, found.stages) == ([(True, 100.0)], [])
+
+
 def test_without_an_underlying_mdp_all_of_the_time_is_the_races(raced, monkeypatch, caplog):
     def refused(problem):
         raise InputError("it is no problem\nwithout what is observed")
