@@ -63,7 +63,7 @@ class RelaxedPlans:
           NotEnumerableError: if that is not understood, becomes too large, or has no goal.
         """
         self.model, self.sampler = model, GroundSampler(model)
-        self._distances = Distances(relaxed(model, limits))
+        self._distances = Distances(relaxed(model, limits), model.horizon)
         self.noop = np.array([int(default) for default, _ in model.actions.values()], int)
         self._values = [[int(each) for each in others] for _, others in model.actions.values()]
         self._most = int(min(model.most, len(self.noop)))

@@ -64,8 +64,12 @@ class Circuit:
 
     def total(self, nodes: Iterable[int]) -> int:
         """The node of a sum, in which a cost counts once, but for constants, which are chances."""
-        found, known = set[int](), 0.0
-        for node in set(nodes):
+        found, known, seen = set[int](), 0.0, set[int]()
+        for node in nodes:
+            if node in seen:
+                continue
+            if self.parts[node] is not Part.CONSTANT:
+                seen.add(node)
             for each in self.arguments[node] if self.parts[node] is Part.TOTAL else (node,):
                 if self.parts[each] is Part.CONSTANT:
                     known += self.constants[each]

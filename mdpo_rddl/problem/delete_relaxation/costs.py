@@ -68,6 +68,10 @@ class Costs:
         """The same of its not happening."""
         return self._once(self._fails, node)
 
+    def positive(self, node: int) -> int:
+        """The node of the cost of a number's being above 0, or a bool's being true."""
+        return self._once(self._positive, node)
+
     def equals(self, node: int, value: object) -> int:
         """The node of the cost of an object's, a number's or a bool's being equal to a constant."""
         return self._once(self._equals, node, value)
@@ -131,7 +135,7 @@ class Costs:
             return free
         bound = graph.values[less]
         is_any = bound < 0 or (bound == 0 and operator == ">=")
-        return free if is_any else self.happens(greater)
+        return free if is_any else self.positive(greater)
 
     def _leaf(self, node: int, value: int) -> int:
         graph = self._graph
@@ -192,7 +196,7 @@ class Costs:
             known = self.values(self._variables[graph.values[node]])
             others = [self._leaf(node, each) for each in known if each != value]
             return circuit.least(others) if known else circuit.free
-        return self.happens(node) if value == 0 else circuit.free
+        return self.positive(node) if value == 0 else circuit.free
 
     def _happens(self, node: int) -> int:
         graph, circuit = self._graph, self._circuit
@@ -212,6 +216,26 @@ class Costs:
         if operator in ("-", "/"):
             return self.happens(arguments[0])
         return circuit.free
+
+    def _positive(self, node: int) -> int:
+        graph, circuit = self._graph, self._circuit
+        if graph.is_bool[node]:
+            return self.truth(node, True)
+        operator, arguments = graph.operators[node], graph.arguments[node]
+        if operator == "constant":
+            return circuit.free if graph.values[node] > 0 else circuit.impossible
+        if operator == "*":
+            if any(graph.is_constant(each) and graph.values[each] < 0 for each in arguments):
+                return circuit.free  # another factor may be negative too
+            return circuit.total(map(self.positive, arguments))
+        if operator in ("+", "max", "maximum"):
+            return circuit.least(map(self.positive, arguments))
+        if operator == "if":
+            return self._chosen(arguments, self.positive)
+        if operator in ("-", "/") and arguments[0] != graph.one:
+            return self.positive(arguments[0])
+        is_opposite = operator == "-" and graph.is_bool[arguments[1]]
+        return self.truth(arguments[1], False) if is_opposite else circuit.free
 
     def _fails(self, node: int) -> int:
         graph, circuit = self._graph, self._circuit

@@ -46,8 +46,8 @@ class Prices:
         return np.minimum(priced, FAR)
 
 
-# sweeps, and what a cost must fall by to be swept again
-_MOST_SWEEPS, _LEAST_CHANGE = 100, 1e-3
+# what a cost must fall by to be swept again
+_LEAST_CHANGE = 1e-3
 # costs that are taken to be the same
 _TIE = 1e-4
 
@@ -63,9 +63,14 @@ class Distances:
       rows: number R of costs.
     """
 
-    def __init__(self, relaxed: Relaxed) -> None:
-        """Puts the circuit in layers."""
-        circuit = relaxed.circuit
+    def __init__(self, relaxed: Relaxed, most_steps: int = 100) -> None:
+        """Puts the circuit in layers.
+
+        Args:
+          relaxed: the relaxation.
+          most_steps: what needs more of them is out of reach.
+        """
+        circuit, self._most_steps = relaxed.circuit, most_steps
         self.worths = np.array([goal.worth for goal in relaxed.goals])
         self.lasts = np.array([goal.lasts for goal in relaxed.goals], bool)
         constants = [n for n, part in enumerate(circuit.parts) if part is Part.CONSTANT]
@@ -94,17 +99,22 @@ class Distances:
         costs[: self._first] = prices.of_chance(self._constants)[:, np.newaxis]
         literals = costs[self._first : self._first + len(self._variables)]
         literals[:] = np.where(states[self._variables] == self._values[:, np.newaxis], 0.0, FAR)
-        for _ in range(_MOST_SWEEPS):
-            for part, one, other, start, stop in self._layered.layers:
-                if part is Part.TOTAL:
-                    np.add(costs[one], costs[other], out=costs[start:stop])
-                else:
-                    np.minimum(costs[one], costs[other], out=costs[start:stop])
+        self._evaluate(costs)
+        for _ in range(self._most_steps):
             reached = np.minimum(prices.step + costs[self._next], FAR)
             if not np.any(reached < literals - _LEAST_CHANGE):
                 break
             np.minimum(literals, reached, out=literals)
+            self._evaluate(costs)
         return costs
+
+    def _evaluate(self, costs: np.ndarray) -> None:
+        """Fills in the sums and the minima of costs [R, N] whose literals are given."""
+        for part, one, other, start, stop in self._layered.layers:
+            if part is Part.TOTAL:
+                np.add(costs[one], costs[other], out=costs[start:stop])
+            else:
+                np.minimum(costs[one], costs[other], out=costs[start:stop])
 
     def to_goals(self, costs: np.ndarray) -> np.ndarray:
         """The costs of the goals [G, N], `FAR` or more where one is out of reach."""

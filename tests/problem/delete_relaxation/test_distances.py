@@ -116,6 +116,34 @@ instance inst {
     assert list(distances.ways(costs, state).helpful(0, all_ways=True)) == [((0, 0),)]
 
 
+def test_equal_chances_count_each():
+    problem = problem_from(
+        """domain d {
+    pvariables {
+        c : { interm-fluent, bool };
+        e : { interm-fluent, bool };
+        x : { state-fluent, bool, default = false };
+        a : { action-fluent, bool, default = false };
+    };
+    cpfs { c = Bernoulli(0.5); e = Bernoulli(0.5); x' = x | (a ^ c ^ e); };
+    reward = x;
+}
+non-fluents n { domain = d; }
+instance inst {
+    domain = d; non-fluents = n; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
+}"""
+    )
+    distances = Distances(relaxed(open_model(problem, LIMITS), LIMITS))
+    assert cost(distances, (0,)) == pytest.approx(STEP + math.log(4.0), rel=1e-5)
+
+
+def test_what_needs_more_steps_is_out_of_reach():
+    model = open_model(domain("z", "x' = x | a; y' = y | x; z' = z | y;"), LIMITS)
+    found = relaxed(model, LIMITS)
+    assert cost(Distances(found, 2), (0, 0, 0)) >= FAR
+    assert cost(Distances(found, 3), (0, 0, 0)) == pytest.approx(3 * STEP, rel=1e-5)
+
+
 def test_what_can_be_tried_again_costs_its_tries(parcel):
     _, distances = parcel
     prices = Prices(0.5, tries=True)
@@ -171,6 +199,9 @@ def test_an_action_is_not_both_played_and_not_played():
         ("x => y", (1, 0, 0), 1),
         ("(x + y) > 0", (0, 0, 0), 1),
         ("(x + y) >= 1", (1, 0, 0), 0),
+        ("(0.05 * x + 0.1 * y) > 0.04", (0, 0, 0), 1),  # weights are no chances
+        ("(0.05 * x) ~= 0", (0, 0, 0), 1),
+        ("(1 - x) > 0", (1, 0, 0), 1),
     ],
 )
 def test_conditions_of_all_forms(expression, state, steps):
