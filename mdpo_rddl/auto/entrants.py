@@ -79,6 +79,8 @@ class Entrants:
         rddl, exact = planner.rddl, planner.test_compiled
         if GREEDY in self._without or rddl.observ_fluents:
             return None
+        if planner.lose_on_error:
+            return None  # what is learnt does not know where the environment raises one
         if self.decides_numbers and self._arena.probe.deterministic:
             return None  # no policy returns more than the best plan then
         changes = SingleChanges.of(exact)

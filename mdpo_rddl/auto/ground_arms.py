@@ -103,7 +103,7 @@ class GroundSlices:
         assert exact is not None
         given = self._config, self._seed, self._clock
         opened, model = exact.grounded.opened, exact.grounded.model
-        if opened is not None and RELAXED_PLANS not in without:
+        if opened is not None and self._may_plan:
             on_stage("searching")
             self.arms.plans = RelaxedPlansArm(*given, opened, self._options.on_pulse)
             resumption.enter(self.arms.plans)
@@ -123,8 +123,12 @@ class GroundSlices:
     def _plans_go_on(self, resumption: Resumption) -> bool:
         """Whether there are relaxed plans to be tried in a race that goes on."""
         is_over = resumption.marks.is_over(RELAXED_PLANS)
-        is_wanted = RELAXED_PLANS not in self._shares.without
-        return is_wanted and (not is_over or resumption.goes_on(RELAXED_PLANS))
+        return self._may_plan and (not is_over or resumption.goes_on(RELAXED_PLANS))
+
+    @property
+    def _may_plan(self) -> bool:
+        """Whether relaxed plans take part: they do not know where the environment raises errors."""
+        return RELAXED_PLANS not in self._shares.without and not self._problem.raises
 
     def _begin(self, trials: TrialsArm, deadline: float) -> None:
         """Two slices, of which the second is given only to what promises something.

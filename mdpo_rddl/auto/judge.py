@@ -15,11 +15,21 @@ from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import LOST, exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 
 ROLLOUTS = 128
 """Of a candidate, where time and memory reach."""
+
+
+# where an error that is rare in play must be seen
+_ROLLOUTS_TELLING_ERRORS = 1024
+
+
+def rollouts_for(problem: Problem) -> int:
+    """How many rollouts of a candidate are wanted."""
+    return _ROLLOUTS_TELLING_ERRORS if problem.raises else ROLLOUTS
 
 
 def _ignore(judged: Judged) -> None:

@@ -21,7 +21,7 @@ from mdpo_rddl.auto.fitting import (
     without_scales,
 )
 from mdpo_rddl.auto.ground_arms import GroundArms, GroundSlices
-from mdpo_rddl.auto.judge import ROLLOUTS, Judge
+from mdpo_rddl.auto.judge import ROLLOUTS, Judge, rollouts_for
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probed import Probed
@@ -36,6 +36,7 @@ from mdpo_rddl.auto.unjudged import (
     known_kept,
     left_at,
     noop_of,
+    record_found,
     unjudged_outcome,
 )
 from mdpo_rddl.errors import Cancelled, note_heard
@@ -51,8 +52,6 @@ from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
 
-# where an error that is rare in play must be seen
-_MANY_ROLLOUTS = 1024
 _PROBING_SEED = 0
 # with less time JaxPlan's planners have hardly compiled
 _JAXPLAN_SECONDS = 40.0
@@ -149,8 +148,7 @@ def _raced(
         note_heard(stop)
         if arena.judge.incumbent is None:
             raise
-        for candidate in (each for arm in early for each in arm.take_candidates()):
-            arena.judge.record(candidate)
+        record_found(arena.judge, early)
         logger.warning("interrupted: the best policy so far is kept")
         interrupted = True
     finally:
@@ -228,8 +226,7 @@ def _arena(
         config = without_pairs(with_single_rollouts(config))
     jit = jit_for(deadline - began)
     planner = build_planner(problem, config, options.traced_cache, jit=jit).planner
-    wanted = _MANY_ROLLOUTS if problem.raises else ROLLOUTS
-    rollouts = seen.judge_rollouts(wanted, deadline - clock())
+    rollouts = seen.judge_rollouts(rollouts_for(problem), deadline - clock())
     judge = Judge(rollouts, seed, clock, began, options.on_judged, deadline)
     judge.program_seconds = seen.compile_seconds
     return Arena(

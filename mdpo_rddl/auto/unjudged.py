@@ -13,6 +13,7 @@ from mdpo_rddl.auto.arms.simple import SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.earlier import EarlierRace
+from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.unsearched import found_by_probing, known_by_probing
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -152,6 +153,14 @@ def known_kept(arena: Arena, earlier: EarlierRace | None, early: Sequence[Arm]) 
             found += found_by_probing(arena)
         else:
             found.append(earlier.incumbent.known(arena.problem, arena.seed))
-    found += [each for arm in early for each in arm.take_candidates()]
     for candidate in found:
         arena.judge.record(candidate)
+    record_found(arena.judge, early)
+
+
+def record_found(judge: Judge, arms: Sequence[Arm]) -> None:
+    """Judges what arms have found that know its return, and tells them."""
+    for arm in arms:
+        for candidate in arm.take_candidates():
+            judge.record(candidate)
+            arm.judged(judge.judged[-1].candidate)

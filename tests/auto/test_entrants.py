@@ -43,6 +43,7 @@ def entrants(
     bools=(2, 3),
     state=9,
     values=5,
+    loses=False,
 ):
     noop = {"a": np.zeros(bools), "b": np.zeros(()), "s": np.zeros(state, bool)}
     kinds = {"a": kind, "b": kind}
@@ -57,7 +58,7 @@ def entrants(
         clock=lambda: 0.0,
         seed=0,
         incumbent=None,
-        planner=SimpleNamespace(rddl=rddl, test_compiled=exact, horizon=40),
+        planner=SimpleNamespace(rddl=rddl, test_compiled=exact, horizon=40, lose_on_error=loses),
         config=auto_preset(""),
         plan=SimpleNamespace(memory=SimpleNamespace(initial=memory)),
         probe=SimpleNamespace(deterministic=deterministic),
@@ -137,6 +138,7 @@ def test_an_arm_that_trains_is_found_by_its_name():
         ({"kind": "real"}, False),
         ({"kind": "bool", "seen": ["noise"]}, False),
         ({"kind": "bool", "without": ["greedy"]}, False),
+        ({"kind": "bool", "loses": True}, False),  # what it learns from does not tell errors
     ],
 )
 def test_few_changes_are_tried_one_by_one_where_the_state_is_seen(case, comes):

@@ -105,10 +105,12 @@ def arena():
 def test_what_was_seen_before_the_judge_counts(arena, start, table, expected):
     arena.probe.start_return = start
     found = [Candidate("trials", "table", preset(1.0), None, None, mean=table, error=0.0)]
-    early = SimpleNamespace(take_candidates=lambda: found)
+    told = []
+    early = SimpleNamespace(take_candidates=lambda: found, judged=told.append)
     with known_kept(arena, None, [] if table is None else [early]):
         raise TooLateError("too late")
     assert arena.judge.incumbent.label == expected
+    assert [each.mean for each in told] == ([] if table is None else [table])
 
 
 def test_without_chance_all_of_the_judge_s_returns_are_known(arena):
@@ -123,7 +125,7 @@ def test_without_chance_all_of_the_judge_s_returns_are_known(arena):
 @pytest.mark.parametrize("is_late", [False, True])
 def test_a_table_that_was_found_meanwhile_counts_in_a_race_that_goes_on(arena, is_late):
     table = Candidate("trials", "table", preset(1.0), None, None, mean=-20.0, error=0.0)
-    early = SimpleNamespace(take_candidates=lambda: [table])
+    early = SimpleNamespace(take_candidates=lambda: [table], judged=lambda candidate: None)
     with known_kept(arena, earlier_race(-30.0), [early]):
         if is_late:
             raise TooLateError("too late")

@@ -17,7 +17,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.judge import ROLLOUTS, MeanReturn
+from mdpo_rddl.auto.judge import MeanReturn, rollouts_for
 from mdpo_rddl.auto.plain import METHODS
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import InputError
@@ -85,7 +85,7 @@ class Alternatives:
     """The second process, where a core is free for it; a context manager that ends it."""
 
     def __init__(self, problem: Problem, seed: int, seconds: float, wanted: bool) -> None:
-        """Starts the process.
+        """Starts nothing yet.
 
         Args:
           problem: the parsed problem.
@@ -93,26 +93,29 @@ class Alternatives:
           seconds: that the race has.
           wanted: whether to start it at all.
         """
-        self._problem = problem
+        self._problem, self._seed, self._seconds, self._wanted = problem, seed, seconds, wanted
         self._child: Child | None = None
-        if not wanted or usable_cores() < 2 or not sys.executable:
-            return
+
+    def __enter__(self) -> "Alternatives":
+        """Starts the process."""
+        if self._wanted and usable_cores() > 1 and sys.executable:
+            self._start()
+        return self
+
+    def _start(self) -> None:
         try:
             self._child = Child(serve, on_cpu=True)
         except OSError as error:  # no memory, or too many processes
             logger.info("the second process: %s", error)
             return
-        source = asdict(ProblemSource.of(problem))
-        folder = str(self._child.folder)
-        request = ChildRequest(source, seed, seconds, folder, problem.raises)
+        source = asdict(ProblemSource.of(self._problem))
+        folder, raises = str(self._child.folder), self._problem.raises
+        request = ChildRequest(source, self._seed, self._seconds, folder, raises)
         try:
             self._child.ask(asdict(request))
         except ChildEndedError as error:
             logger.info("the second process: %s", error)
             self.stop()
-
-    def __enter__(self) -> "Alternatives":
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.stop()
@@ -218,7 +221,7 @@ def _train(problem: Problem, request: ChildRequest, method: str) -> dict[str, An
     compile_guess = time.monotonic() - started + 5.0
     budget = Budget(10**6, max(1.0, _SHARE * request.seconds - compile_guess))
     result = train(built, jax.random.PRNGKey(request.seed), budget)
-    mean, error = MeanReturn(built.planner, ROLLOUTS, request.seed)(result.best_params)
+    mean, error = MeanReturn(built.planner, rollouts_for(problem), request.seed)(result.best_params)
     if not np.isfinite(mean):
         raise InputError("the return is not finite")
     hyperparams, identity = dict(result.policy_hyperparams), problem_identity(problem)
