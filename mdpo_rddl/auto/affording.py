@@ -130,6 +130,8 @@ class Affording:
           until: how long it may work, by the clock.
           comes_first: whether nothing else is likely to come near what it finds.
         """
+        if self._is_large:
+            return False
         if name == SHOOTING:
             seconds = _SHOOTING_EVALUATIONS * self._rollout_seconds
         else:
@@ -138,7 +140,7 @@ class Affording:
         needed = self.usual_seconds(name) + seconds
         has_time = comes_first and left >= _FIRST_AT_LEAST
         share = _AFFORDED_FIRST if has_time else _AFFORDED[name]
-        return not self._is_large and needed <= share * left
+        return needed <= share * left
 
     def patience(self, until: float) -> float:
         """Until when compilations are waited for: not at all where others can work meanwhile.

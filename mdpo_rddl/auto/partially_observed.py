@@ -104,7 +104,7 @@ def plan_partially_observed(
     underlying = None if is_left_out else _underlying(problem)
     if underlying is None:
         return run_race(problem, config, seed, options)
-    saved: SavedPolicy | SavedTable | None = _optimum(underlying, config, seed, options)
+    saved: SavedPolicy | SavedTable | None = _optimum(underlying, config, seed, options, deadline)
     is_raced = saved is None
     share, most = (_TRIAL_SHARE, _TRIAL_SECONDS) if is_raced else (_LONGER_SHARE, _LONGER_SECONDS)
     trial = min(share * seconds, most)
@@ -112,7 +112,7 @@ def plan_partially_observed(
     left = (1.0 - _RACE_SHARE) * left if is_raced else left
     outcome = run_race(problem, _within(config, left), seed, options)
     if outcome.interrupted or not isinstance(outcome.policy, Policy):
-        return outcome
+        return dataclasses.replace(outcome, seconds=clock() - began + used)
     try:
         options.on_stage(_UNDERLYING)
         if saved is None:
@@ -120,10 +120,10 @@ def plan_partially_observed(
             saved = _raced(underlying, _within(config, left), seed, options)
         if saved is not None:
             outcome = _with_vote(outcome, saved, (began - used, deadline), options)
-        return dataclasses.replace(outcome, seconds=clock() - began + used)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
-        return dataclasses.replace(outcome, interrupted=True)
+        outcome = dataclasses.replace(outcome, interrupted=True)
+    return dataclasses.replace(outcome, seconds=clock() - began + used)
 
 
 def _underlying(problem: Problem) -> Problem | None:
@@ -135,14 +135,17 @@ def _underlying(problem: Problem) -> Problem | None:
 
 
 def _optimum(
-    underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+    underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions, deadline: float
 ) -> SavedTable | None:
-    """The optimum, if the states can be enumerated in a small part of the time."""
+    """The optimum, if the states can be enumerated in a small part of the time.
+
+    The deadline is that of everything, by the clock.
+    """
     if not is_discrete(underlying):
         return None
     options.on_stage("enumerating")
     exact = DynamicProgrammingArm(underlying, config, options.clock, keeps_values=True)
-    exact.work(options.clock() + _OPTIMUM_SHARE * config.budget().seconds)
+    exact.work(min(options.clock() + _OPTIMUM_SHARE * config.budget().seconds, deadline))
     return None if exact.solution is None else exact.solution.policy(seed).to_saved()
 
 

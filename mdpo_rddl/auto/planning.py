@@ -4,6 +4,7 @@ from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
 from mdpo_rddl.auto.partially_observed import plan_partially_observed
 from mdpo_rddl.auto.race import run_race
+from mdpo_rddl.planner.build import require_actions
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.problem.load import Problem
 
@@ -21,9 +22,10 @@ def plan_automatically(
       options: see `RaceOptions`.
 
     Raises:
-      InputError: if JaxPlan refuses the problem or the configuration.
+      InputError: if there is no action, or JaxPlan refuses the problem or the configuration.
       KeyboardInterrupt: if interrupted before there was any policy.
     """
+    require_actions(problem)
     options = RaceOptions() if options is None else options
     plan = plan_partially_observed if problem.model.observ_fluents else run_race
     return plan(problem, config, seed, options)

@@ -120,7 +120,7 @@ def _terms(conditions: Mapping[str, Any]) -> str:
         f"and {conditions['trial_seconds']:g} s a trial, at most {conditions['memory_gb']:g} GB, "
         f"{_counted(conditions['cores'], 'core')}, seed {conditions['seed']}. A normalised score "
         "is 0 at the better one of noop and random and 1 at the best planner of this run; a failed "
-        "trial makes it 0. "
+        "trial makes it 0, and an instance on which noop and random fail is left out. "
     )
     if conditions["lenient"]:
         return text + (

@@ -53,7 +53,8 @@ class Scores:
       planners: in the order of the run.
       cells: per instance and planner; what has not ended yet is missing.
       domains: per domain label and planner, the mean normalised score over its instances;
-        missing where an instance has none yet.
+        missing where an instance has none yet. Instances on which the no-op and random actions
+        have failed are left out.
       overall: per planner, the mean over the domains; missing as in `domains`.
     """
 
@@ -70,11 +71,15 @@ class Scores:
         """
         by_domain: dict[str, list[float]] = {}
         for problem, row in self.cells.items():
+            if _floor_failed(row, self.planners):
+                continue
             values = [row[name].normalised for name in planners if name in row]
             known = [value for value in values if value is not None]
             if len(known) < len(planners):
                 return None
             by_domain.setdefault(problem.domain_label, []).append(max(known))
+        if not by_domain:
+            return None
         return float(np.mean([np.mean(values) for values in by_domain.values()]))
 
     def count(self, planner: str, best_only: bool = False) -> int:
@@ -97,11 +102,21 @@ def score(results: Iterable[EntryResult], mode: str, planners: Sequence[str]) ->
         if result.is_complete:
             row[result.entry.planner] = result
     cells = {problem: _row(row, mode) for problem, row in by_problem.items()}
-    domains: dict[str, dict[str, float]] = {}
-    for label in dict.fromkeys(problem.domain_label for problem in cells):
-        rows = [row for problem, row in cells.items() if problem.domain_label == label]
-        domains[label] = _means(rows, planners)
-    return Scores(tuple(planners), cells, domains, _overall(domains, planners))
+    rows: dict[str, list[Mapping[str, EntryScore]]] = {}
+    for problem, scored in cells.items():
+        of_domain = rows.setdefault(problem.domain_label, [])
+        if not _floor_failed(scored, planners):
+            of_domain.append(scored)
+    domains = {label: _means(own, planners) for label, own in rows.items()}
+    ranked = {label: domains[label] for label, own in rows.items() if own}
+    return Scores(tuple(planners), cells, domains, _overall(ranked, planners))
+
+
+def _floor_failed(row: Mapping[str, EntryScore], planners: Iterable[str]) -> bool:
+    """Whether those that a score of 0 stands for have ended on an instance, and all failed."""
+    floor = [name for name in FLOOR if name in planners]
+    ended = [row[name] for name in floor if name in row]
+    return bool(floor) and len(ended) == len(floor) and all(one.mean is None for one in ended)
 
 
 def _row(results: Mapping[str, EntryResult], mode: str) -> dict[str, EntryScore]:
@@ -171,7 +186,7 @@ def _means(rows: Sequence[Mapping[str, EntryScore]], planners: Iterable[str]) ->
     for name in planners:
         values = [row[name].normalised for row in rows if name in row]
         known = [value for value in values if value is not None]
-        if len(known) == len(rows):
+        if rows and len(known) == len(rows):
             means[name] = float(np.mean(known))
     return means
 

@@ -80,13 +80,18 @@ def build_baseline(problem: Problem, config: PlannerConfig) -> Built[JaxBackprop
     return Built(planner, config.budget(), optimize_args)
 
 
+def require_actions(problem: Problem) -> None:
+    """Raises `InputError` where there is nothing to plan."""
+    if not problem.model.action_fluents:
+        raise InputError(f"{problem.domain_path}: it has no action fluent, nothing to plan")
+
+
 def _arguments(problem: Problem, config: PlannerConfig) -> tuple[dict[str, Any], dict[str, Any]]:
     """The keyword arguments of JaxPlan's planner, and of its `optimize`."""
     too_large = too_large_for(problem, config.sections)
     if too_large is not None:
         raise InputError(f"{config.source}: {too_large}")
-    if not problem.model.action_fluents:
-        raise InputError(f"{problem.domain_path}: it has no action fluent, nothing to plan")
+    require_actions(problem)
     for section, key in _BY_ACTION:
         given = config.sections.get(section, {}).get(key)
         for name in given if isinstance(given, dict) else ():

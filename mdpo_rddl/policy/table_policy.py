@@ -15,7 +15,7 @@ from mdpo_rddl.policy.file import (
 )
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy, numbers_of
-from mdpo_rddl.policy.table import ActionTable, Claim
+from mdpo_rddl.policy.table import ActionTable, Claim, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
 from mdpo_rddl.problem.load import Problem, make_environment
@@ -28,16 +28,33 @@ class TablePolicy(PlannerlessPolicy):
     Attributes:
       table: of actions by state and step.
       claim: what is known of its return, for the horizon that it was made for.
+      made_for: that horizon.
       seed: of the run that found it.
       misses: at how many decisions the state was not in the table.
     """
 
     name = "table"
 
-    def __init__(self, problem: Problem, table: ActionTable, claim: Claim, seed: int) -> None:
-        """Makes the keys of the table's states."""
+    def __init__(
+        self,
+        problem: Problem,
+        table: ActionTable,
+        claim: Claim,
+        seed: int,
+        made_for: int | None = None,
+    ) -> None:
+        """Makes the keys of the table's states.
+
+        Args:
+          problem: on which to play it.
+          table: of actions.
+          claim: what is known of its return.
+          seed: of the run that found it.
+          made_for: the horizon that it is for; the problem's if None.
+        """
         super().__init__(problem, claim, seed)
         self.table, self.claim = table, claim
+        self.made_for = problem.horizon if made_for is None else made_for
         self.misses = 0
         self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
         self._merges = [
@@ -61,13 +78,19 @@ class TablePolicy(PlannerlessPolicy):
         require_same_problem(saved, problem, source)
         if _fluents(saved.table) != _fluents_of(problem, saved.table.fluents):
             raise InputError(f"{source}: damaged policy file: its fluents are not the problem's")
-        return cls(problem, saved.table, saved.claim, saved.seed)
+        horizon = saved.problem.get("horizon")
+        return cls(problem, saved.table, saved.claim, saved.seed, horizon)
 
     def to_saved(self) -> SavedTable:
         """The policy as a file holds it."""
         source = ProblemSource.of(self.problem).without_folders()
-        identity = problem_identity(self.problem)
+        identity = {**problem_identity(self.problem), "horizon": self.made_for}
         return SavedTable(self.table, self.claim, identity, self.seed, source)
+
+    @property
+    def optimum(self) -> Optimum | None:
+        """What is proven of the policy; None if nothing is, as for another horizon."""
+        return super().optimum if self.made_for == self.problem.horizon else None
 
     def with_decision_seconds(self, seconds: float) -> PolicyAgent:
         """As `Policy.with_decision_seconds`; a proven optimum is played as it is.
@@ -104,7 +127,7 @@ class TablePolicy(PlannerlessPolicy):
     def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
         number = self._number(step, observation)
         return {
-            name: values[number] if values.ndim > 1 else values[number].item()
+            name: values[number].copy() if values.ndim > 1 else values[number].item()
             for name, values in self.table.actions.items()
         }
 

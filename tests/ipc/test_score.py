@@ -143,6 +143,20 @@ def test_what_has_not_ended_is_not_scored():
     assert found.overall["jaxplan-slp"] == 1.0
 
 
+def test_an_instance_on_which_the_floor_fails_is_left_out():
+    failing = [
+        result(HVAC2, name, [1, 1], status="error", cause="it fails") for name in ("noop", "random")
+    ]
+    playing = [result(HVAC2, "mdpo", [3, 3]), result(HVAC2, "jaxplan-slp", [1, 1], status="error")]
+    found = score([*of(HVAC, 10, 5), *failing, *playing], "strict", PLANNERS)
+    assert found.overall == found.domains["HVAC_ippc2023"]
+    assert found.overall["jaxplan-slp"] == 0.5
+    assert found.better_of(["mdpo", "jaxplan-slp"]) == 1.0
+    # where it is all that there is, there is no score
+    found = score([*failing, *playing], "strict", PLANNERS)
+    assert (found.overall, found.better_of(["mdpo"])) == ({}, None)
+
+
 def test_without_a_floor_there_is_no_normalised_score():
     found = score(of(HVAC, 10, 5)[:2], "strict", PLANNERS[:2])
     assert found.cells[HVAC]["mdpo"].normalised is None

@@ -72,6 +72,21 @@ def test_a_saved_table_is_read_back(policy, tmp_path):
             assert again(step, seen)["go"] == policy(step, seen)["go"]
 
 
+def test_for_another_horizon_nothing_is_proven(policy, tmp_path):
+    path = tmp_path / "table"
+    save_policy(path, policy.to_saved())
+    longer = toys.walk(tmp_path, 6)
+    again = restored(load_policy(path), replace(longer, digest=policy.problem.digest), str(path))
+    assert (again.problem.horizon, again.made_for, again.optimum) == (6, 4, None)
+    assert again.to_saved().problem["horizon"] == 4
+
+
+def test_an_action_may_be_changed_by_whoever_gets_it(policy):
+    wet = observation(1, "wet")
+    policy(1, wet)["dance"][:] = True
+    assert not policy(1, wet)["dance"].any()
+
+
 def test_the_values_of_the_states_are_read_back(tmp_path):
     policy = find_optimum(toys.walk(tmp_path, 4), 30, keeps_values=True).policy()
     tensors = table_tensors(policy.table)

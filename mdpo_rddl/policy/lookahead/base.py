@@ -14,7 +14,7 @@ from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.parts import with_effect
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.plan_rule import PlanRule
-from mdpo_rddl.policy.table import ActionTable, Claim
+from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.problem.load import Problem
 
 
@@ -89,12 +89,15 @@ class Tabled(Protocol):
     """A table of actions, which is played as a policy."""
 
     table: ActionTable
-    claim: Claim
     seed: int
 
     @property
     def problem(self) -> Problem:
         """What is played."""
+
+    @property
+    def optimum(self) -> Optimum | None:
+        """What is proven of it; None if nothing is."""
 
     def knows(self, observation: Mapping[str, Any]) -> bool:
         """Whether a state is in the table; in others the no-op is played."""

@@ -31,7 +31,6 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trial,
     Trials,
 )
-from mdpo_rddl.policy.table import Optimum
 from mdpo_rddl.problem.chance import rewards_are_certain
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -237,7 +236,7 @@ def _methods() -> list[Method]:
 def _unsuitable(policy: Prepared | Tabled) -> str:
     """Why rollouts from the state at hand cannot be made, or are of no use; empty if they can."""
     if isinstance(policy, Tabled):
-        return OPTIMAL if isinstance(policy.claim, Optimum) else ""
+        return "" if policy.optimum is None else OPTIMAL
     if policy.planner.lose_on_error:
         return RAISES  # scenarios do not know where it does
     if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:

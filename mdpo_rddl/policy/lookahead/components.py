@@ -108,7 +108,7 @@ class Components:
 
         Infinite also where some values are not listed. Preconditions may allow fewer.
         """
-        if len(self.discrete) < self.size:
+        if not all(self.values):
             return math.inf
         counts = np.zeros(self.most + 1)
         counts[0] = 1.0

@@ -136,7 +136,7 @@ def test_an_environment_that_fails_ends_the_episode_only(monkeypatch):
 
 
 def test_a_table_that_takes_all_the_time_is_played_alone(monkeypatch):
-    clock, table = Stopped(), create_autospec(Tabled, claim=None)
+    clock, table = Stopped(), create_autospec(Tabled, optimum=None)
 
     def take_long(_):
         clock.now += 5.0

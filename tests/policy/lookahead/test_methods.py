@@ -1,6 +1,7 @@
 """What the methods propose, and how an action's components are laid side by side."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,6 +93,13 @@ def test_joint_actions_are_counted_until_they_are_many(count, most, expected):
     many, started = bools(count, most), time.process_time()
     assert many.joint_actions == expected
     assert time.process_time() - started < 1.0
+
+
+def test_what_has_one_value_makes_no_joint_action_more():
+    three = replace(bools(3, 3), values=((0.0, 1.0), (2.0,), (0.0, 1.0)))
+    assert three.joint_actions == 4
+    unlisted = replace(bools(3, 3), values=((0.0, 1.0), (), (0.0, 1.0)))
+    assert unlisted.joint_actions == np.inf
 
 
 def test_of_many_components_only_what_is_proposed_is_built():
