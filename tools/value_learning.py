@@ -19,11 +19,11 @@ import numpy as np
 from rows import Rows
 
 from mdpo_rddl.auto.fitting import greedy
-from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Way
+from mdpo_rddl.problem.evaluation import mean_and_error
 
 SETTINGS = ((0.9, 48), (0.9, 128), (0.7, 48), (0.7, 128), (0.5, 128))
 """Lambda of the returns, and units of the value's hidden layer."""

@@ -17,13 +17,13 @@ from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.compilations import TooLateError, compiled_within
-from mdpo_rddl.auto.judge import Judge, mean_and_error
+from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.problem.episode import WatchedPolicy
-from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.evaluation import Evaluation, evaluate, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 
 logger = logging.getLogger(__name__)

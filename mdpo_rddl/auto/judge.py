@@ -15,6 +15,7 @@ from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.timing import Clock, Timed
 from mdpo_rddl.planner.exact import LOST, exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -62,13 +63,6 @@ class MeanReturn:
         """The return of each rollout [N]."""
         one = jax.tree.map(lambda leaf: np.asarray(leaf)[np.newaxis], params)
         return np.asarray(self._returns(self._key, one), float)[0]
-
-
-def mean_and_error(returns: np.ndarray) -> tuple[float, float]:
-    """Mean of returns [N] and its standard error, infinite for one return."""
-    count = len(returns)
-    error = float(np.std(returns, ddof=1) / np.sqrt(count)) if count > 1 else float("inf")
-    return float(np.mean(returns)), error
 
 
 def difference_error(one: Candidate, other: Candidate) -> float:

@@ -29,9 +29,10 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.policy.file import SavedPlanRule, SavedPolicy, SavedTable
-from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, mean_and_error, paired_returns
+from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, paired_returns
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
+from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.underlying import underlying_mdp
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.constants import Constants
-from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.rules import RULE_SIGMA, Drawing, random_rules
@@ -15,6 +14,7 @@ from mdpo_rddl.auto.search.weights import simple_weights
 from mdpo_rddl.auto.sizes import Size
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.problem.evaluation import mean_and_error
 
 logger = logging.getLogger(__name__)
 

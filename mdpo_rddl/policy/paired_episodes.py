@@ -1,6 +1,5 @@
 """Two policies in the same episodes of the exact environment: which of them to play."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +8,7 @@ from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.problem.episode import Policy
-from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.evaluation import evaluate, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 
 FEWEST, MOST = 3, 40
@@ -56,11 +55,6 @@ def paired_returns(
         now = clock()
         longest, before = max(longest, now - before), now
     return np.array(returns).reshape(-1, 2)
-
-
-def mean_and_error(values: np.ndarray) -> tuple[float, float]:
-    """The mean of some values [N], at least two, and its standard error."""
-    return float(np.mean(values)), float(np.std(values, ddof=1) / math.sqrt(len(values)))
 
 
 def _return_of(policy: Policy, env: RDDLEnv, episode: int) -> float:

@@ -80,6 +80,13 @@ class Evaluation(Mapping[str, float]):
         return mean_interval(self.returns)
 
 
+def mean_and_error(values: np.ndarray) -> tuple[float, float]:
+    """The mean of some values [N] and its standard error, infinite for a single one."""
+    count = len(values)
+    error = float(np.std(values, ddof=1) / np.sqrt(count)) if count > 1 else float("inf")
+    return float(np.mean(values)), error
+
+
 def mean_interval(values: np.ndarray) -> tuple[float, float] | None:
     """Student's 95% interval of a mean; None for one value.
 

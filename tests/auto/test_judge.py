@@ -13,9 +13,10 @@ from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
-from mdpo_rddl.auto.judge import Judge, difference_error, mean_and_error
+from mdpo_rddl.auto.judge import Judge, difference_error
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import LOST, compile_exact_returns
+from mdpo_rddl.problem.evaluation import mean_and_error
 
 
 @pytest.fixture(scope="module")

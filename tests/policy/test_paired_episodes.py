@@ -7,7 +7,8 @@ from helpers.toys import toy
 from helpers.umbrella import careless, voting
 
 from mdpo_rddl.planner.exact import LOST
-from mdpo_rddl.policy.paired_episodes import MOST, mean_and_error, paired_returns
+from mdpo_rddl.policy.paired_episodes import MOST, paired_returns
+from mdpo_rddl.problem.evaluation import mean_and_error
 
 PROBLEM = toy("umbrella")
 

@@ -15,7 +15,7 @@ from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.gains import return_to_beat
-from mdpo_rddl.auto.judge import ROLLOUTS, mean_and_error
+from mdpo_rddl.auto.judge import ROLLOUTS
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
@@ -28,6 +28,7 @@ from mdpo_rddl.planner.policy_iteration.learner import (
     Way,
 )
 from mdpo_rddl.planner.programs.quick import Jit, light_jit
+from mdpo_rddl.problem.evaluation import mean_and_error
 
 GREEDY = "greedy"
 # what another process needs of the learner: all but the rollouts
@@ -307,9 +308,8 @@ class PolicyIterationArm(CompilingArm):
     def _offer_learnt(self) -> None:
         """Hands in the latest policy, and an earlier one of the slice if that has returned more.
 
-        What they return is told by other rollouts, which are the arm's own, of the exact model as
-        the judge's are, and the same for all: what the judge would play them with takes as long
-        to compile as the arm's program.
+        What they return is told by other rollouts of the arm's own, the same for all: what the
+        judge would play them with takes as long to compile as the arm's program.
         """
         learner, best = self._learner, self._best
         assert learner is not None

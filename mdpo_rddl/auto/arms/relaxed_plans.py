@@ -10,7 +10,6 @@ import numpy as np
 
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -23,6 +22,7 @@ from mdpo_rddl.problem.enumeration.limits import (
     OutOfTimeError,
 )
 from mdpo_rddl.problem.enumeration.model import OpenModel
+from mdpo_rddl.problem.evaluation import mean_and_error
 
 logger = logging.getLogger(__name__)
 

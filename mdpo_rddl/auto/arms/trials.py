@@ -8,7 +8,6 @@ import numpy as np
 
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.judge import mean_and_error
 from mdpo_rddl.auto.search.trials.backward import Greedy
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.playing import Play, play, runs
@@ -25,6 +24,7 @@ from mdpo_rddl.problem.enumeration.limits import (
     OutOfTimeError,
 )
 from mdpo_rddl.problem.enumeration.model import GroundModel
+from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)

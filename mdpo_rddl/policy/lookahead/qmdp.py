@@ -19,7 +19,8 @@ from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import WIDE, Simulator
 from mdpo_rddl.policy.lookahead.table_base import TableBase
 from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
-from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, mean_and_error, paired_returns
+from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, paired_returns
+from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.problem.load import make_environment
 
 logger = logging.getLogger(__name__)

@@ -16,6 +16,7 @@ from mdpo_rddl.policy.lookahead.belief import Belief
 from mdpo_rddl.policy.lookahead.components import Components
 from mdpo_rddl.policy.lookahead.gains import paired_gains
 from mdpo_rddl.problem.chance import has_draws
+from mdpo_rddl.problem.observation import as_numbers
 
 WIDE, NARROW = "wide", "narrow"
 # candidates that climb side by side; where nothing is random one makes more steps
@@ -343,8 +344,6 @@ class Simulator:
         planner, numbers = self.policy.planner, {}
         rddl, known = planner.rddl, planner.test_compiled.init_values
         for name, value in state.items():
-            array = np.asarray(value)
-            if array.dtype.kind in "UO":
-                array = rddl.object_string_to_index_array(rddl.variable_ranges[name], array)
+            array = as_numbers(rddl, name, value)
             numbers[name] = array.astype(np.asarray(known[name]).dtype)
         return numbers
