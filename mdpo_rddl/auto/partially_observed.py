@@ -104,7 +104,9 @@ def plan_partially_observed(
     is_left_out = problem.raises or (search is not None and ACTION_VOTING in search.without)
     underlying = None if is_left_out else _underlying(problem)
     if underlying is None:
-        return run_race(problem, config, seed, options)
+        left = seconds - (clock() - began)
+        outcome = run_race(problem, _within(config, left), seed, options)
+        return dataclasses.replace(outcome, seconds=clock() - began + used)
     saved: SavedPolicy | SavedTable | None = _optimum(underlying, config, seed, options, deadline)
     is_raced = saved is None
     share, most = (_TRIAL_SHARE, _TRIAL_SECONDS) if is_raced else (_LONGER_SHARE, _LONGER_SECONDS)

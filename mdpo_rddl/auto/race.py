@@ -75,8 +75,9 @@ def run_race(
     resumption = Resumption(lambda: clock() - started, None if earlier is None else earlier.state)
     options.on_begun(resumption.snapshot)
     seconds, shares = config.budget().seconds, _shares(config)
-    by = clock() + RAISING_SHARE * seconds
-    problem = watched(problem, lambda: clock() < by)
+    if not problem.model.observ_fluents:  # else it was watched before
+        by = clock() + RAISING_SHARE * seconds
+        problem = watched(problem, lambda: clock() < by)
     wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
     alternatives = Alternatives(problem, seed, seconds - used, wanted)
     with computing_on(fitting_device(problem)), alternatives, one_line_errors(problem):

@@ -25,11 +25,9 @@ def watched(problem: Problem, has_time: Callable[[], bool]) -> Problem:
     """The problem, with `raises` where an episode of the no-op, or of random actions, fails.
 
     Args:
-      problem: the parsed problem; as it is where that is known already.
+      problem: the parsed problem.
       has_time: asked for before each step of the two episodes.
     """
-    if problem.raises:
-        return problem
     cause = _failure(problem, lambda: _noop, has_time)
     told = "if nothing is done"
     if cause is None:

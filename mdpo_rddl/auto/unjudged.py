@@ -103,7 +103,11 @@ def unjudged_outcome(
       seed: of the run.
       seconds: that the race has used.
     """
-    found = [left, *(each for arm in arms for each in arm.take_candidates())]
+    found = [left]
+    for arm in arms:
+        for candidate in arm.take_candidates():
+            found.append(candidate)
+            arm.judged(candidate)
     best = max(found, key=lambda each: -math.inf if each.mean is None else each.mean)
     return RaceOutcome(
         policy=policy_of(best, problem, seed),

@@ -18,7 +18,8 @@ def draw_domains(scores: Scores) -> bytes:
 
     Of more than sixty domains or twenty planners only the first; the report's tables have all.
     """
-    domains, planners = list(scores.domains)[:_MOST_DOMAINS], _drawn(scores)
+    domains = [name for name, row in scores.domains.items() if row][:_MOST_DOMAINS]
+    planners = _drawn(scores)
     width = 0.8 / len(planners)
     figure = Figure(figsize=(max(6.0, 1.4 * len(domains)), 3.8), layout="constrained")
     axes = figure.subplots()

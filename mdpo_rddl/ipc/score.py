@@ -2,7 +2,8 @@
 
 An instance is worth 0 at the better one of the no-op and the random player, and 1 at the best
 planner of the run, linearly between them and clipped to [0, 1]; a failure in any trial is worth
-0 (IPPC 2023). A domain is worth the mean over its instances, a run the mean over its domains.
+0 (IPPC 2023). A domain is worth the mean over its instances, but for those on which the no-op and
+the random player fail, a run the mean over its domains.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

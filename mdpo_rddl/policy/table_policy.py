@@ -103,22 +103,24 @@ class TablePolicy(PlannerlessPolicy):
     @property
     def kind(self) -> str:
         """A table, and of what."""
-        return (
-            "a table that trials have found"
-            if self.optimum is None
-            else "a table of a proven optimum"
-        )
+        if not isinstance(self.claim, Optimum):
+            return "a table that trials have found"
+        is_for_this = self.made_for == self.problem.horizon
+        for_another = "" if is_for_this else f" for horizon {self.made_for:,}"
+        return f"a table of a proven optimum{for_another}"
 
     def __repr__(self) -> str:
         states = f"{self.claim.states:,} states"
         return f"<TablePolicy for {self.problem.label}: {self.kind}, {states}>"
 
     def _repr_html_(self) -> str:
+        is_for_this = self.made_for == self.problem.horizon
+        made_for = "" if is_for_this else f" with horizon {self.made_for:,}"
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
             "plan": self.kind.removeprefix("a "),
-            "return" if self.optimum is None else "optimum": f"{self.claim.value:,.6g}",
+            "return" if self.optimum is None else "optimum": f"{self.claim.value:,.6g}{made_for}",
             "states": f"{self.claim.states:,}",
             "seed": f"{self.seed}",
         }

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from helpers.clocks import Stopped, Ticking
 from helpers.lakes import preset, write_lake
+from helpers.toys import toy
 
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.constants import with_bias
 from mdpo_rddl.auto.fitting import without_scales
-from mdpo_rddl.auto.judge import Judge, difference_error
+from mdpo_rddl.auto.judge import ROLLOUTS, Judge, difference_error, rollouts_for
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import LOST, compile_exact_returns
 from mdpo_rddl.problem.evaluation import mean_and_error
@@ -197,3 +198,9 @@ def test_in_few_rollouts_a_candidate_must_be_better_by_the_error_of_the_differen
 def test_errors_are_those_of_a_sample():
     assert mean_and_error(np.array([0.0, 2.0])) == (1.0, 1.0)
     assert mean_and_error(np.array([3.0])) == (3.0, math.inf)
+
+
+def test_where_the_environment_fails_more_rollouts_tell_how_often():
+    kettle = toy("kettle", TERMINATION="false")
+    assert rollouts_for(kettle) == ROLLOUTS
+    assert rollouts_for(dataclasses.replace(kettle, raises=True)) == 1024

@@ -14,6 +14,7 @@ from helpers.toys import toy
 from helpers.umbrella import careless, voting
 
 from mdpo_rddl.auto import RaceOptions, RaceOutcome, partially_observed, plan_automatically
+from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.policy.file import SavedTable
@@ -139,6 +140,15 @@ def test_an_interruption_of_the_first_race_ends_all(raced):
 def test_the_vote_can_be_left_out(raced):
     found = raced(race_outcome(careless()), without=["action voting"])
     assert (found.asked, found.stages) == ([(True, 100.0)], [])
+
+
+@pytest.mark.parametrize(("deadline", "until"), [(500.0, 25.0), (5.0, 5.0)])
+def test_the_optimum_has_a_share_of_the_time_that_is_left(monkeypatch, deadline, until):
+    asked = []
+    monkeypatch.setattr(DynamicProgrammingArm, "work", lambda arm, until: asked.append(until))
+    options, underlying = RaceOptions(clock=Stopped()), voting().underlying.problem
+    found = partially_observed._optimum(underlying, LONG, 0, options, deadline)
+    assert (found, asked) == (None, [until])
 
 
 def test_where_the_environment_fails_all_of_the_time_is_the_races(raced, monkeypatch):

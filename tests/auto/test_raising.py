@@ -41,12 +41,6 @@ def test_an_error_in_an_episode_of_random_actions_is_seen_and_told(caplog):
     assert "Normal" in caplog.text
 
 
-def test_what_is_known_is_not_told_again(kettle, caplog):
-    known = dataclasses.replace(kettle, raises=True)
-    assert watched(known, always) is known
-    assert not caplog.records
-
-
 def test_an_episode_without_an_error_says_nothing(caplog):
     with caplog.at_level(logging.INFO):
         assert not watched(toy("kettle", TERMINATION="heat > 0.7"), always).raises

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from helpers.mistakes import one_line
 from helpers.problems import assert_same_bits, tiny_files
+from helpers.toy_mdps import lamp
 from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper_config, trained
 
 from mdpo_rddl.auto import plan_automatically
+from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.diagnosis import origin
@@ -147,7 +149,14 @@ def test_values_by_action_name_actions(tmp_path, section, key):
 def test_a_problem_without_actions_is_told(tmp_path):
     found = load_problem(*tiny_files(tmp_path))
     found.model.action_fluents.clear()
-    told = f"{found.domain_path}: it has no action fluent, nothing to plan"
-    assert one_line(lambda: build_planner(found, paper_config())) == told
-    # before the optimum of doing nothing is proven
-    assert one_line(lambda: plan_automatically(found, auto_preset(""), 0)) == told
+    said = one_line(lambda: build_planner(found, paper_config()))
+    assert said == f"{found.domain_path}: it has no action fluent, nothing to plan"
+
+
+def test_a_problem_without_actions_is_told_before_its_optimum(tmp_path):
+    found, stages = lamp(tmp_path, 3), []
+    found.model.action_fluents.clear()
+    options = RaceOptions(on_stage=stages.append)
+    said = one_line(lambda: plan_automatically(found, auto_preset(""), 0, options))
+    assert said == f"{found.domain_path}: it has no action fluent, nothing to plan"
+    assert stages == []

@@ -116,6 +116,9 @@ class Alternatives:
         except ChildEndedError as error:
             logger.info("the second process: %s", error)
             self.stop()
+        except BaseException:  # `with` does not end what was not entered
+            self.stop()
+            raise
 
     def __exit__(self, *error: object) -> None:
         self.stop()

@@ -149,8 +149,11 @@ def choose(
         reason = "" if applying else "no method changes such actions"
         if applying:
             times = seconds, started + within
-            with base.planner.computing():
-                chosen, trials = _tried(base, applying, times, clock)
+            try:
+                with base.planner.computing():
+                    chosen, trials = _tried(base, applying, times, clock)
+            except RDDLValueOutOfRangeError:  # in an episode of the policy's
+                reason = RAISES
     return Choice(chosen, trials, reason, clock() - started)
 
 
@@ -235,10 +238,10 @@ def _methods() -> list[Method]:
 
 def _unsuitable(policy: Prepared | Tabled) -> str:
     """Why rollouts from the state at hand cannot be made, or are of no use; empty if they can."""
+    if policy.problem.raises:
+        return RAISES  # scenarios do not know where it does
     if isinstance(policy, Tabled):
         return "" if policy.optimum is None else OPTIMAL
-    if policy.planner.lose_on_error:
-        return RAISES  # scenarios do not know where it does
     if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:
@@ -273,10 +276,7 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
             count += 1
             action = policy(step, known)
             note_played(policy, known, action)
-            try:
-                state, _, terminated, truncated, _ = env.step(action)
-            except RDDLValueOutOfRangeError:
-                break  # of this episode: what it saw before may well be seen again
+            state, _, terminated, truncated, _ = env.step(action)
             step, done = step + 1, terminated or truncated
     if not found:
         return [(0, known_at(policy, 0, env.reset(seed=policy.seed)[0]))]

@@ -196,7 +196,7 @@ class Costs:
             known = self.values(self._variables[graph.values[node]])
             others = [self._leaf(node, each) for each in known if each != value]
             return circuit.least(others) if known else circuit.free
-        return self.positive(node) if value == 0 else circuit.free
+        return self.positive(node) if value == 0 and self._is_positive_or_0(node) else circuit.free
 
     def _happens(self, node: int) -> int:
         graph, circuit = self._graph, self._circuit
@@ -224,18 +224,34 @@ class Costs:
         operator, arguments = graph.operators[node], graph.arguments[node]
         if operator == "constant":
             return circuit.free if graph.values[node] > 0 else circuit.impossible
-        if operator == "*":
-            if any(graph.is_constant(each) and graph.values[each] < 0 for each in arguments):
-                return circuit.free  # another factor may be negative too
-            return circuit.total(map(self.positive, arguments))
         if operator in ("+", "max", "maximum"):
             return circuit.least(map(self.positive, arguments))
         if operator == "if":
             return self._chosen(arguments, self.positive)
-        if operator in ("-", "/") and arguments[0] != graph.one:
-            return self.positive(arguments[0])
-        is_opposite = operator == "-" and graph.is_bool[arguments[1]]
-        return self.truth(arguments[1], False) if is_opposite else circuit.free
+        if operator == "-" and arguments[0] == graph.one and graph.is_bool[arguments[1]]:
+            return self.truth(arguments[1], False)
+        # of a difference the first is above 0 if the second is not below
+        if operator not in ("*", "-", "/") or not all(map(self._is_positive_or_0, arguments)):
+            return circuit.free
+        parts = arguments if operator == "*" else arguments[:1]
+        return circuit.total(map(self.positive, parts))
+
+    def _is_positive_or_0(self, node: int) -> bool:
+        """Whether a number is seen to be never below 0."""
+        return bool(self._once(self._never_below_0, node))
+
+    def _never_below_0(self, node: int) -> bool:
+        graph = self._graph
+        if graph.is_bool[node]:
+            return True
+        operator, arguments = graph.operators[node], graph.arguments[node]
+        if operator == "constant":
+            return bool(graph.values[node] >= 0)
+        if operator == "-":
+            return arguments[0] == graph.one and graph.is_bool[arguments[1]]
+        parts = arguments[1:] if operator == "if" else arguments
+        known = ("*", "+", "/", "if", "max", "maximum")
+        return operator in known and all(map(self._is_positive_or_0, parts))
 
     def _fails(self, node: int) -> int:
         graph, circuit = self._graph, self._circuit

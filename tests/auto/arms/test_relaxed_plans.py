@@ -185,6 +185,16 @@ def test_an_error_costs_the_arm_only(problem, monkeypatch):
     assert arm.log.details["cause"] == "RuntimeError: broken"
 
 
+def test_it_does_not_know_where_the_environment_fails(problem):
+    failing = replace(problem, raises=True)
+    shares = Search(without=["dynamic programming", "trials"])
+    ground = GroundSlices(failing, preset(100.0), 0, RaceOptions(clock=Stopped()), shares)
+    resumption = Resumption(lambda: 0.0, None)
+    ground.enumerate(resumption, 100.0)
+    ground.search(resumption, 100.0, lambda stage: None)
+    assert [arm.name for arm in ground.arms.all] == ["dynamic programming"]
+
+
 @pytest.mark.parametrize("without", [[], [RELAXED_PLANS]])
 def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
     options = RaceOptions(clock=Stopped())

@@ -1,7 +1,9 @@
 """Whether to think at all: what the trials of the methods say, and how long they may take."""
 
 import weakref
+from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 from unittest.mock import create_autospec
 
 import numpy as np
@@ -119,24 +121,23 @@ def test_few_of_the_states_are_kept_while_they_are_visited(monkeypatch):
     assert max(kept) <= 2 * 3 + 1
 
 
-def test_an_environment_that_fails_ends_the_episode_only(monkeypatch):
-    policy, steps = lever_policy(NONE), []
-    step = RDDLEnv.step
-
+def test_nobody_thinks_where_the_environment_fails(monkeypatch):
     def failing(env, action):
-        steps.append(action)
-        if len(steps) % 2 == 0:
-            raise RDDLValueOutOfRangeError("a probability above 1")
-        return step(env, action)
+        raise RDDLValueOutOfRangeError("a probability above 1")
 
     monkeypatch.setattr(RDDLEnv, "step", failing)
-    visited = choosing._visited(policy, lambda: True)
-    assert {step for step, _ in visited} == {0, 1}
-    assert len(visited) == len(steps)
+    choice = choose(lever_policy(NONE), SECONDS)
+    assert (choice.policy, choice.note) == (None, choosing.RAISES)
+    # a table is not looked at either where that is known
+    table = create_autospec(Tabled, optimum=None, problem=SimpleNamespace(raises=True))
+    assert choose(table, SECONDS).note == choosing.RAISES
 
 
 def test_a_table_that_takes_all_the_time_is_played_alone(monkeypatch):
-    clock, table = Stopped(), create_autospec(Tabled, optimum=None)
+    clock, table = (
+        Stopped(),
+        create_autospec(Tabled, optimum=None, problem=SimpleNamespace(raises=False)),
+    )
 
     def take_long(_):
         clock.now += 5.0
@@ -232,8 +233,8 @@ def test_where_a_call_would_take_too_much_memory_the_policy_plays_alone(slow, mo
     assert (choice.policy, choice.note) == (None, choosing.LARGE)
 
 
-def test_where_the_environment_raises_an_error_the_policy_plays_alone(slow, monkeypatch):
+def test_where_the_environment_raises_an_error_the_policy_plays_alone(slow):
     policy = lever_policy(NONE)
-    monkeypatch.setattr(policy.planner, "lose_on_error", True)
+    policy = replace(policy, problem=replace(policy.problem, raises=True))
     choice = choose(policy, SECONDS, 60.0, slow(0.01))
     assert (choice.policy, choice.note) == (None, choosing.RAISES)

@@ -202,6 +202,8 @@ def test_an_action_is_not_both_played_and_not_played():
         ("(0.05 * x + 0.1 * y) > 0.04", (0, 0, 0), 1),  # weights are no chances
         ("(0.05 * x) ~= 0", (0, 0, 0), 1),
         ("(1 - x) > 0", (1, 0, 0), 1),
+        ("((x - y) ~= 0) ^ y", (0, 0, 0), 1),  # below 0 is not 0 either
+        ("((0 - (-1 * y)) > 0) ^ y", (0, 0, 0), 1),
     ],
 )
 def test_conditions_of_all_forms(expression, state, steps):
