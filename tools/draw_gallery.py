@@ -46,7 +46,7 @@ command found: the state fluent that differs most between the two (each line an 
 of a map), and the return so far.
 
 These are short runs: {seconds} s of planning each, seed 0, on two cores; the
-mean returns are over {episodes} episodes. They are of 22 November; later versions
+mean returns are over {episodes} episodes. They are of 41d6d77; later versions
 find better policies in the same time (UAV 1: -2,476), see [results](results.md).
 `python tools/draw_gallery.py` makes this page.
 """
