@@ -90,7 +90,11 @@ class TablePolicy(PlannerlessPolicy):
     @property
     def optimum(self) -> Optimum | None:
         """What is proven of the policy; None if nothing is, as for another horizon."""
-        return super().optimum if self.made_for == self.problem.horizon else None
+        return super().optimum if self._fits_horizon else None
+
+    @property
+    def _fits_horizon(self) -> bool:
+        return self.made_for == self.problem.horizon
 
     def with_decision_seconds(self, seconds: float) -> PolicyAgent:
         """As `Policy.with_decision_seconds`; a proven optimum is played as it is.
@@ -105,8 +109,7 @@ class TablePolicy(PlannerlessPolicy):
         """A table, and of what."""
         if not isinstance(self.claim, Optimum):
             return "a table that trials have found"
-        is_for_this = self.made_for == self.problem.horizon
-        for_another = "" if is_for_this else f" for horizon {self.made_for:,}"
+        for_another = "" if self._fits_horizon else f" for horizon {self.made_for:,}"
         return f"a table of a proven optimum{for_another}"
 
     def __repr__(self) -> str:
@@ -114,8 +117,7 @@ class TablePolicy(PlannerlessPolicy):
         return f"<TablePolicy for {self.problem.label}: {self.kind}, {states}>"
 
     def _repr_html_(self) -> str:
-        is_for_this = self.made_for == self.problem.horizon
-        made_for = "" if is_for_this else f" with horizon {self.made_for:,}"
+        made_for = "" if self._fits_horizon else f" with horizon {self.made_for:,}"
         rows = {
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
