@@ -1,6 +1,5 @@
 """Open-loop plans as arrays, and the mutations that a search for them is made of."""
 
-import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jax import Array
+
+from mdpo_rddl.planner.plans.places import places_of
 
 _MUTATIONS = 0.35
 _LONGEST_SHIFT = 5
@@ -50,10 +51,8 @@ def layout_of(plan: Mapping[str, Array], bools: Sequence[str]) -> Layout:
       bools: names of those that are bools.
     """
     shapes = {name: tuple(np.shape(values)[1:]) for name, values in plan.items()}
-    ends = np.cumsum([0, *(math.prod(shape) for shape in shapes.values())]).tolist()
-    places = [slice(*pair) for pair in itertools.pairwise(ends)]
     is_bool = [np.full(math.prod(shape), name in bools) for name, shape in shapes.items()]
-    return Layout(shapes, places, np.concatenate(is_bool))
+    return Layout(shapes, list(places_of(shapes).values()), np.concatenate(is_bool))
 
 
 def mutants(

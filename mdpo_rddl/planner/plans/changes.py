@@ -1,6 +1,5 @@
 """Single changes of the no-op, as vectors that a search for a legal action goes through."""
 
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -8,6 +7,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+
+from mdpo_rddl.planner.plans.places import places_of
 
 # whole numbers and objects of at most so many values are tried one by one
 _MOST_VALUES = 8
@@ -34,14 +35,9 @@ class Changes:
         self._kinds = {name: rddl.variable_ranges[name] for name in rddl.action_fluents}
         noop = {name: np.asarray(compiled.init_values[name]) for name in self._kinds}
         self._shapes = {name: value.shape for name, value in noop.items()}
-        sizes = [math.prod(shape) for shape in self._shapes.values()]
-        ends = np.cumsum([0, *sizes]).tolist()
-        self._parts = {
-            name: slice(*pair)
-            for name, pair in zip(self._kinds, itertools.pairwise(ends), strict=True)
-        }
-        self.size = ends[-1]
+        self._parts = places_of(self._shapes)
         self.noop = np.concatenate([np.ravel(noop[n]).astype(np.float32) for n in self._kinds])
+        self.size = self.noop.size
         self._widths = np.ones(self.size, np.float32)
         self._is_bool, self.is_real = np.zeros(self.size, bool), np.zeros(self.size, bool)
         places, values = [], []

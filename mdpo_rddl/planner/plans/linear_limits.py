@@ -11,7 +11,6 @@ but those for which there is room to the nearer one. A precondition about a sing
 the box; the others are projected onto in turn.
 """
 
-import itertools
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from mdpo_rddl.planner.plans.places import places_of
 from mdpo_rddl.planner.programs.quick import once_jit
 from mdpo_rddl.problem.implications import conjuncts
 
@@ -87,11 +87,8 @@ class LinearLimits:
         self._shapes = {name: value.shape for name, value in values.items()}
         boxes = {name: compiled.constraints.bounds[name] for name in values}
         sizes = [value.size for value in values.values()]
-        ends = np.cumsum([0, *sizes]).tolist()
-        self._places = {
-            name: slice(*pair) for name, pair in zip(values, itertools.pairwise(ends), strict=True)
-        }
-        self._noop = np.zeros(ends[-1], np.float32)
+        self._places = places_of(self._shapes)
+        self._noop = np.zeros(sum(sizes), np.float32)
         for name, place in self._places.items():
             self._noop[place] = np.ravel(values[name])
         self._are_integers = np.repeat([kinds[name] == "int" for name in values], sizes)

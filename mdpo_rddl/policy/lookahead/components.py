@@ -1,6 +1,5 @@
 """An action's components side by side: which there are and what they can be."""
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 from mdpo_rddl.noise.units import in_range_units
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.changes import choices
+from mdpo_rddl.planner.plans.places import places_of
 
 # how far whole numbers of many values are changed; larger ones are not exact in single precision
 _STEPS, _LARGEST = 2.0 ** np.arange(10), 2.0**24
@@ -50,10 +50,8 @@ class Components:
         """The components of a planner's actions."""
         compiled, rddl = planner.test_compiled, planner.rddl
         noop = {name: np.asarray(compiled.init_values[name]) for name in rddl.action_fluents}
-        sizes = [max(1, value.size) for value in noop.values()]
-        ends = np.cumsum([0, *sizes]).tolist()
-        parts = {n: slice(*pair) for n, pair in zip(noop, itertools.pairwise(ends), strict=True)}
-        size = ends[-1]
+        parts = places_of({name: value.shape for name, value in noop.items()})
+        size = sum(value.size for value in noop.values())
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         values: list[tuple[float, ...]] = []
         is_real = np.zeros(size, bool)
