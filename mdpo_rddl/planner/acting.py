@@ -13,7 +13,9 @@ from jax import Array, random
 from mdpo_rddl.machine.device import chosen_device, computing_on
 from mdpo_rddl.planner.models import CompilingPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.opened import open_plan
+from mdpo_rddl.planner.programs.quick import Jit, quick_jit
 from mdpo_rddl.planner.rollouts.plan_memory import Entries, PlanMemory
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 from mdpo_rddl.problem.observation import as_numbers
@@ -82,7 +84,16 @@ class ActingPlanner(CompilingPlanner):
         """With one key for all states, and with one for each."""
         given = None, None, None, 0, 0
         axes = (None, *given), (0, *given)
-        return [jax.jit(jax.vmap(self.test_policy, in_axes=each)) for each in axes]
+        return [self.acting_jit(jax.vmap(self.test_policy, in_axes=each)) for each in axes]
+
+    @property
+    def acting_jit(self) -> Jit:
+        """What compiles the policy as it is played.
+
+        That of `GreedyPlan` is a large program, and a call as short whichever way it is compiled;
+        JaxPlan's plans act as JaxPlan has them, to the bit.
+        """
+        return quick_jit if isinstance(self.plan, GreedyPlan) else jax.jit
 
     @property
     def memory(self) -> PlanMemory:

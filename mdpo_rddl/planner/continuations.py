@@ -11,7 +11,7 @@ from jax import Array, lax, random
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.changes import Changes, choices
 from mdpo_rddl.planner.plans.legal import LegalActions
-from mdpo_rddl.planner.programs.quick import light_jit
+from mdpo_rddl.planner.programs.quick import quick_jit
 from mdpo_rddl.planner.programs.staging import Stages
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 from mdpo_rddl.planner.start import initial_values
@@ -166,7 +166,7 @@ class Continuations:
             carry = start, many, jnp.ones(shape, bool), total, jnp.ones((), real)
             return lax.while_loop(goes_on, advance, carry)[3]
 
-        return light_jit(returns)
+        return quick_jit(returns)
 
     def _compile_step(self) -> Callable[..., tuple[Any, Array, Array]]:
         """One step of one rollout: what follows, the reward, and whether the episode is over."""

@@ -172,7 +172,7 @@ class MDPOPlanner(CallingPlanner):
             self.train_policy = jax.jit(self.plan.train_policy)
         plain, exact = self.plan.test_policy, self.test_compiled
         self.legal_policy = legal_policy(self.plan, exact, limits) if legal else plain
-        self.test_policy = jax.jit(self.legal_policy)
+        self.test_policy = self.acting_jit(self.legal_policy)
         bounded = action_specs(self.plan, self.compiled, self._action_bounds)
         self.action_specs = specs_in_unit(self, bounded)
         self.raw_policy = compile_raw_policy(raw, self.compiled, self.horizon, self.preprocessor)

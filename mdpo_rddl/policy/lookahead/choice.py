@@ -202,8 +202,8 @@ def _tried(
         # in others' rollouts a policy goes on that is not played
         if found is not None or policy.vote is not None:
             return found, shown
-    within, began = until - clock(), clock()
-    visited = _visited(policy, lambda: clock() < began + _VISITING_SHARE * within)
+    within = until - clock()
+    visited = _visited(policy, _lasting(_VISITING_SHARE * within, clock))
     simulator = Simulator(policy, max(method.depth for method in methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
         return None, [*shown, *no_time]
@@ -253,6 +253,18 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
     return ""
 
 
+def _lasting(seconds: float, clock: Callable[[], float]) -> Callable[[], bool]:
+    """Whether so many seconds are not over yet, from the first time that somebody asks."""
+    until: float | None = None
+
+    def lasts() -> bool:
+        nonlocal until
+        until = clock() + seconds if until is None else until
+        return clock() < until
+
+    return lasts
+
+
 def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, State]]:
     """Steps and states, or beliefs, of a few episodes, the first ones far apart.
 
@@ -260,14 +272,14 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
 
     Args:
       policy: plays.
-      has_time: whether to play on.
+      has_time: whether to play on; not asked before there are as many as trials need.
     """
     env = make_environment(policy.problem)
     found: list[tuple[int, State]] = []
     count, stride = 0, 1
     for episode in range(_EPISODES):
         state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
-        while not done and (has_time() or not found):
+        while not done and (len(found) < FEWEST_STATES or has_time()):
             known = known_at(policy, step, state, is_tried=True)
             if count % stride == 0:
                 found.append((step, known))

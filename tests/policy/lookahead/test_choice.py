@@ -121,6 +121,22 @@ def test_few_of_the_states_are_kept_while_they_are_visited(monkeypatch):
     assert max(kept) <= 2 * 3 + 1
 
 
+@pytest.mark.parametrize(
+    ("first", "each", "count"), [(100.0, 0.0, 16), (100.0, 0.4, 6), (9.0, 9.0, 4)]
+)
+def test_states_are_visited_although_the_first_decision_must_be_compiled(first, each, count):
+    clock = Stopped()
+
+    class Slow:
+        problem, seed = lever_policy(NONE).problem, 0
+
+        def __call__(self, step, state):
+            clock.now += first if clock.now == 0.0 else each
+            return lever_policy(NONE)(step, state)
+
+    assert len(choosing._visited(Slow(), choosing._lasting(1.0, clock))) == count
+
+
 def test_nobody_thinks_where_the_environment_fails(monkeypatch):
     def failing(env, action):
         raise RDDLValueOutOfRangeError("a probability above 1")
