@@ -4,6 +4,9 @@ On a CPU, rollouts of the exact model with less of LLVM's optimisation are compi
 time in the mean, and a call takes 1.02 times as long; the options of quick programs say 0.52 and
 1.31 there (`results/rollout_programs`, twelve programs of six problems).
 
+A policy's actions and the rollouts of a decision are called for milliseconds at a time: what quick
+programs save there, no call takes back.
+
 Training programs that are compiled in half the time are slower: they are for searches of a minute.
 There XLA's newer code for fused loops takes longer to compile than it saves there: on HVAC 4 of
 IPC 2023 the calls of JaxPlan's deep reactive policy are compiled in half the time without it, and
