@@ -90,7 +90,7 @@ class ActingPlanner(CompilingPlanner):
     def acting_jit(self) -> Jit:
         """What compiles the policy as it is played.
 
-        That of `GreedyPlan` is a large program, and a call as short whichever way it is compiled;
+        That of `GreedyPlan` is a large program, whose compilation takes longer than its calls;
         JaxPlan's plans act as JaxPlan has them, to the bit.
         """
         return quick_jit if isinstance(self.plan, GreedyPlan) else jax.jit

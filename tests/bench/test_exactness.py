@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers.workers import in_this_process
-from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.bench.problems import each
 from mdpo_rddl.bench.problems.agreement import Episodes, compare, difference
@@ -26,19 +25,8 @@ def test_the_model_agrees_with_the_environment(name):
     assert found.steps > 0
 
 
-# docs/exactness.md has more on both: a probability of the problem's own is negative, so that there
-# is nothing to compare with; and the floor of a sine is another one in 32 bit
-KNOWN = {"ComplexSysAdmin_rddlsim": RDDLValueOutOfRangeError, "SupplyChain_or": AssertionError}
-
-
-def unless_known(name):
-    raised = KNOWN.get(name)
-    marks = [] if raised is None else [pytest.mark.xfail(raises=raised, strict=True)]
-    return pytest.param(name, marks=marks)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", map(unless_known, checked_problems(None)))
+@pytest.mark.parametrize("name", checked_problems(None))
 def test_every_problem_agrees(name):
     found = compare(load_problem(name, first_instance(name), 20))
     assert (found.difference, found.illegal) == ("", 0)
