@@ -10,6 +10,10 @@ from pyRDDLGym.core.debug.exception import RDDLInvalidActionError
 from mdpo_rddl.problem.boxes import boxes
 from mdpo_rddl.problem.episode import Verdict
 
+# by so much of itself a real number in 32 bit may be on the wrong side of a bound in 64 bit, and by
+# more where the bound is a difference
+_ROUNDING = (1e-6, 1e-5)
+
 
 def action_box(env: RDDLEnv) -> dict[str, tuple[Any, Any]]:
     """Lower and upper bound [*shape], infinite where there is none, of each action fluent."""
@@ -40,19 +44,35 @@ class Referee:
         """The proposal if it is legal, else the first legal one of `_fallbacks`.
 
         Real actions are clipped to their box in 64 bit first, since a bound rounded to 32 bit
-        can lie outside; one that is not finite is illegal. Where nothing legal is found, the
-        proposal stands.
+        can lie outside; one that is not finite is illegal. Where a bound depends on the state, what
+        is legal once its real actions are rounded counts as legal. Where nothing legal is found,
+        the proposal stands.
         """
         actions = dict(proposal)
         for name, (lower, upper) in self._box.items():
             if name in actions:
                 actions[name] = _clipped(actions[name], lower, upper)
-        if self._is_legal(actions):
-            return Verdict(actions, illegal=False, fallback=False)
+        for candidate in (actions, *self._rounded(actions)):
+            if self._is_legal(candidate):
+                return Verdict(candidate, illegal=False, fallback=False)
         for candidate in self._fallbacks(actions):
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=True, fallback=True)
         return Verdict(actions, illegal=True, fallback=False)
+
+    def _rounded(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Its real actions a little nearer to the no-op's, or farther from them."""
+        idle = self._idle[-1]
+        given = {name: np.asarray(proposal[name]) for name in self._box if name in proposal}
+        reals = {
+            name: value
+            for name, value in given.items()
+            if value.dtype.kind == "f" and value.shape == np.shape(idle[name])
+        }
+        for share in _ROUNDING if reals else ():
+            for factor in (1.0 - share, 1.0 + share):
+                moved = {n: idle[n] + factor * (value - idle[n]) for n, value in reals.items()}
+                yield {**proposal, **moved}
 
     def _fallbacks(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """The no-op; it with one bool changed; it with all bools of a fluent changed.

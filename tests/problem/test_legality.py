@@ -63,6 +63,26 @@ def test_the_nearest_legal_action_is_played(tmp_path, rule, picked, played):
     assert ruled.actions["push"] == (0.0 if ruled.fallback else 0.5)
 
 
+@pytest.mark.parametrize(
+    ("rule", "push", "played"),
+    [
+        # what is rounded to 32 bit may be on the wrong side of a bound in 64 bit
+        ("push <= s + 0.3", float(np.float32(0.3)), 0.3),
+        ("push >= s - 0.3 + 0.6000001", float(np.float32(0.3000001)), 0.3000001),
+        ("push >= 0.3000001", 0.3, 0.3000001),
+    ],
+)
+def test_a_number_that_misses_a_bound_by_rounding_is_legal(tmp_path, rule, push, played):
+    ruled = verdict(tmp_path, rule, push=push)
+    assert ruled.actions["push"] == pytest.approx(played, rel=2e-5)
+    assert (ruled.illegal, ruled.fallback) == (False, False)
+
+
+def test_a_number_that_misses_a_bound_by_more_is_not(tmp_path):
+    ruled = verdict(tmp_path, "push <= s + 0.3", push=0.3001)
+    assert (ruled.actions["push"], ruled.illegal, ruled.fallback) == (0.0, True, True)
+
+
 def test_a_bool_without_parameters_that_must_not_keep_its_default(tmp_path):
     ruled = verdict(tmp_path, "~stay", stay=True)
     assert (ruled.actions["stay"], ruled.illegal, ruled.fallback) == (False, True, True)
