@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 
 from mdpo_rddl.planner.plans.places import places_of
 from mdpo_rddl.planner.programs.quick import once_jit
@@ -255,18 +255,19 @@ def _steps(weights: Array, room: Array, excess: Array) -> Array:
       room: how far each can go at most [G, D].
       excess: what all of a group's have to give; no more than they can [G].
     """
-    multiples = jnp.zeros(excess.shape)
 
     def steps(multiples: Array) -> Array:
         return jnp.minimum(multiples[:, np.newaxis] * weights, room)
 
-    for _ in range(_NEWTON_STEPS):
+    def newton(_: Any, multiples: Array) -> Array:
         # what they give is concave in the multiple, so that no step goes too far
         own = steps(multiples)
         slope = jnp.sum(jnp.where(own < room, weights**2, 0.0), axis=1)
         missing = jnp.maximum(excess - jnp.sum(weights * own, axis=1), 0.0)
-        multiples += jnp.where(slope > 0.0, missing / jnp.where(slope > 0.0, slope, 1.0), 0.0)
-    own = steps(multiples)
+        more = jnp.where(slope > 0.0, missing / jnp.where(slope > 0.0, slope, 1.0), 0.0)
+        return multiples + more
+
+    own = steps(lax.fori_loop(0, _NEWTON_STEPS, newton, jnp.zeros(excess.shape)))
     missing = jnp.maximum(excess - jnp.sum(weights * own, axis=1), 0.0)
     rest = jnp.where(jnp.isfinite(room), room - own, 0.0)
     whole = jnp.sum(weights * rest, axis=1)
@@ -294,12 +295,14 @@ def _rounded(
         size = jnp.ceil(jnp.abs(change) - down - _WHOLE)
         return jnp.where(integers, jnp.sign(change) * jnp.maximum(size, 0.0), change)
 
-    low, high = jnp.zeros(excess.shape), jnp.full(excess.shape, 1.0 + _SPREAD)
-    for _ in range(_ROUNDINGS):
+    def halved(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
         middle = (low + high) / 2.0
         fits = -(coefficients @ rounded(middle)) >= enough
-        low, high = jnp.where(fits, middle, low), jnp.where(fits, high, middle)
-    return rounded(low)
+        return jnp.where(fits, middle, low), jnp.where(fits, high, middle)
+
+    ends = jnp.zeros(excess.shape), jnp.full(excess.shape, 1.0 + _SPREAD)
+    return rounded(lax.fori_loop(0, _ROUNDINGS, halved, ends)[0])
 
 
 def _slacks_of(compiled: Any, variables: Mapping[str, str], expression: Any) -> list[_Slack]:

@@ -1,12 +1,9 @@
 """Counts drawn by inversion: one uniform number each, and one short loop.
 
 JAX draws them by rejection, in loops that draw again: these take seconds to compile, and as long
-to run as the unluckiest count needs. The inversion begins at the mode and goes outwards, so that
-it takes about as many turns as a count is away from it ("chop-down" from the mode: Kemp 1986, "A
-modal method for generating binomial variables"). The mode's probability is that of Loader (2000),
-"Fast and accurate computation of binomial probabilities". Counts that spread over hundreds are
-quantiles by an expansion around the normal law, whose error is below the resolution of a uniform
-number.
+to run as the unluckiest count needs. Small counts are found by adding up their probabilities from 0
+on. Where these are many, counts are quantiles by an expansion around the normal law, whose
+distribution function errs by less than 2e-5.
 """
 
 from collections.abc import Callable
@@ -15,25 +12,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax, random
-from jax.scipy import special
 
-# log n! less Stirling's formula for it, below the numbers from which a series has it
-_STIRLING_ERRORS = np.array(
-    [
-        0.0,
-        0.08106146679532726,
-        0.0413406959554093,
-        0.02767792568499834,
-        0.02079067210376509,
-        0.01664469118982119,
-        0.01387612882307075,
-        0.01189670994589177,
-    ]
-)
 # no count is as likely as that any more
 _NEVER = 1e-12
-# the variance from which the loop would take too many turns
-_WIDE = 1e4
+# the variance from which the expansion is as good
+_WIDE = 15.0
 
 
 def poisson(key: Array, rate: Array) -> Array:
@@ -47,13 +30,8 @@ def poisson(key: Array, rate: Array) -> Array:
       Counts [*shape], as floating-point numbers.
     """
     rate = jnp.asarray(rate)
-    mode, safe = jnp.floor(rate), jnp.where(rate > 0.0, rate, 1.0)
-    some = jnp.maximum(mode, 1.0)
-    log_there = -_stirling_error(some) - _deviance(some, safe) - 0.5 * jnp.log(2.0 * np.pi * some)
-    there = jnp.exp(jnp.where(mode > 0.0, log_there, -rate))
-    law = _Law(mode, there, rate, rate, 1.0 / jnp.sqrt(safe), 1.0 / safe)
-    count = _drawn(key, law, lambda k: rate / (k + 1.0), lambda k: k / safe)
-    return jnp.maximum(count, 0.0)
+    cumulants = _Cumulants(rate, rate, rate, rate, rate)
+    return _drawn(key, cumulants, jnp.exp(-rate), lambda count: rate / count)
 
 
 def binomial(key: Array, trials: Array, probability: Array) -> Array:
@@ -69,33 +47,11 @@ def binomial(key: Array, trials: Array, probability: Array) -> Array:
     """
     trials, probability = jnp.broadcast_arrays(jnp.floor(trials), probability)
     p = jnp.minimum(probability, 1.0 - probability)
-    odds = p / (1.0 - p)
-    mode = jnp.floor((trials + 1.0) * p)
-    # inside, both are positive
-    is_inside = (mode > 0.0) & (mode < trials)
-    n = jnp.where(is_inside, trials, 2.0)
-    k = jnp.where(is_inside, mode, 1.0)
-    share = jnp.where(is_inside, p, 0.5)
-    log_there = (
-        _stirling_error(n)
-        - _stirling_error(k)
-        - _stirling_error(n - k)
-        - _deviance(k, n * share)
-        - _deviance(n - k, n * (1.0 - share))
-        + 0.5 * jnp.log(n / (2.0 * np.pi * k * (n - k)))
-    )
-    at_end = jnp.where(mode > 0.0, p**trials, jnp.exp(trials * jnp.log1p(-p)))
-    there = jnp.where(is_inside, jnp.exp(log_there), at_end)
-    safe = jnp.where(odds > 0.0, odds, 1.0)
-    variance = trials * p * (1.0 - p)
-    some = jnp.maximum(variance, 1.0)
-    skewness, kurtosis = (1.0 - 2.0 * p) / jnp.sqrt(some), (1.0 - 6.0 * p * (1.0 - p)) / some
-    count = _drawn(
-        key,
-        _Law(mode, there, trials * p, variance, skewness, kurtosis),
-        lambda k: odds * (trials - k) / (k + 1.0),
-        lambda k: k / ((trials - k + 1.0) * safe),
-    )
+    odds, skew, spread = p / (1.0 - p), 1.0 - 2.0 * p, p * (1.0 - p)
+    shares = 1.0, skew, 1.0 - 6.0 * spread, skew * (1.0 - 12.0 * spread)
+    cumulants = _Cumulants(trials * p, *(trials * spread * share for share in shares))
+    none = jnp.exp(trials * jnp.log1p(-p))
+    count = _drawn(key, cumulants, none, lambda count: odds * (trials - count + 1.0) / count)
     count = jnp.clip(count, 0.0, trials)
     return jnp.where(probability > 0.5, trials - count, count)
 
@@ -146,88 +102,72 @@ def multinomial(key: Array, trials: Array, shares: Array) -> Array:
     return jnp.moveaxis(counts, 0, -1)
 
 
-class _Law(NamedTuple):
-    """A law of counts with one mode, each an array [*shape].
+class _Cumulants(NamedTuple):
+    """The first five of a law, each an array [*shape]."""
 
-    Attributes:
-      mode: the likeliest count.
-      there: its probability.
-      mean: of the count.
-      variance: of the count.
-      skewness: of the count.
-      kurtosis: of the count, less that of a normal law.
-    """
-
-    mode: Array
-    there: Array
     mean: Array
     variance: Array
-    skewness: Array
-    kurtosis: Array
+    third: Array
+    fourth: Array
+    fifth: Array
 
 
 class _Turn(NamedTuple):
-    """Of the inversion: how far from the mode, what was found, what is left of the uniform number,
-    and how likely the counts were that came last, above and below the mode."""
+    """Of the sum: up to which count, what was found, what is left of the uniform number, and how
+    likely the count that came last."""
 
-    distance: Array
+    last: Array
     found: Array
     left: Array
-    above: Array
-    below: Array
+    chance: Array
 
 
 def _drawn(
-    key: Array, law: _Law, up: Callable[[Array], Array], down: Callable[[Array], Array]
+    key: Array, cumulants: _Cumulants, none: Array, ratio: Callable[[Array], Array]
 ) -> Array:
-    """Counts by inversion, from the mode outwards; by Cornish and Fisher's where they spread far.
+    """Counts by inversion: of a sum from 0 on, or of an expansion where that would be long.
 
     Args:
       key: JAX random key.
-      law: of each count.
-      up: how many times as likely as k is k + 1.
-      down: how many times as likely as k is k - 1, 0 for k = 0.
+      cumulants: of each count.
+      none: probability of 0.
+      ratio: how many times as likely as the one before a count is, from 1 on.
     """
-    uniform = random.uniform(key, law.mode.shape, law.there.dtype)
-    is_wide = law.variance > _WIDE
+    uniform = random.uniform(key, none.shape, none.dtype)
+    is_wide = cumulants.variance > _WIDE
 
     def goes_on(at: _Turn) -> Array:
-        return jnp.any(~is_wide & (at.left >= 0.0) & (at.above + at.below > _NEVER))
+        may_be_more = (at.chance > _NEVER) | (at.last < cumulants.mean)
+        return jnp.any(~is_wide & (at.left >= 0.0) & may_be_more)
 
     def turn(at: _Turn) -> _Turn:
-        above = at.above * up(law.mode + at.distance)
-        below = at.below * down(law.mode - at.distance)
-        distance, left = at.distance + 1.0, at.left - above
-        where = law.mode + jnp.where(left < 0.0, distance, -distance)
-        found = jnp.where((at.left >= 0.0) & (left - below < 0.0), where, at.found)
-        return _Turn(distance, found, left - below, above, below)
+        count = at.last + 1.0
+        chance = at.chance * ratio(count)
+        found = jnp.where(at.left >= 0.0, count, at.found)
+        return _Turn(count, found, at.left - chance, chance)
 
-    zero = jnp.zeros((), law.there.dtype)
-    start = _Turn(zero, law.mode, uniform - law.there, law.there, law.there)
+    start = _Turn(jnp.zeros((), none.dtype), jnp.zeros_like(none), uniform - none, none)
     found = lax.while_loop(goes_on, turn, start).found
-    return jnp.where(is_wide, _expanded(law, uniform), found)
+    return jnp.where(is_wide, _expanded(cumulants, uniform), found)
 
 
-def _expanded(law: _Law, uniform: Array) -> Array:
-    """The quantile by Cornish and Fisher's (1938) expansion, which errs in 1 / variance^1.5."""
-    z = special.ndtri(uniform)
-    skewed = law.skewness * (z**2 - 1.0) / 6.0
-    curved = (
-        law.kurtosis * (z**3 - 3.0 * z) / 24.0 - law.skewness**2 * (2.0 * z**3 - 5.0 * z) / 36.0
+def _expanded(cumulants: _Cumulants, uniform: Array) -> Array:
+    """The quantile by the expansion of Cornish and Fisher (1938), which errs in 1 / variance^2.
+
+    What is rounded to a count has the cumulants of the count but for Sheppard's (1897) corrections.
+    """
+    z = np.sqrt(2.0) * lax.erf_inv(2.0 * uniform - 1.0)
+    variance = jnp.maximum(cumulants.variance, _WIDE) - 1.0 / 12.0
+    scale = jnp.sqrt(variance)
+    skewed = cumulants.third / scale**3
+    curved = (cumulants.fourth + 1.0 / 120.0) / variance**2
+    fifth = cumulants.fifth / scale**5
+    added = (
+        skewed * (z**2 - 1.0) / 6.0
+        + curved * (z**3 - 3.0 * z) / 24.0
+        - skewed**2 * (2.0 * z**3 - 5.0 * z) / 36.0
+        + fifth * (z**4 - 6.0 * z**2 + 3.0) / 120.0
+        - skewed * curved * (z**4 - 5.0 * z**2 + 2.0) / 24.0
+        + skewed**3 * (12.0 * z**4 - 53.0 * z**2 + 17.0) / 324.0
     )
-    return jnp.floor(law.mean + jnp.sqrt(law.variance) * (z + skewed + curved) + 0.5)
-
-
-def _stirling_error(number: Array) -> Array:
-    """log n! less (n + 1/2) log n - n + log(2 pi) / 2, for whole numbers from 1 on."""
-    few = len(_STIRLING_ERRORS) - 1
-    known = jnp.asarray(_STIRLING_ERRORS, number.dtype)[jnp.clip(number, 0, few).astype(int)]
-    large = jnp.maximum(number, few + 1.0)
-    series = (1.0 / 12.0 - (1.0 / 360.0 - 1.0 / (1260.0 * large**2)) / large**2) / large
-    return jnp.where(number > few, series, known)
-
-
-def _deviance(count: Array, mean: Array) -> Array:
-    """x log(x / m) + m - x, for x and m above 0, exact where they are close."""
-    excess = (mean - count) / count
-    return count * (excess - jnp.log1p(excess))
+    return jnp.maximum(0.0, jnp.floor(cumulants.mean + scale * (z + added) + 0.5))

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from mdpo_rddl.planner.acting import enable_x64
+from mdpo_rddl.planner.programs import samplers
 from mdpo_rddl.planner.programs.samplers import binomial, multinomial, negative_binomial, poisson
 
 DRAWS = 20_000
@@ -42,6 +43,28 @@ def test_binomial(trials, probability):
     draws = np.asarray(jax.jit(binomial)(jax.random.PRNGKey(2), numbers, probability))
     assert np.all((draws >= 0.0) & (draws <= trials) & (draws == np.floor(draws)))
     assert has_law(draws, stats.binom(trials, probability))
+
+
+@pytest.mark.parametrize(
+    ("draw", "law"),
+    [
+        (poisson, stats.poisson(25.5)),
+        (poisson, stats.poisson(130.0)),
+        (lambda key, size: binomial(key, size, 0.02), stats.binom(1300, 0.02)),
+        (lambda key, size: binomial(key, size, 0.8), stats.binom(170, 0.8)),
+    ],
+    ids=["poisson", "poisson, many", "binomial, rare", "binomial, often"],
+)
+def test_counts_that_spread_err_by_less_than_can_be_drawn(monkeypatch, draw, law):
+    # an even grid in place of random numbers shows the distribution function itself
+    grid = (np.arange(10**6) + 0.5) / 10**6
+    monkeypatch.setattr(samplers.random, "uniform", lambda key, shape, dtype: jnp.asarray(grid))
+    size = law.args[0]
+    with enable_x64(True):
+        counts = np.asarray(draw(jax.random.PRNGKey(0), jnp.full(len(grid), float(size))))
+    values = np.arange(law.ppf(1e-6), law.ppf(1 - 1e-6) + 1)
+    below = np.searchsorted(np.sort(counts), values, side="right") / len(grid)
+    np.testing.assert_allclose(below, law.cdf(values), atol=1e-5)
 
 
 @pytest.mark.parametrize("count", [0.5, 1.0, 3.0, 40.0])
