@@ -73,6 +73,13 @@ class Entrants:
         return any(rddl.variable_ranges[name] != "bool" for name in rddl.action_fluents)
 
     @property
+    def has_numbers(self) -> bool:
+        """Whether some action is no bool, or some state fluent a number."""
+        rddl = self._arena.planner.rddl
+        ranges = {rddl.variable_ranges[name] for name in rddl.state_fluents}
+        return self.decides_numbers or not ranges.isdisjoint(("int", "real"))
+
+    @property
     def _changes(self) -> SingleChanges | None:
         """What can be tried at a decision; None if that is too much, or the states are."""
         planner = self._arena.planner

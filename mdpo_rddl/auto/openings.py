@@ -21,13 +21,14 @@ LESS_GREEDY_SHARE = 0.6
 """Of the time left, for greedy, where no reward was found yet, or after others."""
 # where one was found, while slices gain; and in any case, for its first iterations tell little
 _GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.4
-# the same where some action is a number or an object, for which rules often do as well
+# the same where some action is a number or an object, or a state fluent a number: rules often do
+# as well there
 _NUMBERS_SHARE, _NUMBERS_AT_LEAST = 0.6, 0.2
 # its compilation takes longer than expected now and then: so many times the delay must leave time
 _MARGIN = 2.0
-# of the time left, that others' programs may take where one of these leads: where greedy does;
-# where a plan does which gains no more, and where it still does
-_GREEDY_LEADS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.5, 0.15
+# of the time left, that others' programs may take where one of these leads: where greedy does, and
+# where it does among numbers; where a plan does which gains no more, and where it still does
+_GREEDY_LEADS_SHARE, _AMONG_NUMBERS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.6, 0.5, 0.15
 _STALLED = "plan stalled"
 # of the time left, at most, for relaxed plans that may lead, and where no constant beats the no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
@@ -112,7 +113,9 @@ class Openings(Slices):
         self._climb()
         leader, affording = self._best.arm, self._affording
         if leader == GREEDY:
-            return not affording.others(_GREEDY_LEADS_SHARE)
+            has_numbers = self._entrants.has_numbers
+            share = _AMONG_NUMBERS_SHARE if has_numbers else _GREEDY_LEADS_SHARE
+            return not affording.others(share)
         explores = affording.exploration(EXPLORING_FIRST)
         return leader == SHOOTING and not explores and not affording.others(self._others_share())
 
@@ -150,7 +153,7 @@ class Openings(Slices):
 
     @property
     def _greedy_share(self) -> float:
-        return _NUMBERS_SHARE if self._entrants.decides_numbers else _GREEDY_SHARE
+        return _NUMBERS_SHARE if self._entrants.has_numbers else _GREEDY_SHARE
 
     def _learn_value(self, share: float, is_rare: bool = False) -> None:
         """Slices for what learns a value.
@@ -165,7 +168,7 @@ class Openings(Slices):
         arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
         if arm is None:
             return
-        least = _NUMBERS_AT_LEAST if self._entrants.decides_numbers else _GREEDY_AT_LEAST
+        least = _NUMBERS_AT_LEAST if self._entrants.has_numbers else _GREEDY_AT_LEAST
 
         def must_find() -> bool:
             return is_rare and not arm.counts_goals

@@ -183,7 +183,7 @@ def test_one_that_has_given_up_has_no_slice():
         ({"numbers"}, 0.6, 0.2),
     ],
 )
-def test_a_value_that_finds_no_reward_or_decides_numbers_has_less_time(tells, share, at_least):
+def test_a_value_that_finds_no_reward_or_is_of_numbers_has_less_time(tells, share, at_least):
     clock, judge = Stopped(), Judge(1, 0, Stopped(), 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=-9.0, error=0.0))
     arena = raced_arena(judge, clock)
@@ -204,7 +204,7 @@ def test_a_value_that_finds_no_reward_or_decides_numbers_has_less_time(tells, sh
     schedule._entrants = SimpleNamespace(
         greedy=greedy,
         may_be_greedy=lambda share: has_time.pop(0),
-        decides_numbers="numbers" in tells,
+        has_numbers="numbers" in tells,
     )
     schedule._learn_first()
     assert not schedule.arms

@@ -44,9 +44,10 @@ def entrants(
     state=9,
     values=5,
     loses=False,
+    state_kind="bool",
 ):
     noop = {"a": np.zeros(bools), "b": np.zeros(()), "s": np.zeros(state, bool)}
-    kinds = {"a": kind, "b": kind}
+    kinds = {"a": kind, "b": kind, "s": state_kind}
     rddl = SimpleNamespace(
         action_fluents=["a", "b"], variable_ranges=kinds, observ_fluents=seen, state_fluents=["s"]
     )
@@ -157,6 +158,20 @@ def test_it_may_come_too_late():
 @pytest.mark.parametrize(("kind", "decides"), [("bool", False), ("int", True), ("real", True)])
 def test_it_is_known_whether_numbers_are_decided(kind, decides):
     assert entrants(kind=kind).decides_numbers == decides
+
+
+@pytest.mark.parametrize(
+    ("kind", "state_kind", "expected"),
+    [
+        ("bool", "bool", False),
+        ("bool", "room", False),
+        ("int", "bool", True),
+        ("bool", "int", True),
+        ("bool", "real", True),
+    ],
+)
+def test_there_are_numbers_among_actions_or_states(kind, state_kind, expected):
+    assert entrants(kind=kind, state_kind=state_kind).has_numbers == expected
 
 
 def test_what_has_no_time_to_be_compiled_does_not_learn():

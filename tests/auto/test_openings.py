@@ -32,7 +32,7 @@ def openings(compiled):
         may_be_greedy=lambda share: False,
         may_shoot=lambda until: True,
         greedy=lambda until, share: None,
-        decides_numbers=False,
+        has_numbers=False,
         straight_line=lambda until: None,
     )
     return found
@@ -137,6 +137,15 @@ def test_who_leads_goes_on_alone_where_others_would_come_too_late(
     )
     openings._marks.decide("plan stalled", has_stalled)
     openings._judge.incumbent = replace(openings._best, arm=leader)
+    assert openings._open_alone() is expected
+
+
+@pytest.mark.parametrize(("needed", "expected"), [(0.5, False), (0.7, True)])
+def test_among_numbers_others_may_take_more_of_what_greedy_would_have(openings, needed, expected):
+    assert openings._knows_by_probing()
+    openings._affording = SimpleNamespace(others=lambda share: needed <= share)
+    openings._entrants.has_numbers = True
+    openings._judge.incumbent = replace(openings._best, arm=GREEDY)
     assert openings._open_alone() is expected
 
 
