@@ -2,7 +2,8 @@
 
 import logging
 import time
-from typing import Any
+from collections.abc import Collection
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,13 @@ logger = logging.getLogger(__name__)
 
 # laws of one value, by their names
 _CERTAIN = ("KronDelta", "DiracDelta")
+# kinds and names of what weighs or chooses one of its parts by another
+_WEIGHING = {
+    *(("arithmetic", name) for name in "*/"),
+    *(("boolean", name) for name in ("^", "&", "|", "=>", "<=>")),
+    *(("aggregation", name) for name in ("prod", "forall", "exists")),
+    *(("control", name) for name in ("if", "switch")),
+}
 
 
 def has_draws(model: Any) -> bool:
@@ -38,6 +46,67 @@ def draws(expression: Any) -> bool:
     kind, name = expression.etype
     is_draw = kind in ("randomvar", "randomvector") and name not in _CERTAIN
     return is_draw or draws(expression.args)
+
+
+class _Parts(NamedTuple):
+    """Of an expression: whether it has actions, draws, and draws whose weight is up to actions."""
+
+    acts: bool = False
+    draws: bool = False
+    weighs: bool = False
+
+
+def actions_weigh_chances(model: Any) -> bool:
+    """Whether an action changes how likely something is, or what a draw is worth.
+
+    Noise that is added to what an action does is none of that: it is the same for all actions.
+
+    Args:
+      model: pyRDDLGym's lifted model.
+    """
+    acting, drawn, count = set(model.action_fluents), set[str](), -1
+    while count < len(acting) + len(drawn):
+        count = len(acting) + len(drawn)
+        for name, (_, expression) in model.cpfs.items():
+            parts = _parts(expression, acting, drawn)
+            acting |= {name} if parts.acts else set()
+            drawn |= {name} if parts.draws else set()
+    return any(_parts(each, acting, drawn).weighs for each in _expressions(model))
+
+
+def _parts(expression: Any, acting: Collection[str], drawn: Collection[str]) -> _Parts:
+    """What is in an expression.
+
+    Args:
+      expression: of pyRDDLGym's, or several.
+      acting: names of the actions, and of what depends on them.
+      drawn: names of what depends on draws.
+    """
+    if isinstance(expression, (tuple, list)):
+        return _joined([_parts(each, acting, drawn) for each in expression])
+    if not hasattr(expression, "etype"):
+        return _Parts()
+    kind, name = expression.etype
+    if kind == "pvar":
+        return _Parts(name in acting, name in drawn)
+    several = isinstance(expression.args, (tuple, list))
+    given = list(expression.args) if several else [expression.args]
+    parts = [_parts(each, acting, drawn) for each in given]
+    joined = _joined(parts)
+    if kind in ("randomvar", "randomvector") and name not in _CERTAIN:
+        return _Parts(joined.acts, True, joined.weighs or joined.acts)
+    if (kind, name) in _WEIGHING:
+        apart = any(
+            one.acts and other.draws
+            for number, one in enumerate(parts)
+            for other in parts[:number] + parts[number + 1 :]
+        )
+        return joined._replace(weighs=joined.weighs or apart)
+    return joined
+
+
+def _joined(parts: Collection[_Parts]) -> _Parts:
+    return _Parts(*map(any, zip(_Parts(), *parts, strict=True)))
 
 
 def rewards_are_certain(problem: Problem, seconds: float) -> bool:

@@ -5,7 +5,7 @@ from helpers.problems import TINY_DOMAIN, TINY_INSTANCE
 from helpers.toys import problem_from
 
 from mdpo_rddl.problem import chance
-from mdpo_rddl.problem.chance import has_draws, rewards_are_certain
+from mdpo_rddl.problem.chance import actions_weigh_chances, has_draws, rewards_are_certain
 
 CERTAIN = "SPREAD * Normal(0.0, 1.0)"
 
@@ -29,6 +29,45 @@ def test_a_draw_in_the_reward_counts():
     instance = TINY_INSTANCE.replace("_HORIZON", "4").replace("_SPREAD", "0.0")
     domain = TINY_DOMAIN.replace(CERTAIN, "SPREAD").replace("GOAL, 2]]", "GOAL, 2]] + Normal(0, 1)")
     assert has_draws(problem_from(domain + instance).model)
+
+
+WEIGHED = """
+domain weighed {
+    pvariables {
+        s : { state-fluent, real, default = 0.0 };
+        hit : { interm-fluent, bool };
+        push : { action-fluent, bool, default = false };
+    };
+    cpfs { hit = HIT; s' = NEXT; };
+    reward = REWARD;
+}
+non-fluents nf { domain = weighed; }
+instance i {
+    domain = weighed; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 3; discount = 1.0;
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("hit", "after", "reward", "expected"),
+    [
+        # the same noise whatever is done
+        ("push", "s + push + Normal(0.0, 1.0)", "-abs[s]", False),
+        ("push", "max[0.0, min[9.0, s + 2.0 * push + Poisson(3.0)]]", "s", False),
+        ("Bernoulli(0.5)", "s + hit - push", "(2.0 * (s + push + hit)) / 3.0", False),
+        ("push ^ (s > 1.0)", "s + hit", "s * Normal(0.0, 1.0)", False),
+        # a chance that the action says, here or by what is computed before
+        ("Bernoulli(0.3 + 0.4 * push)", "s + hit", "s", True),
+        ("push", "s + Bernoulli(if (hit) then 0.2 else 0.4)", "s", True),
+        # what is drawn counts only if something is done
+        ("Bernoulli(0.5)", "if (push) then s + hit else s", "s", True),
+        ("push ^ Bernoulli(0.5)", "s + hit", "s", True),
+        ("Bernoulli(0.5)", "s", "s + hit * push", True),
+    ],
+)
+def test_chances_may_be_up_to_the_actions(hit, after, reward, expected):
+    text = WEIGHED.replace("HIT", hit).replace("NEXT", after).replace("REWARD", reward)
+    assert actions_weigh_chances(problem_from(text).model) is expected
 
 
 @pytest.mark.parametrize(

@@ -38,8 +38,8 @@ _COUNTS_GOALS = "counts_goals"
 _POLICY = ("weights", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
 _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
-# of an iteration; fewer where each decision tries more than so many actions
-_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
+# of an iteration; fewer where decisions take several samples, or try more than so many actions
+_ROLLOUTS, _SAMPLED_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 128, 64, 64
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
 # errors by which the rollouts of an earlier policy of the slice must have returned more
@@ -137,8 +137,8 @@ class PolicyIterationArm(CompilingArm):
         """The value, without the rollouts that it was fitted to, and the part's seconds."""
         if self._learner is None:
             return self._resumed
-        leaves = enumerate(jax.tree.leaves(_kept(self._learner)))
-        tensors = {f"{_LEARNER}/{number}": np.asarray(leaf) for number, leaf in leaves}
+        leaves = jax.tree.leaves(_kept(self._learner))
+        tensors = {f"{_LEARNER}/{n}": np.asarray(leaf) for n, leaf in enumerate(leaves)}
         began, ends = (each - self._arena.began for each in self._span)
         values = {"began": began, "ends": ends, "parents": list(self._parents)}
         return State(tensors, {**values, _COUNTS_GOALS: self.counts_goals})
@@ -162,8 +162,9 @@ class PolicyIterationArm(CompilingArm):
         self._planner = build_planner(arena.problem, greedy(arena.config)).planner
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
-        rollouts = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
+        most = _ROLLOUTS if plan.rollout_samples == 1 else _SAMPLED_ROLLOUTS
         counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
+        rollouts = most if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
         learning = Learning(rollouts=rollouts, counts_goals=counted or arena.misses_goals)
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()
@@ -224,9 +225,8 @@ class PolicyIterationArm(CompilingArm):
         self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))
         begun = self._begun()
         # the next iteration is timed
-        self._learner, shown = jax.block_until_ready(
-            self._iterated(begun, self._trial_key, _STEP, is_first=True)
-        )
+        first = self._iterated(begun, self._trial_key, _STEP, is_first=True)
+        self._learner, shown = jax.block_until_ready(first)
         self._log.iterations += 1
         self._arena.judge.correct(guide, np.asarray(shown.of_policy))
 

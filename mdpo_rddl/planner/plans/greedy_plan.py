@@ -20,6 +20,7 @@ from mdpo_rddl.planner.plans.state_values import StateValues, ValueShape, Weight
 from mdpo_rddl.planner.programs.dependence import dependence
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory
 from mdpo_rddl.planner.upstream import JaxPlan
+from mdpo_rddl.problem.chance import actions_weigh_chances
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 
 Actions = dict[str, Array]
@@ -28,6 +29,8 @@ _TINY = 1e-30
 _FEW_AFFECTED = 4
 # of a step of which not all that is drawn is read as probabilities; and of all that are tried
 _MOST_SAMPLES, _MOST_STEPS = 64, 2048
+# of a decision in rollouts, where chance says what an action leads to
+_FEW_SAMPLES = 4
 
 
 class GreedyPlan(JaxPlan):
@@ -52,7 +55,7 @@ class GreedyPlan(JaxPlan):
     Attributes:
       exact: the exact model as JaxPlan compiles it; whoever compiles the plan sets it first.
       is_legal: its actions are: whoever plays it need not see to that.
-      rollout_policy: the policy with one sample, once the plan is compiled.
+      rollout_policy: the policy with fewer samples, once the plan is compiled.
       values: v, once the plan is compiled.
       size: number of single changes D, of bools one each.
       is_in_turn: whether the components are decided in turn, once the plan is compiled.
@@ -127,7 +130,7 @@ class GreedyPlan(JaxPlan):
             return found, log["reward"], log["termination"] | ~log["invariant"]
 
         self._after = after
-        for name in ("_effects", "samples"):
+        for name in ("_effects", "samples", "rollout_samples"):
             self.__dict__.pop(name, None)  # of what was compiled before
         self._expectation = Expectation(exact)
 
@@ -137,7 +140,8 @@ class GreedyPlan(JaxPlan):
 
         def rollout_policy(key, params, hyperparams, step, state, history):
             del hyperparams, history
-            return self.choose(self.gains(params, key, state, step, samples=1), state)
+            samples = self.rollout_samples
+            return self.choose(self.gains(params, key, state, step, samples), state)
 
         def probabilities(key, params, hyperparams, step, state, history):
             del hyperparams, history
@@ -229,6 +233,16 @@ class GreedyPlan(JaxPlan):
         if self._expectation.is_whole:
             return 1
         return max(1, min(_MOST_SAMPLES, _MOST_STEPS // self.tried))
+
+    @cached_property
+    def rollout_samples(self) -> int:
+        """Of the step of the model in rollouts, where samples are rollouts that are not played.
+
+        One tells what is better, as it is the same for all actions, unless these change how likely
+        something is.
+        """
+        few = _FEW_SAMPLES if actions_weigh_chances(self.exact.rddl) else 1
+        return min(few, self.samples)
 
     @property
     def tried(self) -> int:

@@ -75,7 +75,7 @@ def compile_exploring(
         given = rest[-1]
         other = plan.changes.like(guide.proposed(guiding, state, step))
         # more samples would leave fewer iterations
-        own = plan.gains(weights, key, state, step, samples=1)
+        own = plan.gains(weights, key, state, step, plan.rollout_samples)
         gains = jnp.where(given["guided"], other, own)
         tried = _with_one_forced(gains, given["place"], given["leaves"])
         return plan.choose(jnp.where(given["tried"], tried, gains), state)

@@ -189,12 +189,52 @@ def test_few_of_them_may_leave_the_noop(most, turns, paint):
 
 
 @pytest.mark.parametrize(
-    ("name", "instance", "samples"),
-    [("Traffic_MDP_ippc2014", "1", 1), ("Elevators", "0", 64), ("PowerGen_Discrete", "0", 64)],
+    ("name", "instance", "samples", "in_rollouts"),
+    [
+        ("Traffic_MDP_ippc2014", "1", 1, 1),
+        ("Elevators", "0", 64, 1),
+        ("PowerGen_Discrete", "0", 64, 1),
+        # actions say how likely something is
+        ("Reservoir_Discrete", "0", 64, 4),
+        ("Tamarisk_MDP_ippc2014", "1", 1, 1),
+    ],
 )
-def test_more_is_sampled_where_not_all_that_is_drawn_is_read(name, instance, samples):
+def test_more_is_sampled_where_not_all_that_is_drawn_is_read(name, instance, samples, in_rollouts):
     problem = load_problem(name, instance)
-    assert build_planner(problem, CONFIG).planner.plan.samples == samples
+    plan = build_planner(problem, CONFIG).planner.plan
+    assert (plan.samples, plan.rollout_samples) == (samples, in_rollouts)
+
+
+GAMBLE = """
+domain gamble {
+    pvariables {
+        gold : { state-fluent, int, default = 0 };
+        wins : { interm-fluent, bool };
+        dig : { action-fluent, bool, default = false };
+    };
+    cpfs { wins = Bernoulli(if (dig) then 0.3 else 0.0); gold' = gold; };
+    reward = 2.0 * wins - dig;
+}
+non-fluents nf { domain = gamble; }
+instance i {
+    domain = gamble; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 20; discount = 1.0;
+}
+"""
+
+
+def test_rollouts_do_not_go_by_one_chance_that_an_action_has():
+    planner = build_planner(problem_from(GAMBLE), CONFIG).planner
+    weights = planner.plan.initializer(KEY, {}, None)
+    keys = jax.random.split(KEY, 400)
+    state = {"gold": jnp.zeros((), int)}
+
+    def digs(policy):
+        return np.mean(jax.vmap(lambda key: policy(key, weights, {}, 0, state, {})["dig"])(keys))
+
+    # it loses 0.4 on average; one sample would have it done at three of ten, and of four it takes
+    # three that win
+    assert digs(planner.plan.rollout_policy) == pytest.approx(0.084, abs=0.05)
+    assert digs(planner.plan.test_policy) < 0.01
 
 
 @pytest.mark.parametrize("samples", [0, -1, 1.5, True, "2"])
