@@ -13,8 +13,9 @@ from mdpo_rddl.planner.programs.quick import Jit, is_short, light_jit, quick_jit
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
-# a search of a large problem evaluates at least so many policies
-_FEWEST_POLICIES = 60
+# a search of a large problem evaluates at least so many policies; with fewer than that, one by one,
+# rules find more by what has played the constants
+_FEWEST_POLICIES, _FEW_ONE_BY_ONE = 60, 300
 # programs like the judge's: what a gradient's is expected to take to compile, a quick one in its
 # share of that (`results/compile_times`); and evaluations of a population, in the time of the
 # fewest iterations that help
@@ -65,9 +66,16 @@ class Affording:
         return self._is_ready_in_time(POPULATION_PROGRAMS / share)
 
     def policies(self) -> bool:
-        """Whether there is time for many policies, if need be one by one."""
-        judge, left = self._arena.judge, self._arena.deadline - self._arena.clock()
-        return self.population() or POLICIES * judge.rollout_seconds < left
+        """Whether there is time for many policies, if need be one by one.
+
+        There is none if these are few, and the program of the probing can play many.
+        """
+        arena = self._arena
+        each, left = arena.judge.rollout_seconds, arena.deadline - arena.clock()
+        if self.population():
+            return True
+        is_quick = arena.probed is not None and arena.probed.has_time(arena.deadline, arena.clock)
+        return (_FEW_ONE_BY_ONE if is_quick else POLICIES) * each < left
 
     def others(self, share: float) -> bool:
         """Whether there is time for the judge's program and a population's, of which there is none.

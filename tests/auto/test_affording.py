@@ -15,11 +15,14 @@ def _quick_programs_take_six_tenths(monkeypatch):
     monkeypatch.setattr(module, "quick_share", lambda: 0.6)
 
 
-def affording(rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None):
+def affording(
+    rollout_seconds: float, left: float = 40.0, usual: float = 2.0, large=None, probed=None
+):
     return Affording(
         SimpleNamespace(
             clock=lambda: 20.0,
             deadline=20.0 + left,
+            probed=probed,
             probe=SimpleNamespace(policy_seconds=large),
             judge=SimpleNamespace(
                 usual_seconds=usual, rollout_seconds=rollout_seconds, rollouts=128
@@ -55,6 +58,27 @@ def test_a_value_is_learnt_where_there_is_time_for_enough_iterations(case, expec
 def test_changes_that_are_tried_in_turn_take_longer(in_turn, expected):
     # 8 s for the program and 30 iterations of 0.25 s are of 16 s, of 0.28 s are more
     assert affording(0.0166).value(0.4, in_turn) == expected
+
+
+@pytest.mark.parametrize(
+    ("case", "has_time", "expected"),
+    [
+        # 20 s for the program of a population
+        ({"rollout_seconds": 0.5, "usual": 10.0}, True, True),
+        # 60 s; 8 policies one by one, or by the probing's program; and 300
+        ({"rollout_seconds": 4.9, "usual": 40.0}, None, True),
+        ({"rollout_seconds": 5.1, "usual": 40.0}, None, False),
+        ({"rollout_seconds": 4.9, "usual": 40.0}, False, True),
+        ({"rollout_seconds": 4.9, "usual": 40.0}, True, False),
+        ({"rollout_seconds": 0.14, "usual": 40.0}, True, False),
+        ({"rollout_seconds": 0.13, "usual": 40.0}, True, True),
+    ],
+)
+def test_few_policies_one_by_one_are_worse_than_rules_side_by_side(case, has_time, expected):
+    probed = None
+    if has_time is not None:
+        probed = SimpleNamespace(has_time=lambda until, clock: has_time and until == 60.0)
+    assert affording(**case, probed=probed).policies() is expected
 
 
 def test_what_would_begin_later_has_less_time():
