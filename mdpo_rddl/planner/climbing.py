@@ -12,6 +12,7 @@ from jax import Array, lax, random
 
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.programs.quick import quick_jit
 from mdpo_rddl.planner.programs.staging import Stages
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
 from mdpo_rddl.planner.start import initial_values
@@ -133,7 +134,7 @@ class Climbing:
             ascent, initial = lax.fori_loop(0, steps, advance, carry)
             return ascent, jax.vmap(sigma, (0, None))(initial, start)
 
-        return jax.jit(climb)
+        return quick_jit(climb)
 
     def _with_legal_start(self, candidates: Array) -> Array:
         """The candidates with the first action's real components in their box."""

@@ -4,8 +4,8 @@ On a CPU, rollouts of the exact model with less of LLVM's optimisation are compi
 time in the mean, and a call takes 1.02 times as long; the options of quick programs say 0.52 and
 1.31 there (`results/rollout_programs`, twelve programs of six problems).
 
-The actions of `GreedyPlan` and the rollouts of a decision are of the quick kind too: they are
-compiled while somebody waits, and their calls last milliseconds.
+The actions of `GreedyPlan`, and the rollouts of a decision and their gradients, are of the quick
+kind too: they are compiled while somebody waits, and their calls last milliseconds.
 
 Training programs that are compiled in half the time are slower: they are for searches of a minute.
 There XLA's newer code for fused loops takes longer to compile than it saves there: on HVAC 4 of
