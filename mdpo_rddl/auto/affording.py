@@ -13,9 +13,10 @@ from mdpo_rddl.planner.programs.quick import Jit, is_short, light_jit, quick_jit
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
-# a search of a large problem evaluates at least so many policies; with fewer than that, one by one,
-# rules find more by what has played the constants
-_FEWEST_POLICIES, _FEW_ONE_BY_ONE = 60, 300
+# a search of a large problem evaluates at least so many policies
+_FEWEST_POLICIES = 60
+# with fewer policies than that, one by one, rules find more by what has played the constants
+_FEW_ONE_BY_ONE = 300
 # programs like the judge's: what a gradient's is expected to take to compile, a quick one in its
 # share of that (`results/compile_times`); and evaluations of a population, in the time of the
 # fewest iterations that help
@@ -74,8 +75,9 @@ class Affording:
         each, left = arena.judge.rollout_seconds, arena.deadline - arena.clock()
         if self.population():
             return True
-        is_quick = arena.probed is not None and arena.probed.has_time(arena.deadline, arena.clock)
-        return (_FEW_ONE_BY_ONE if is_quick else POLICIES) * each < left
+        probed, until = arena.probed, arena.deadline
+        can_play_rules = probed is not None and probed.has_time(until, arena.clock)
+        return (_FEW_ONE_BY_ONE if can_play_rules else POLICIES) * each < left
 
     def others(self, share: float) -> bool:
         """Whether there is time for the judge's program and a population's, of which there is none.

@@ -126,7 +126,7 @@ class Policy(PolicyAgent):
 
     @property
     def rollout_policy(self) -> Callable[..., Any]:
-        """What plays in compiled rollouts: a greedy policy with one sample, for there are many."""
+        """What plays in compiled rollouts: of a greedy policy one with fewer samples."""
         plan = self.planner.plan
         return plan.rollout_policy if isinstance(plan, GreedyPlan) else self.planner.legal_policy
 

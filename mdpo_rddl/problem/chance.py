@@ -15,12 +15,17 @@ logger = logging.getLogger(__name__)
 
 # laws of one value, by their names
 _CERTAIN = ("KronDelta", "DiracDelta")
-# kinds and names of what weighs or chooses one of its parts by another
+# kinds and names of what weighs or chooses one of its parts by another; and of what may do so with
+# what is within one part
 _WEIGHING = {
     *(("arithmetic", name) for name in "*/"),
     *(("boolean", name) for name in ("^", "&", "|", "=>", "<=>")),
-    *(("aggregation", name) for name in ("prod", "forall", "exists")),
     *(("control", name) for name in ("if", "switch")),
+    *(("func", name) for name in ("pow", "div", "mod", "fmod")),
+}
+_WEIGHING_WITHIN = {
+    *(("relational", name) for name in ("<", "<=", ">", ">=", "==", "~=")),
+    *(("aggregation", name) for name in ("prod", "forall", "exists")),
 }
 
 
@@ -88,7 +93,11 @@ def _parts(expression: Any, acting: Collection[str], drawn: Collection[str]) -> 
         return _Parts()
     kind, name = expression.etype
     if kind == "pvar":
-        return _Parts(name in acting, name in drawn)
+        own = _Parts(name in acting, name in drawn)
+        index = _parts(expression.args[1:], acting, drawn)
+        joined = _joined([own, index])
+        apart = (own.acts and index.draws) or (own.draws and index.acts)
+        return joined._replace(weighs=joined.weighs or apart)
     several = isinstance(expression.args, (tuple, list))
     given = list(expression.args) if several else [expression.args]
     parts = [_parts(each, acting, drawn) for each in given]
@@ -102,6 +111,8 @@ def _parts(expression: Any, acting: Collection[str], drawn: Collection[str]) -> 
             for other in parts[:number] + parts[number + 1 :]
         )
         return joined._replace(weighs=joined.weighs or apart)
+    if (kind, name) in _WEIGHING_WITHIN:
+        return joined._replace(weighs=joined.weighs or (joined.acts and joined.draws))
     return joined
 
 

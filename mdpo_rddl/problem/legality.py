@@ -1,5 +1,6 @@
 """Actions that the exact environment accepts, whatever a policy proposes."""
 
+import itertools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -45,14 +46,14 @@ class Referee:
 
         Real actions are clipped to their box in 64 bit first, since a bound rounded to 32 bit
         can lie outside; one that is not finite is illegal. Where a bound depends on the state, what
-        is legal once its real actions are rounded counts as legal. Where nothing legal is found,
-        the proposal stands.
+        is legal once its real actions are rounded counts as legal; a number on a strict bound is
+        moved off it so. Where nothing legal is found, the proposal stands.
         """
         actions = dict(proposal)
         for name, (lower, upper) in self._box.items():
             if name in actions:
                 actions[name] = _clipped(actions[name], lower, upper)
-        for candidate in (actions, *self._rounded(actions)):
+        for candidate in itertools.chain([actions], self._rounded(actions)):
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=False, fallback=False)
         for candidate in self._fallbacks(actions):
@@ -72,7 +73,8 @@ class Referee:
         for share in _ROUNDING if reals else ():
             for factor in (1.0 - share, 1.0 + share):
                 moved = {n: idle[n] + factor * (value - idle[n]) for n, value in reals.items()}
-                yield {**proposal, **moved}
+                kept = {name: _clipped(each, *self._box[name]) for name, each in moved.items()}
+                yield {**proposal, **kept}
 
     def _fallbacks(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """The no-op; it with one bool changed; it with all bools of a fluent changed.

@@ -33,6 +33,7 @@ def test_a_draw_in_the_reward_counts():
 
 WEIGHED = """
 domain weighed {
+    types { unit : object; };
     pvariables {
         s : { state-fluent, real, default = 0.0 };
         hit : { interm-fluent, bool };
@@ -41,7 +42,7 @@ domain weighed {
     cpfs { hit = HIT; s' = NEXT; };
     reward = REWARD;
 }
-non-fluents nf { domain = weighed; }
+non-fluents nf { domain = weighed; objects { unit : {u, v}; }; }
 instance i {
     domain = weighed; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 3; discount = 1.0;
 }
@@ -63,11 +64,40 @@ instance i {
         ("Bernoulli(0.5)", "if (push) then s + hit else s", "s", True),
         ("push ^ Bernoulli(0.5)", "s + hit", "s", True),
         ("Bernoulli(0.5)", "s", "s + hit * push", True),
+        ("Bernoulli(0.5)", "s", "pow[s + hit, push]", True),
+        ("Bernoulli(0.5)", "s", "(prod_{?u : unit} [ s + hit + push ])", True),
+        ("Bernoulli(0.5)", "s", "(sum_{?u : unit} [ s + hit + push ])", False),
+        # noise beside a threshold
+        ("Uniform(0.0, 1.0) < 0.3 + 0.4 * push", "s + hit", "s", True),
+        ("push + Normal(0.0, 1.0) > 0.5", "s + hit", "s", True),
     ],
 )
 def test_chances_may_be_up_to_the_actions(hit, after, reward, expected):
     text = WEIGHED.replace("HIT", hit).replace("NEXT", after).replace("REWARD", reward)
     assert actions_weigh_chances(problem_from(text).model) is expected
+
+
+CHOSEN = """
+domain chosen {
+    types { box : {@red, @blue}; };
+    pvariables {
+        full(box) : { interm-fluent, bool };
+        s : { state-fluent, real, default = 0.0 };
+        pick : { action-fluent, box, default = @red };
+    };
+    cpfs { full(?b) = FULL; s' = s + full(pick); };
+    reward = s;
+}
+non-fluents nf { domain = chosen; }
+instance i {
+    domain = chosen; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 3; discount = 1.0;
+}
+"""
+
+
+@pytest.mark.parametrize(("full", "expected"), [("Bernoulli(0.5)", True), ("s > 1.0", False)])
+def test_an_action_may_choose_what_was_drawn(full, expected):
+    assert actions_weigh_chances(problem_from(CHOSEN.replace("FULL", full)).model) is expected
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,11 @@ domain picks {
         pick(item) : { action-fluent, bool, default = false };
         stay : { action-fluent, bool, default = true };
         push : { action-fluent, real, default = 0.0 };
+        pull : { action-fluent, real, default = 0.0 };
     };
     cpfs { s' = s + push; };
     reward = s;
-    action-preconditions { RULE; push <= 1.0; };
+    action-preconditions { RULE; push <= 1.0; pull <= 1.0; };
 }
 """
 INSTANCE = """
@@ -64,18 +65,21 @@ def test_the_nearest_legal_action_is_played(tmp_path, rule, picked, played):
 
 
 @pytest.mark.parametrize(
-    ("rule", "push", "played"),
+    ("rule", "push", "pull"),
     [
         # what is rounded to 32 bit may be on the wrong side of a bound in 64 bit
-        ("push <= s + 0.3", float(np.float32(0.3)), 0.3),
-        ("push >= s - 0.3 + 0.6000001", float(np.float32(0.3000001)), 0.3000001),
-        ("push >= 0.3000001", 0.3, 0.3000001),
+        ("push <= s + 0.3", float(np.float32(0.3)), 0.0),
+        ("push >= s + 0.3000001", 0.3, 0.0),
+        # the other one is at the end of its box
+        ("push >= s + 0.3000001", 0.3, 1.0),
     ],
 )
-def test_a_number_that_misses_a_bound_by_rounding_is_legal(tmp_path, rule, push, played):
-    ruled = verdict(tmp_path, rule, push=push)
-    assert ruled.actions["push"] == pytest.approx(played, rel=2e-5)
+def test_a_number_that_misses_a_bound_by_rounding_is_legal(tmp_path, rule, push, pull):
+    ruled = verdict(tmp_path, rule, push=push, pull=pull)
     assert (ruled.illegal, ruled.fallback) == (False, False)
+    assert ruled.actions["push"] == pytest.approx(push, rel=2e-5)
+    assert ruled.actions["push"] != push
+    assert ruled.actions["pull"] == pytest.approx(pull, rel=2e-5)
 
 
 def test_a_number_that_misses_a_bound_by_more_is_not(tmp_path):

@@ -38,8 +38,8 @@ _COUNTS_GOALS = "counts_goals"
 _POLICY = ("weights", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
 _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
-# of an iteration; fewer where decisions take several samples, or try more than so many actions
-_ROLLOUTS, _SAMPLED_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 128, 64, 64
+# of an iteration; fewer where decisions try more than so many actions, half where by more samples
+_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
 # errors by which the rollouts of an earlier policy of the slice must have returned more
@@ -162,9 +162,9 @@ class PolicyIterationArm(CompilingArm):
         self._planner = build_planner(arena.problem, greedy(arena.config)).planner
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
-        most = _ROLLOUTS if plan.rollout_samples == 1 else _SAMPLED_ROLLOUTS
+        most = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
         counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
-        rollouts = most if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
+        rollouts = most if plan.rollout_samples == 1 else most // 2
         learning = Learning(rollouts=rollouts, counts_goals=counted or arena.misses_goals)
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()

@@ -74,7 +74,7 @@ def compile_exploring(
         weights, guiding = params
         given = rest[-1]
         other = plan.changes.like(guide.proposed(guiding, state, step))
-        # more samples would leave fewer iterations
+        # more samples than these would leave fewer iterations
         own = plan.gains(weights, key, state, step, plan.rollout_samples)
         gains = jnp.where(given["guided"], other, own)
         tried = _with_one_forced(gains, given["place"], given["leaves"])

@@ -1,4 +1,4 @@
-"""Counts drawn by inversion: one uniform number each, and one short loop.
+"""Counts drawn by inversion: one uniform number each.
 
 JAX draws them by rejection, in loops that draw again: these take seconds to compile, and as long
 to run as the unluckiest count needs. Small counts are found by adding up their probabilities from 0
@@ -13,8 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax, random
 
-# no count is as likely as that any more
-_NEVER = 1e-12
 # the variance from which the expansion is as good
 _WIDE = 15.0
 
@@ -133,21 +131,25 @@ def _drawn(
       none: probability of 0.
       ratio: how many times as likely as the one before a count is, from 1 on.
     """
-    uniform = random.uniform(key, none.shape, none.dtype)
+    resolution = jnp.finfo(none.dtype).eps
+    # in the middle between two that can be drawn: 0 itself has no quantile
+    uniform = random.uniform(key, none.shape, none.dtype) + resolution / 2.0
     is_wide = cumulants.variance > _WIDE
 
-    def goes_on(at: _Turn) -> Array:
-        may_be_more = (at.chance > _NEVER) | (at.last < cumulants.mean)
-        return jnp.any(~is_wide & (at.left >= 0.0) & may_be_more)
+    def is_open(at: _Turn) -> Array:
+        # what is left of the largest uniform numbers may be no more than rounding
+        may_be_more = (at.chance > resolution) | (at.last < cumulants.mean)
+        return ~is_wide & (at.left >= 0.0) & may_be_more
 
     def turn(at: _Turn) -> _Turn:
         count = at.last + 1.0
         chance = at.chance * ratio(count)
-        found = jnp.where(at.left >= 0.0, count, at.found)
+        found = jnp.where(is_open(at), count, at.found)
         return _Turn(count, found, at.left - chance, chance)
 
-    start = _Turn(jnp.zeros((), none.dtype), jnp.zeros_like(none), uniform - none, none)
-    found = lax.while_loop(goes_on, turn, start).found
+    # of what is no number there is no count
+    start = _Turn(jnp.zeros((), none.dtype), 0.0 * none, uniform - none, none)
+    found = lax.while_loop(lambda at: jnp.any(is_open(at)), turn, start).found
     return jnp.where(is_wide, _expanded(cumulants, uniform), found)
 
 

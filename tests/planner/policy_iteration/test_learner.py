@@ -1,6 +1,7 @@
 """Policy iteration, where the best policy is known."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.problems import assert_same_bits
@@ -9,6 +10,7 @@ from helpers.toys import toy
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration, Way
 
 # a program of its own is compiled for them all
@@ -41,6 +43,23 @@ def begun(iteration, noop):
     """The learner after the first iteration, and what the guide has shown there."""
     way = Way(np.float32(3e-3), is_first=np.array(True))
     return iteration.iterate(iteration.begin(np.random.default_rng(0)), KEY, noop, way)
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_explored_rollouts_decide_by_the_samples_of_rollouts(monkeypatch, quest, samples):
+    plan, seen = quest[0].plan, []
+
+    def gains(self, params, key, state, step, samples=None):
+        seen.append(samples)
+        return jnp.zeros(self.size)
+
+    monkeypatch.setattr(GreedyPlan, "gains", gains)
+    monkeypatch.setitem(plan.__dict__, "rollout_samples", samples)
+    learning = PolicyIteration(quest[0], quest[1].plan, QUICK)
+    begun = learning.begin(np.random.default_rng(0))
+    guiding = quest[1].plan.initializer(KEY, {}, None)
+    jax.eval_shape(learning._iterated, begun, KEY, guiding, Way(np.float32(0.0)))
+    assert set(seen) == {samples}
 
 
 def iterated(iteration, learner, noop, step, number=1):

@@ -46,16 +46,18 @@ def test_binomial(trials, probability):
 
 
 @pytest.mark.parametrize(
-    ("draw", "law"),
+    ("draw", "law", "error"),
     [
-        (poisson, stats.poisson(25.5)),
-        (poisson, stats.poisson(130.0)),
-        (lambda key, size: binomial(key, size, 0.02), stats.binom(1300, 0.02)),
-        (lambda key, size: binomial(key, size, 0.8), stats.binom(170, 0.8)),
+        (poisson, stats.poisson(15.001), 2e-5),
+        (poisson, stats.poisson(25.5), 1e-5),
+        (poisson, stats.poisson(130.0), 1e-5),
+        (lambda key, size: binomial(key, size, 0.001), stats.binom(15026, 0.001), 2e-5),
+        (lambda key, size: binomial(key, size, 0.02), stats.binom(1300, 0.02), 1e-5),
+        (lambda key, size: binomial(key, size, 0.8), stats.binom(170, 0.8), 1e-5),
     ],
-    ids=["poisson", "poisson, many", "binomial, rare", "binomial, often"],
+    ids=["few", "poisson", "poisson, many", "few of many", "binomial, rare", "binomial, often"],
 )
-def test_counts_that_spread_err_by_less_than_can_be_drawn(monkeypatch, draw, law):
+def test_counts_that_spread_have_nearly_their_laws(monkeypatch, draw, law, error):
     # an even grid in place of random numbers shows the distribution function itself
     grid = (np.arange(10**6) + 0.5) / 10**6
     monkeypatch.setattr(samplers.random, "uniform", lambda key, shape, dtype: jnp.asarray(grid))
@@ -64,7 +66,36 @@ def test_counts_that_spread_err_by_less_than_can_be_drawn(monkeypatch, draw, law
         counts = np.asarray(draw(jax.random.PRNGKey(0), jnp.full(len(grid), float(size))))
     values = np.arange(law.ppf(1e-6), law.ppf(1 - 1e-6) + 1)
     below = np.searchsorted(np.sort(counts), values, side="right") / len(grid)
-    np.testing.assert_allclose(below, law.cdf(values), atol=1e-5)
+    np.testing.assert_allclose(below, law.cdf(values), atol=error)
+
+
+RARELY = 2.0**-23
+
+
+@pytest.mark.parametrize("uniform", [0.0, RARELY, 1.0 - RARELY, 1.0 - 4.0 * RARELY])
+def test_the_ends_of_the_uniform_numbers_have_counts(monkeypatch, uniform):
+    given = np.float32(uniform)
+    monkeypatch.setattr(
+        samplers.random, "uniform", lambda key, shape, dtype: jnp.full(shape, given, dtype)
+    )
+    rates = np.array([0.01, 0.5, 3.0, 7.0, 14.9, 100.0, 5e4])
+    trials, chances = np.array([3, 50, 50, 10**6, 10**6]), np.array([0.3, 0.5, 0.1, 0.7, 1e-6])
+    key, lowest, highest = jax.random.PRNGKey(0), 1e-9, 1 - 1e-9
+    counts = np.asarray(poisson(key, jnp.asarray(rates, jnp.float32)))
+    law = stats.poisson(rates)
+    assert np.all((law.ppf(lowest) <= counts) & (counts <= law.ppf(highest)))
+    # whatever else is drawn beside it
+    assert [float(poisson(key, jnp.float32(rate))) for rate in rates] == counts.tolist()
+    numbers, shares = jnp.asarray(trials, jnp.float32), jnp.asarray(chances, jnp.float32)
+    counts = np.asarray(binomial(key, numbers, shares))
+    law = stats.binom(trials, chances)
+    assert np.all((law.ppf(lowest) <= counts) & (counts <= law.ppf(highest)))
+
+
+def test_of_no_number_there_is_no_count():
+    key, nan = jax.random.PRNGKey(0), jnp.float32(np.nan)
+    assert np.isnan(poisson(key, nan))
+    assert np.isnan(binomial(key, jnp.float32(3.0), nan))
 
 
 @pytest.mark.parametrize("count", [0.5, 1.0, 3.0, 40.0])
