@@ -1,4 +1,4 @@
-"""Whether chance plays a part in a problem."""
+"""Whether chance plays a part in a problem, and whether actions have a say in it."""
 
 import logging
 import time
@@ -98,8 +98,8 @@ def _parts(expression: Any, acting: Collection[str], drawn: Collection[str]) -> 
         joined = _joined([own, index])
         apart = (own.acts and index.draws) or (own.draws and index.acts)
         return joined._replace(weighs=joined.weighs or apart)
-    several = isinstance(expression.args, (tuple, list))
-    given = list(expression.args) if several else [expression.args]
+    # a constant has its value there
+    given = expression.args if isinstance(expression.args, (tuple, list)) else ()
     parts = [_parts(each, acting, drawn) for each in given]
     joined = _joined(parts)
     if kind in ("randomvar", "randomvector") and name not in _CERTAIN:
