@@ -132,13 +132,16 @@ class Affording:
         kind = quick_share() if is_quick else 1.0
         return kind * _COMPILATIONS[name] * self._usual_seconds
 
-    def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
+    def gradient(
+        self, name: str, until: float, comes_first: bool = False, later: float = 0.0
+    ) -> bool:
         """Whether there is time for an arm with a gradient.
 
         Args:
           name: of the arm.
           until: how long it may work, by the clock.
           comes_first: whether nothing else is likely to come near what it finds.
+          later: seconds from now, at which it would begin.
         """
         if self._is_large:
             return False
@@ -146,7 +149,7 @@ class Affording:
             seconds = _SHOOTING_EVALUATIONS * self._rollout_seconds
         else:
             seconds = _EVALUATIONS * self._arena.population.seconds
-        left = until - self._arena.clock()
+        left = until - self._arena.clock() - later
         needed = self.usual_seconds(name) + seconds
         has_time = comes_first and left >= _FIRST_AT_LEAST
         share = _AFFORDED_FIRST if has_time else _AFFORDED[name]

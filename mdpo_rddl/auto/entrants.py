@@ -150,6 +150,7 @@ class Entrants:
         names: Sequence[str],
         until: float,
         arms: Sequence[Arm] = (),
+        warns: bool = True,
     ) -> Iterator[CompilingArm]:
         """Those that follow a gradient, each asked for once the one before it has begun.
 
@@ -157,6 +158,7 @@ class Entrants:
           names: of the arms.
           until: how long they may work, by the clock.
           arms: that take part already.
+          warns: where there is too little time for the one on the feedback policy.
         """
         taken = {*self._without, *(arm.name for arm in arms)}
         if SHOOTING in taken - {*self._without}:
@@ -172,6 +174,6 @@ class Entrants:
                     if is_plain
                     else GradientArm(self._arena, usual)
                 )
-            elif name == GRADIENT:
+            elif name == GRADIENT and warns:
                 left = until - self._arena.clock()
                 logger.warning("there is too little time for the gradient: %.0f s are left", left)

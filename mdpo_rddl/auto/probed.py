@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 _FEWEST_RULES, _FEWEST_BATCHES = 8, 8
 # of the time: for random rules before the best of them is adapted; of all of it, for batches that
 # tell which is better, of so many at most and by random numbers of their own
-_RANDOM_SHARE, _FRESH_SHARE, _FRESH_BATCHES, _FRESH = 0.5, 0.2, 8, 10**6
+_RANDOM_SHARE, _FRESH_SHARE, _FRESH_BATCHES, _FRESH = 0.5, 0.3, 32, 10**6
 
 
 @dataclass(frozen=True, eq=False)

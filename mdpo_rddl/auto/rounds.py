@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
+from mdpo_rddl.machine.cores import usable_cores
 
 # one slice of so many is for the arm that has waited longest
 _FLOOR = 8
@@ -90,6 +91,20 @@ def next_contender(
     promising = max(able, key=lambda contender: contender.claim(seconds))
     is_floor = number % _FLOOR == _FLOOR - 1
     return longest if is_floor or promising.claim(seconds) <= best else promising
+
+
+def gives_way(chosen: Contender, pending: Sequence[Arm], best: float, seconds: float) -> bool:
+    """Whether an arm that promises nothing would only delay a compilation on the same core.
+
+    Args:
+      chosen: who has the next slice.
+      pending: arms whose programs are compiled, one after the other.
+      best: the incumbent's mean return.
+      seconds: that are left.
+    """
+    if usable_cores() > 1 or not pending or not pending[0].is_worth_waiting:
+        return False
+    return chosen.slices > 0 and chosen.claim(seconds) <= best
 
 
 def raising(reached: Reached, by: Callable[[], float] = lambda: 0.0) -> Iterator[None]:

@@ -39,7 +39,7 @@ from mdpo_rddl.auto.openings import LESS_GREEDY_SHARE, Openings
 from mdpo_rddl.auto.plain import METHODS
 from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
-from mdpo_rddl.auto.rounds import Contender, next_contender
+from mdpo_rddl.auto.rounds import Contender, gives_way, next_contender
 from mdpo_rddl.auto.slices import SHORTEST_SECONDS
 from mdpo_rddl.auto.unsearched import found_by_probing, known_without_rollouts
 from mdpo_rddl.planner.config.search_section import Search as Shares
@@ -92,7 +92,7 @@ class Schedule(Openings):
             self._end_with_constant()
             return
         simple = SimpleArm(arena)
-        begins_at_once = not self._initial and self._knows_by_probing()
+        begins_at_once = not self._initial and self._begins_at_once(simple)
         if not begins_at_once:
             self.give(simple, arena.clock())
         for candidate in self._initial:
@@ -228,6 +228,7 @@ class Schedule(Openings):
             return
         rounds_until = self._end("rounds", self._shares.rounds_until)
         if rivals:
+            self._open_gradient(rounds_until)
             self._search_in_turn(shared)
         self._contend(shared, lambda: shared.reached)
         self._open_programs(rounds_until, self._entrants.rivals(self._best))
@@ -297,22 +298,24 @@ class Schedule(Openings):
         self._on_stage("racing")
         number = int(self._marks.decided(SLICES, lambda: 0))
         while (left := until - arena.clock()) > SHORTEST_SECONDS:
-            chosen = next_contender(self._contenders, number, judge.best_mean, left)
-            if chosen is not None:
-                self._give_slice(chosen, until)
-                number += 1
-                self._marks.decide(SLICES, number)
-                continue
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
-            if not pending:
+            chosen = next_contender(self._contenders, number, judge.best_mean, left)
+            if chosen is None and not pending:
                 break
-            pending[0].await_program(min(until, arena.clock() + SHORTEST_SECONDS))
+            if chosen is None or gives_way(chosen, pending, judge.best_mean, left):
+                pending[0].await_program(min(until, arena.clock() + SHORTEST_SECONDS))
+                continue
+            self._give_slice(chosen, until)
+            number += 1
+            self._marks.decide(SLICES, number)
 
     def _finish(self) -> None:
         """The rest of the time is for whoever leads."""
         best = self._best
         self._on_stage("polishing")
-        leader = next((arm for arm in self.arms if arm.name == best.arm), None)
+        # who plays rules has found the best one early, and finds no more
+        leads = (arm for arm in self.arms if arm.name == best.arm and arm.name != SIMPLE)
+        leader = next(leads, None)
         leader = leader or self._reopened(best.arm)
         is_feedback = best.planner is self._arena.planner
         if is_feedback or leader is None:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from mdpo_rddl.auto.rounds import Contender, next_contender, raising
+from mdpo_rddl.auto import rounds
+from mdpo_rddl.auto.rounds import Contender, gives_way, next_contender, raising
 
 
 @dataclass
@@ -13,6 +14,7 @@ class Idle:
 
     is_exhausted: bool = False
     is_pending: bool = False
+    is_worth_waiting: bool = True
 
 
 def contender(reached: float | None, pace: float = 0.0, slices: int = 2, waited: int = 0, **arm):
@@ -83,3 +85,26 @@ def test_a_small_gain_is_none():
     for _ in raising(lambda: sum(reached), by=lambda: 2.0):
         reached.append(next(gains))
     assert reached == [0.0, 3.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("promising", "cores", "pending", "expected"),
+    [
+        # 10 + 0.5 x 0 x 100 is no more than the best return, 10 + 0.5 x 1 x 100 is
+        ({}, 1, {}, True),
+        ({"pace": 1.0}, 1, {}, False),
+        # what it finds is not known yet
+        ({"slices": 0}, 1, {}, False),
+        ({"slices": 1}, 1, {}, True),
+        # nothing is delayed on a core of its own
+        ({}, 2, {}, False),
+        ({}, 1, {"is_worth_waiting": False}, False),
+    ],
+)
+def test_who_promises_nothing_waits_for_a_compilation(
+    monkeypatch, promising, cores, pending, expected
+):
+    monkeypatch.setattr(rounds, "usable_cores", lambda: cores)
+    compiling = Idle(is_pending=True, **pending)
+    assert gives_way(contender(10.0, **promising), [compiling], 10.0, 100.0) == expected
+    assert not gives_way(contender(10.0, **promising), [], 10.0, 100.0)

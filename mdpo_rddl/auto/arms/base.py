@@ -75,6 +75,11 @@ class Arm(ABC):
         return False
 
     @property
+    def is_worth_waiting(self) -> bool:
+        """Whether others had better not delay what is compiled for it."""
+        return False
+
+    @property
     def awaits_judge(self) -> bool:
         """Whether it seems to lead, and the judge could not yet play what it has found."""
         return False

@@ -18,6 +18,9 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 
 logger = logging.getLogger(__name__)
 
+LONGEST_WAIT = 2.0
+"""Of what a program is likely to take: how long it is worth waiting for."""
+
 
 class CompilingArm(ArenaArm):
     """An arm whose program is compiled in a thread while others work: nothing interrupts that.
@@ -41,6 +44,11 @@ class CompilingArm(ArenaArm):
     def is_pending(self) -> bool:
         """Whether the compilation goes on."""
         return self._compiling is not None and not self._compiling.has_ended
+
+    @property
+    def is_worth_waiting(self) -> bool:
+        """Whether its program has not been waited for much longer than it should take."""
+        return self.is_pending and self._log.seconds < LONGEST_WAIT * self.usual_seconds
 
     def begin(self, until: float) -> None:
         """Begins the compilation, and waits for it; what it raises is for the first slice.

@@ -208,6 +208,18 @@ def test_others_work_while_what_plays_its_policies_is_compiled(arena, monkeypatc
     assert not arm.awaits_judge
 
 
+def test_a_program_is_worth_waiting_for_twice_what_it_should_take(arena, monkeypatch):
+    released = threading.Event()
+    arm = TrainingArm(arena, "slp", usual_seconds=0.2)
+    assert not arm.is_worth_waiting  # nothing is compiled
+    monkeypatch.setattr(arm, "_compile", lambda seconds: released.wait(60.0))
+    arm.begin(time.monotonic())
+    assert arm.is_worth_waiting
+    arm.await_program(time.monotonic() + 0.5)
+    assert not arm.is_worth_waiting
+    released.set()
+
+
 def test_what_would_be_compiled_too_late_ends_the_arm(arena):
     arm = TrainingArm(arena, "slp", usual_seconds=10 * FOREVER)
     arm.begin(time.monotonic() + 60.0)
