@@ -95,11 +95,14 @@ class Openings(Slices):
         self._enter(arm)
         seems_to_lead = arm.leading >= self._judge.best_mean
         if not arm.is_exhausted and (arm.is_untried or seems_to_lead):
-            pays = self._arena.beats_noop(self._best)
-            until = self._arena.until(_PLANS_SHARE if pays else _HOPE_SHARE)
+            until = self._arena.until(_PLANS_SHARE if self._has_found() else _HOPE_SHARE)
             for end in self._marks.once(_MORE_PLANS, self._arena, until):
                 self.give(arm, end)
         self._judge_candidates(arm)
+
+    def _has_found(self) -> bool:
+        """Whether the best policy returns more than the no-op, other than by an early rule."""
+        return self._best.label != EARLY_RULE and self._arena.beats_noop(self._best)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""
@@ -212,9 +215,7 @@ class Openings(Slices):
             return is_rare and not arm.counts_goals
 
         def at_least() -> float:
-            best = self._best
-            has_found = self._arena.beats_noop(best) and best.label != EARLY_RULE
-            return 0.0 if must_find() and not has_found else least
+            return 0.0 if must_find() and not self._has_found() else least
 
         terms = Terms(share, at_least=at_least, by_policies=must_find)
         self._begin_with(_GREEDY_FIRST, arm, terms)

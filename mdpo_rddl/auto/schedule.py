@@ -32,7 +32,7 @@ from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING
-from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import EARLY_RULE, RANDOM_RULE, SIMPLE, Rules, SimpleArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.openings import LESS_GREEDY_SHARE, Openings
@@ -152,7 +152,7 @@ class Schedule(Openings):
         """Whether none was found yet, or by a few of many random rules only."""
         if not self._finds_reward():
             return True
-        by_rule, paid = self._best.label == RANDOM_RULE, simple.paid_share
+        by_rule, paid = self._best.label in (RANDOM_RULE, EARLY_RULE), simple.paid_share
         return by_rule and paid is not None and paid < _RARE_SHARE
 
     def _play_rules(self, simple: SimpleArm) -> None:
@@ -208,12 +208,12 @@ class Schedule(Openings):
                 self._has_plan &= arena.incumbent.arm == exploration.name
         if self._marks.decided("explores on", lambda: not self._was_searched(arena.incumbent)):
             self._contend(exploration, lambda: arena.incumbent.mean)
-        found = self._marks.decided("found", lambda: arena.beats_noop(self._best))
+        found = self._marks.decided("found", self._has_found)
         rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_programs(rounds_until, METHODS)
         self._compete(rounds_until, polishing=found)
         self._has_plan |= arena.incumbent.arm == exploration.name
-        if arena.beats_noop(self._best):
+        if self._has_found():
             self._finish()
         else:
             self._on_stage("polishing")

@@ -12,7 +12,7 @@ from mdpo_rddl.auto import openings as parts
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
-from mdpo_rddl.auto.arms.simple import EARLY_RULE, SimpleArm
+from mdpo_rddl.auto.arms.simple import EARLY_RULE, RANDOM_RULE, SIMPLE, SimpleArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.openings import Openings
 
@@ -200,3 +200,15 @@ def test_the_gradient_begins_earlier_where_it_would_come_too_late(openings, shar
     openings._open_gradient(arena.deadline)
     # it is waited for twice as long as it should take; the clock ticks
     assert opened == ([pytest.approx(40.0, abs=10.0)] if is_opened else [])
+
+
+@pytest.mark.parametrize(("label", "expected"), [(EARLY_RULE, False), (RANDOM_RULE, True)])
+def test_what_an_early_rule_returns_was_found_by_no_arm(openings, label, expected):
+    arena = openings._arena
+    assert openings._knows_by_probing()
+    best = openings._best.known_mean + 1e3
+    openings._judge.record(
+        replace(arena.candidate(SIMPLE, label, arena.noop), mean=best, error=0.0)
+    )
+    assert openings._best.label == label
+    assert openings._has_found() == expected
