@@ -292,17 +292,17 @@ class Schedule(Openings):
           until: when they end.
           polishing: whether there is a policy that is worth a search around it.
         """
-        arena, judge = self._arena, self._judge
+        arena = self._arena
         if polishing:
             self._contend(self._polisher, lambda: arena.incumbent.mean)
         self._on_stage("racing")
         number = int(self._marks.decided(SLICES, lambda: 0))
         while (left := until - arena.clock()) > SHORTEST_SECONDS:
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
-            chosen = next_contender(self._contenders, number, judge.best_mean, left)
+            chosen = next_contender(self._contenders, number, self._to_beat, left)
             if chosen is None and not pending:
                 break
-            if chosen is None or gives_way(chosen, pending, judge.best_mean, left):
+            if chosen is None or gives_way(chosen, pending, self._to_beat, left):
                 pending[0].await_program(min(until, arena.clock() + SHORTEST_SECONDS))
                 continue
             self._give_slice(chosen, until)
