@@ -1,6 +1,7 @@
 """Which programs there is time to compile, and how long their compilation is waited for."""
 
 from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arms.compiling import LONGEST_WAIT
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
@@ -13,6 +14,8 @@ from mdpo_rddl.planner.programs.quick import Jit, is_short, light_jit, quick_jit
 
 PATIENCE = 0.3
 """Share of the time left for which all compilations together are waited for."""
+# the same for a gradient's that comes before the searches
+_EARLY_PATIENCE = 0.8
 # a search of a large problem evaluates at least so many policies
 _FEWEST_POLICIES = 60
 # with fewer policies than that, one by one, rules find more by what has played the constants
@@ -163,6 +166,17 @@ class Affording:
         """
         now = self._arena.clock()
         return now if usable_cores() > 1 else now + PATIENCE * (until - now)
+
+    def early_patience(self, usual: float, until: float) -> float:
+        """The same for a program without which the others find less.
+
+        Args:
+          usual: seconds that it should take.
+          until: how long the arms may work, by the clock.
+        """
+        now = self._arena.clock()
+        longest = min(LONGEST_WAIT * usual, _EARLY_PATIENCE * (until - now))
+        return now if usable_cores() > 1 else now + longest
 
     @property
     def _is_large(self) -> bool:

@@ -85,10 +85,13 @@ def confirmed(judge: Judge, play: Play, has_time: Callable[[], bool]) -> Candida
 
 def _rivals(judge: Judge, chosen: Candidate) -> list[Candidate]:
     """The other arms' best policies of which rollouts were made, the best first."""
-    arms = dict.fromkeys(one.candidate.arm for one in judge.judged)
-    bests = [judge.best_of_arm(arm) for arm in arms if arm != chosen.arm]
-    rivals = [best for best in bests if best is not None and best.returns is not None]
-    return sorted(rivals, key=lambda each: each.known_mean, reverse=True)
+    bests: dict[str, Candidate] = {}
+    for one in (judged.candidate for judged in judge.judged):
+        if one.arm == chosen.arm or one.params is None or one.returns is None:
+            continue
+        if one.arm not in bests or one.known_mean > bests[one.arm].known_mean:
+            bests[one.arm] = one
+    return sorted(bests.values(), key=lambda each: each.known_mean, reverse=True)
 
 
 def _is_clearly_better(one: Evaluation, other: Evaluation) -> bool:

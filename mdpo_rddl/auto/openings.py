@@ -2,16 +2,12 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from mdpo_rddl.auto.affording import EXPLORING_FIRST, Affording
 from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arms.compiling import LONGEST_WAIT
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.relaxed_plans import RelaxedPlansArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING
-from mdpo_rddl.auto.arms.simple import EARLY_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.resumption import Resumption
@@ -37,9 +33,7 @@ _GREEDY_LEADS_SHARE, _AMONG_NUMBERS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 
 _STALLED = "plan stalled"
 # of the time left, at most, for relaxed plans that may lead, and where no constant beats the no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
-# of the time left, for rules before anything is compiled, and between which seconds
-_EARLY_RULES_SHARE, _EARLY_RULES_SECONDS = 0.03, (0.5, 5.0)
-_MORE_PLANS, _EARLY_RULES = "more relaxed plans", "early rules"
+_MORE_PLANS = "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 
 
@@ -70,24 +64,6 @@ class Openings(Slices):
         self._entrants = Entrants(arena, self._affording, shares.without)
         self.plans: RelaxedPlansArm | None = None
 
-    def _begins_at_once(self, simple: SimpleArm) -> bool:
-        """Plays the earliest rules; whether these arms can begin before the judge's program."""
-        knows = self._knows_by_probing()
-        self._play_early_rules(simple)
-        return knows
-
-    def _play_early_rules(self, simple: SimpleArm) -> None:
-        """Rules by what has played the constants: something better is there within seconds."""
-        arena, probed = self._arena, self._arena.probed
-        now, left = arena.clock(), arena.deadline - arena.clock()
-        until = now + float(np.clip(_EARLY_RULES_SHARE * left, *_EARLY_RULES_SECONDS))
-        if probed is None or not probed.has_time(until, arena.clock):
-            return
-        for end in self._marks.once(_EARLY_RULES, arena, until):
-            simple.rules = Rules.EARLY
-            self.give(simple, end)
-        simple.rules = None
-
     def _judge_plans(self) -> None:
         """What relaxed plans have found, after another slice if they may lead."""
         if (arm := self.plans) is None:
@@ -95,14 +71,11 @@ class Openings(Slices):
         self._enter(arm)
         seems_to_lead = arm.leading >= self._judge.best_mean
         if not arm.is_exhausted and (arm.is_untried or seems_to_lead):
-            until = self._arena.until(_PLANS_SHARE if self._has_found() else _HOPE_SHARE)
+            pays = self._arena.beats_noop(self._best)
+            until = self._arena.until(_PLANS_SHARE if pays else _HOPE_SHARE)
             for end in self._marks.once(_MORE_PLANS, self._arena, until):
                 self.give(arm, end)
         self._judge_candidates(arm)
-
-    def _has_found(self) -> bool:
-        """Whether the best policy returns more than the no-op, other than by an early rule."""
-        return self._best.label != EARLY_RULE and self._arena.beats_noop(self._best)
 
     def _finds_reward(self) -> bool:
         """Whether there is a better policy than the no-op, or none is looked for."""
@@ -182,7 +155,7 @@ class Openings(Slices):
         if affording.gradient(GRADIENT, until, later=later):
             return
         for arm in self._entrants.gradients([GRADIENT], until, self.arms, warns=False):
-            self._open(arm, until, arena.clock() + LONGEST_WAIT * arm.usual_seconds)
+            self._open(arm, until, affording.early_patience(arm.usual_seconds, until))
 
     def _least_gain(self) -> float:
         return _CLEAR_GAIN if self._affording.exploration(EXPLORING_FIRST) else _LEAST_GAIN
@@ -215,7 +188,7 @@ class Openings(Slices):
             return is_rare and not arm.counts_goals
 
         def at_least() -> float:
-            return 0.0 if must_find() and not self._has_found() else least
+            return 0.0 if must_find() and not self._arena.beats_noop(self._best) else least
 
         terms = Terms(share, at_least=at_least, by_policies=must_find)
         self._begin_with(_GREEDY_FIRST, arm, terms)

@@ -9,6 +9,7 @@ from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.confirmation import confirm
+from mdpo_rddl.auto.early_rules import EarlyRulesArm
 from mdpo_rddl.auto.failures import incumbent_kept, one_line_errors
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.fitting import (
@@ -131,12 +132,15 @@ def _raced(
     schedule.arms += [] if ground.exact is None else [ground.exact]
     schedule.plans, schedule.early = ground.plans, ground.trials
     try:
-        early = [arm for arm in (ground.plans, ground.trials) if arm is not None]
+        rules = EarlyRulesArm(arena)
+        early = [arm for arm in (ground.plans, ground.trials, rules) if arm is not None]
         with known_kept(arena, options.earlier, early), incumbent_kept(arena.judge):
             if options.earlier is not None:
                 # the first is the incumbent whatever its error, so that the result is not worse
                 for candidate in options.earlier.candidates(arena):
                     arena.judge.record(candidate)
+            if options.earlier is None and not initial:
+                rules.play()
             schedule.run()
         end = arena.began + arena.config.budget().seconds
         late = end + _LATE_SHARE * (end - arena.began)

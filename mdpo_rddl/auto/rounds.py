@@ -102,7 +102,7 @@ def gives_way(chosen: Contender, pending: Sequence[Arm], best: float, seconds: f
       best: the incumbent's mean return.
       seconds: that are left.
     """
-    if usable_cores() > 1 or not pending or not pending[0].is_worth_waiting:
+    if usable_cores() > 1 or not any(arm.is_worth_waiting(seconds) for arm in pending):
         return False
     return chosen.slices > 0 and chosen.claim(seconds) <= best
 

@@ -32,7 +32,7 @@ from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING
-from mdpo_rddl.auto.arms.simple import EARLY_RULE, RANDOM_RULE, SIMPLE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.marks import RANDOM, SLICES
 from mdpo_rddl.auto.openings import LESS_GREEDY_SHARE, Openings
@@ -92,7 +92,7 @@ class Schedule(Openings):
             self._end_with_constant()
             return
         simple = SimpleArm(arena)
-        begins_at_once = not self._initial and self._begins_at_once(simple)
+        begins_at_once = not self._initial and self._knows_by_probing()
         if not begins_at_once:
             self.give(simple, arena.clock())
         for candidate in self._initial:
@@ -152,7 +152,7 @@ class Schedule(Openings):
         """Whether none was found yet, or by a few of many random rules only."""
         if not self._finds_reward():
             return True
-        by_rule, paid = self._best.label in (RANDOM_RULE, EARLY_RULE), simple.paid_share
+        by_rule, paid = self._best.label == RANDOM_RULE, simple.paid_share
         return by_rule and paid is not None and paid < _RARE_SHARE
 
     def _play_rules(self, simple: SimpleArm) -> None:
@@ -208,12 +208,12 @@ class Schedule(Openings):
                 self._has_plan &= arena.incumbent.arm == exploration.name
         if self._marks.decided("explores on", lambda: not self._was_searched(arena.incumbent)):
             self._contend(exploration, lambda: arena.incumbent.mean)
-        found = self._marks.decided("found", self._has_found)
+        found = self._marks.decided("found", lambda: arena.beats_noop(self._best))
         rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_programs(rounds_until, METHODS)
         self._compete(rounds_until, polishing=found)
         self._has_plan |= arena.incumbent.arm == exploration.name
-        if self._has_found():
+        if arena.beats_noop(self._best):
             self._finish()
         else:
             self._on_stage("polishing")
@@ -292,17 +292,17 @@ class Schedule(Openings):
           until: when they end.
           polishing: whether there is a policy that is worth a search around it.
         """
-        arena = self._arena
+        arena, judge = self._arena, self._judge
         if polishing:
             self._contend(self._polisher, lambda: arena.incumbent.mean)
         self._on_stage("racing")
         number = int(self._marks.decided(SLICES, lambda: 0))
         while (left := until - arena.clock()) > SHORTEST_SECONDS:
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
-            chosen = next_contender(self._contenders, number, self._to_beat, left)
+            chosen = next_contender(self._contenders, number, judge.best_mean, left)
             if chosen is None and not pending:
                 break
-            if chosen is None or gives_way(chosen, pending, self._to_beat, left):
+            if chosen is None or gives_way(chosen, pending, judge.best_mean, left):
                 pending[0].await_program(min(until, arena.clock() + SHORTEST_SECONDS))
                 continue
             self._give_slice(chosen, until)
@@ -313,9 +313,7 @@ class Schedule(Openings):
         """The rest of the time is for whoever leads."""
         best = self._best
         self._on_stage("polishing")
-        # who plays rules has found the best one early, and finds no more
-        leads = (arm for arm in self.arms if arm.name == best.arm and arm.name != SIMPLE)
-        leader = next(leads, None)
+        leader = next((arm for arm in self.arms if arm.name == best.arm), None)
         leader = leader or self._reopened(best.arm)
         is_feedback = best.planner is self._arena.planner
         if is_feedback or leader is None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
-from mdpo_rddl.auto.arms.simple import EARLY_RULE
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.failures import incumbent_kept
 from mdpo_rddl.auto.gains import finite_gain
@@ -208,14 +207,7 @@ class Slices:
         if self._best.arm == arm.name:
             return 0.0
         slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
-        return max(0.0, (self._to_beat - arm.progress) / slices)
-
-    @property
-    def _to_beat(self) -> float:
-        """The best mean return but for early rules', with which no arm has to keep up at first."""
-        found = (judged.candidate for judged in self._judge.judged)
-        others = [one.known_mean for one in found if one.label != EARLY_RULE]
-        return max(others, default=-math.inf)
+        return max(0.0, (self._judge.best_mean - arm.progress) / slices)
 
     def _end(self, part: str, share: float) -> float:
         """The end of a part that begins now, or of one that had begun in an earlier process."""

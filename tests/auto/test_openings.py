@@ -7,12 +7,10 @@ import pytest
 from helpers.lakes import preset, write_lake
 from helpers.races import CLOCK
 
-from mdpo_rddl.auto import RaceOptions, race
-from mdpo_rddl.auto import openings as parts
+from mdpo_rddl.auto import RaceOptions, affording, race
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
-from mdpo_rddl.auto.arms.simple import EARLY_RULE, RANDOM_RULE, SIMPLE, SimpleArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.openings import Openings
 
@@ -163,28 +161,16 @@ def test_a_plan_that_gains_little_makes_room_while_there_is_time_to_explore(
     assert begun[0].least_gain() == (0.005 if explores else 0.0005)
 
 
-def test_rules_come_before_anything_is_compiled(openings, monkeypatch):
-    monkeypatch.setattr(Judge, "returns_of", lambda self, candidate: pytest.fail("it is compiled"))
-    # the clock says a second for each batch
-    monkeypatch.setattr(parts, "_EARLY_RULES_SECONDS", (30.0, 30.0))
-    simple = SimpleArm(openings._arena)
-    assert openings._begins_at_once(simple)
-    found = [judged.candidate.label for judged in openings._judge.judged]
-    assert found == ["no-op", "constant", EARLY_RULE]
-    assert openings._best.label == EARLY_RULE
-    assert openings._best.mean > openings._arena.probe.start_return
-    # they have their turn once, and then those that are to be judged
-    openings._play_early_rules(simple)
-    assert len(openings._judge.judged) == len(found)
-    assert simple.rules is None
-
-
 @pytest.mark.parametrize(
     # shares of the time left, of which the searches in turn take 0.32
     ("share", "is_opened"),
     [(0.6, False), (0.8, True), (1.1, False)],
 )
-def test_the_gradient_begins_earlier_where_it_would_come_too_late(openings, share, is_opened):
+@pytest.mark.parametrize("cores", [1, 2])
+def test_the_gradient_begins_earlier_where_it_would_come_too_late(
+    openings, monkeypatch, share, is_opened, cores
+):
+    monkeypatch.setattr(affording, "usable_cores", lambda: cores)
     arena = openings._arena
     started, opened = arena.clock(), []
     left = arena.deadline - started
@@ -198,17 +184,14 @@ def test_the_gradient_begins_earlier_where_it_would_come_too_late(openings, shar
     openings._entrants.gradients = gradients
     openings._open = lambda arm, until, patience: opened.append(patience - started)
     openings._open_gradient(arena.deadline)
-    # it is waited for twice as long as it should take; the clock ticks
-    assert opened == ([pytest.approx(40.0, abs=10.0)] if is_opened else [])
+    # it is waited for twice as long as it should take, while the clock ticks; others can work
+    # meanwhile where there are two cores
+    patience = 40.0 if cores == 1 else 0.0
+    assert opened == ([pytest.approx(patience, abs=10.0)] if is_opened else [])
 
 
-@pytest.mark.parametrize(("label", "expected"), [(EARLY_RULE, False), (RANDOM_RULE, True)])
-def test_what_an_early_rule_returns_was_found_by_no_arm(openings, label, expected):
-    arena = openings._arena
-    assert openings._knows_by_probing()
-    best = openings._best.known_mean + 1e3
-    openings._judge.record(
-        replace(arena.candidate(SIMPLE, label, arena.noop), mean=best, error=0.0)
-    )
-    assert openings._best.label == label
-    assert openings._has_found() == expected
+def test_the_searches_in_turn_keep_some_time_beside_an_early_gradient(openings, monkeypatch):
+    monkeypatch.setattr(affording, "usable_cores", lambda: 1)
+    now = openings._arena.clock()
+    found = openings._affording.early_patience(60.0, now + 100.0)
+    assert found == pytest.approx(now + 80.0, abs=3.0)

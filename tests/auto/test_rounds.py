@@ -14,7 +14,12 @@ class Idle:
 
     is_exhausted: bool = False
     is_pending: bool = False
-    is_worth_waiting: bool = True
+    is_late: bool = False
+
+    def is_worth_waiting(self, seconds):
+        """Where it can be ready in time."""
+        assert seconds == 100.0
+        return not self.is_late
 
 
 def contender(reached: float | None, pace: float = 0.0, slices: int = 2, waited: int = 0, **arm):
@@ -98,13 +103,13 @@ def test_a_small_gain_is_none():
         ({"slices": 1}, 1, {}, True),
         # nothing is delayed on a core of its own
         ({}, 2, {}, False),
-        ({}, 1, {"is_worth_waiting": False}, False),
+        ({}, 1, {"is_late": True}, False),
     ],
 )
 def test_who_promises_nothing_waits_for_a_compilation(
     monkeypatch, promising, cores, pending, expected
 ):
     monkeypatch.setattr(rounds, "usable_cores", lambda: cores)
-    compiling = Idle(is_pending=True, **pending)
-    assert gives_way(contender(10.0, **promising), [compiling], 10.0, 100.0) == expected
+    late, compiling = Idle(is_late=True), Idle(is_pending=True, **pending)
+    assert gives_way(contender(10.0, **promising), [late, compiling], 10.0, 100.0) == expected
     assert not gives_way(contender(10.0, **promising), [], 10.0, 100.0)

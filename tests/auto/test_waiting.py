@@ -21,8 +21,10 @@ class Stalled(Arm):
 class Compiling(Stalled):
     """Is compiled in 50 seconds, half as fast while others work."""
 
-    is_worth_waiting = True
     waited = 0.0
+
+    def is_worth_waiting(self, seconds):
+        return True
 
     @property
     def is_pending(self):
@@ -42,8 +44,7 @@ class Compiling(Stalled):
 )
 def test_who_gains_nothing_waits_once_it_has_had_a_slice(monkeypatch, cores, expected):
     monkeypatch.setattr(rounds, "usable_cores", lambda: cores)
-    leading = SimpleNamespace(candidate=SimpleNamespace(label="best", known_mean=0.0))
-    clock, judge = Stopped(), SimpleNamespace(judged=[leading], incumbent=object())
+    clock, judge = Stopped(), SimpleNamespace(best_mean=0.0, incumbent=object())
     arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0)
     schedule = Schedule(arena, Search(), lambda name: None)
     monkeypatch.setattr(schedule, "_judge_candidates", lambda arm: False)

@@ -74,9 +74,13 @@ class Arm(ABC):
         """Whether something is still compiled for it, which a slice would only wait for."""
         return False
 
-    @property
-    def is_worth_waiting(self) -> bool:
-        """Whether others had better not delay what is compiled for it."""
+    def is_worth_waiting(self, seconds: float) -> bool:
+        """Whether others had better not delay what is compiled for it.
+
+        Args:
+          seconds: that are left.
+        """
+        del seconds
         return False
 
     @property

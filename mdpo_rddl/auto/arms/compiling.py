@@ -37,6 +37,7 @@ class CompilingArm(ArenaArm):
         super().__init__(name, arena)
         self.usual_seconds = usual_seconds
         self._compiling: Background | None = None
+        self._waited = 0.0
         self._estimate = -math.inf
         self._is_judged = self._awaits_judge = False
 
@@ -45,10 +46,14 @@ class CompilingArm(ArenaArm):
         """Whether the compilation goes on."""
         return self._compiling is not None and not self._compiling.has_ended
 
-    @property
-    def is_worth_waiting(self) -> bool:
-        """Whether its program has not been waited for much longer than it should take."""
-        return self.is_pending and self._log.seconds < LONGEST_WAIT * self.usual_seconds
+    def is_worth_waiting(self, seconds: float) -> bool:
+        """Whether its program can be ready in time, and was not waited for much too long.
+
+        Args:
+          seconds: that are left.
+        """
+        usual, waited = self.usual_seconds, self._waited
+        return self.is_pending and waited < LONGEST_WAIT * usual and usual - waited < seconds
 
     def begin(self, until: float) -> None:
         """Begins the compilation, and waits for it; what it raises is for the first slice.
@@ -68,7 +73,9 @@ class CompilingArm(ArenaArm):
             with contextlib.suppress(Exception):
                 self._is_compiled(until)
         finally:
-            self._log.seconds += self._clock() - started
+            waited = self._clock() - started
+            self._waited += waited
+            self._log.seconds += waited
 
     @property
     def awaits_judge(self) -> bool:

@@ -14,7 +14,7 @@ from mdpo_rddl.auto.search.weights import Weights, simple_weights
 from mdpo_rddl.auto.state import State
 
 SIMPLE = "constants and rules"
-CONSTANT, RANDOM_RULE, EARLY_RULE = "constant", "random rule", "early rule"
+CONSTANT, RANDOM_RULE = "constant", "random rule"
 
 
 class Rules(IntEnum):
@@ -22,7 +22,6 @@ class Rules(IntEnum):
 
     FEW = 0
     MANY = 1
-    EARLY = 2
 
 
 _COUNTS = {Rules.FEW: 2048, Rules.MANY: 32_768}
@@ -31,9 +30,8 @@ _COUNTS = {Rules.FEW: 2048, Rules.MANY: 32_768}
 class SimpleArm(ArenaArm):
     """Offers the no-op and the best constant, and random rules where a part is for these.
 
-    The earliest rules are played by what has played the constants, before anything else is
-    compiled. Where a reward comes only after many right actions, few rules are paid for what they
-    do, and changing one that is not leads nowhere: more of them are drawn later.
+    Where a reward comes only after many right actions, few rules are paid for what they do, and
+    changing one that is not leads nowhere: more of them are drawn later.
 
     Attributes:
       rules: which of them the next slice draws; None if it is for the others.
@@ -58,9 +56,6 @@ class SimpleArm(ArenaArm):
 
     def _work(self, until: float) -> None:
         arena = self._arena
-        if self.rules is Rules.EARLY:
-            self._offer_early(until)
-            return
         rules = simple_weights(arena.noop, arena.plan)
         if self.rules is None:
             self._offer(arena.candidate(self.name, NOOP, arena.noop))
@@ -79,14 +74,6 @@ class SimpleArm(ArenaArm):
         best = arena.population.best(rules, found)
         self._best = best
         self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(best)))
-
-    def _offer_early(self, until: float) -> None:
-        """Offers a rule that returns more than the constants, if there is one."""
-        arena, probe = self._arena, self._arena.probe
-        assert arena.probed is not None
-        found = arena.probed.best_rule(self.name, EARLY_RULE, arena.seed, until, self._clock)
-        if found.known_mean - found.error > max(probe.noop_return, probe.start_return):
-            self._offer(found)
 
     def _random_rules(
         self, population: PopulationReturns, rules: Weights, which: Rules, until: float

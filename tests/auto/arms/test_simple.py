@@ -8,7 +8,7 @@ import pytest
 from helpers.clocks import Stopped
 
 from mdpo_rddl.auto.arms import simple
-from mdpo_rddl.auto.arms.simple import EARLY_RULE, RANDOM_RULE, Rules, SimpleArm
+from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.candidate import NOOP
 
 POPULATION = 32
@@ -110,22 +110,3 @@ def test_a_race_that_goes_on_draws_the_rules_that_its_part_would_have_drawn(aren
     np.testing.assert_array_equal(again[:2048], many[:2048])
     assert len(again) > len(few) == 2048
     assert not np.isin(few[few != 0.0], again).any()
-
-
-@pytest.mark.parametrize(("mean", "is_offered"), [(2.4, True), (2.2, False), (0.5, False)])
-def test_an_early_rule_is_offered_if_it_returns_more_than_the_constants(arena, mean, is_offered):
-    # the best constant returns 2, and the rule's error is 0.3
-    arena.probe = SimpleNamespace(noop_return=1.0, start_return=2.0)
-    asked = []
-
-    def best_rule(arm, label, seed, until, clock):
-        asked.append((arm, seed, until))
-        return SimpleNamespace(label=label, known_mean=mean, error=0.3)
-
-    arena.probed = SimpleNamespace(best_rule=best_rule)
-    arm = SimpleArm(arena)
-    arm.rules = Rules.EARLY
-    arm.work(2.0)
-    assert asked == [(arm.name, 3, 2.0)]
-    assert [one.label for one in arm.take_candidates()] == [EARLY_RULE] * is_offered
-    assert not arena.population.played

@@ -211,12 +211,13 @@ def test_others_work_while_what_plays_its_policies_is_compiled(arena, monkeypatc
 def test_a_program_is_worth_waiting_for_twice_what_it_should_take(arena, monkeypatch):
     released = threading.Event()
     arm = TrainingArm(arena, "slp", usual_seconds=0.2)
-    assert not arm.is_worth_waiting  # nothing is compiled
+    assert not arm.is_worth_waiting(60.0)  # nothing is compiled
     monkeypatch.setattr(arm, "_compile", lambda seconds: released.wait(60.0))
     arm.begin(time.monotonic())
-    assert arm.is_worth_waiting
+    assert arm.is_worth_waiting(60.0)
+    assert not arm.is_worth_waiting(0.1)  # it would not be ready
     arm.await_program(time.monotonic() + 0.5)
-    assert not arm.is_worth_waiting
+    assert not arm.is_worth_waiting(60.0)
     released.set()
 
 
