@@ -168,7 +168,7 @@ class Affording:
         return now if usable_cores() > 1 else now + PATIENCE * (until - now)
 
     def early_patience(self, usual: float, until: float) -> float:
-        """The same for a program without which the others find less.
+        """The same for a gradient that comes before the searches.
 
         Args:
           usual: seconds that it should take.

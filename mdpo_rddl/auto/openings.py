@@ -147,12 +147,14 @@ class Openings(Slices):
     def _open_gradient(self, until: float) -> None:
         """Opens the gradient before the searches in turn, if they would leave it too little time.
 
+        Not where all actions are bools, for which it seldom finds the best policy.
+
         Args:
           until: when the rounds end, by the clock.
         """
         arena, affording = self._arena, self._affording
         later = self._shares.own_until * (arena.deadline - arena.clock())
-        if affording.gradient(GRADIENT, until, later=later):
+        if not self._entrants.decides_numbers or affording.gradient(GRADIENT, until, later=later):
             return
         for arm in self._entrants.gradients([GRADIENT], until, self.arms, warns=False):
             self._open(arm, until, affording.early_patience(arm.usual_seconds, until))

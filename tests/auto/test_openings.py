@@ -162,13 +162,13 @@ def test_a_plan_that_gains_little_makes_room_while_there_is_time_to_explore(
 
 
 @pytest.mark.parametrize(
-    # shares of the time left, of which the searches in turn take 0.32
-    ("share", "is_opened"),
-    [(0.6, False), (0.8, True), (1.1, False)],
+    # shares of the time left, of which the searches in turn take 0.32; actions may all be bools
+    ("share", "decides_numbers", "is_opened"),
+    [(0.6, True, False), (0.8, True, True), (0.8, False, False), (1.1, True, False)],
 )
 @pytest.mark.parametrize("cores", [1, 2])
 def test_the_gradient_begins_earlier_where_it_would_come_too_late(
-    openings, monkeypatch, share, is_opened, cores
+    openings, monkeypatch, share, decides_numbers, is_opened, cores
 ):
     monkeypatch.setattr(affording, "usable_cores", lambda: cores)
     arena = openings._arena
@@ -182,6 +182,7 @@ def test_the_gradient_begins_earlier_where_it_would_come_too_late(
 
     openings._affording.gradient = lambda name, until, later: left - later >= needed
     openings._entrants.gradients = gradients
+    openings._entrants.decides_numbers = decides_numbers
     openings._open = lambda arm, until, patience: opened.append(patience - started)
     openings._open_gradient(arena.deadline)
     # it is waited for twice as long as it should take, while the clock ticks; others can work
