@@ -8,6 +8,7 @@ is the result. The underlying policy stays with it, for thinking at the decision
 import contextlib
 import dataclasses
 import logging
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -197,7 +198,8 @@ def _with_vote(
     alone = dataclasses.replace(outcome.policy, saved_underlying=saved)
     outcome = dataclasses.replace(outcome, policy=alone, arms=[*outcome.arms, log])
     probe = outcome.probe
-    compiling = 0.0 if probe is None else _COMPILING * probe.compile_seconds
+    # where not even the race has compiled anything in time, this takes longer
+    compiling = math.inf if probe is None else _COMPILING * probe.compile_seconds
     if began + compiling > deadline:
         log.details = {"cause": "no time"}
         return outcome

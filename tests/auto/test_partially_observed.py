@@ -27,8 +27,10 @@ LONG = preset(100.0)
 def race_outcome(policy, interrupted=False):
     """Of a race that found the policy in a second."""
     candidate = Candidate("own weights", "own weights", LONG, None, {}, mean=1.0)
-    rest = {"probe": None, "noop_return": None, "random_return": None, "compile_seconds": 0.25}
-    return RaceOutcome(policy, candidate, (), [], seconds=1.0, interrupted=interrupted, **rest)
+    rest = {"noop_return": None, "random_return": None, "compile_seconds": 0.25}
+    probe = SimpleNamespace(compile_seconds=0.25)
+    ended = {"seconds": 1.0, "interrupted": interrupted}
+    return RaceOutcome(policy, candidate, (), [], probe=probe, **ended, **rest)
 
 
 @pytest.fixture
@@ -181,10 +183,13 @@ def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypat
     assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
 
 
-def test_nothing_is_compiled_that_would_end_late(raced):
-    slow = dataclasses.replace(
-        race_outcome(careless()), probe=SimpleNamespace(compile_seconds=1000.0)
-    )
+@pytest.mark.parametrize(
+    # what the probing's program took; None where that was not compiled in time
+    "probe",
+    [SimpleNamespace(compile_seconds=1000.0), None],
+)
+def test_nothing_is_compiled_that_would_end_late(raced, probe):
+    slow = dataclasses.replace(race_outcome(careless()), probe=probe)
     (log,) = raced(slow).outcome.arms
     assert (log.slices, log.details) == (0, {"cause": "no time"})
 
