@@ -288,7 +288,9 @@ def test_once_the_race_is_over_no_arm_is_given_anything(lake, in_one_arena):
     assert [arm.name for arm in late.arms] == ["constants and rules"]
 
 
-def test_too_little_time_for_the_gradient_is_said(lake, in_one_arena, caplog):
+def test_too_little_time_for_the_gradient_is_said(lake, in_one_arena, caplog, monkeypatch):
+    # it needs time for so many of a search's iterations
+    monkeypatch.setattr(affording, "_EVALUATIONS", 1000.0)
     outcome = raced(lake, 300.0, own_until=0.84)
     assert "too little time for the gradient" in caplog.text
     assert "gradient" not in outcome.diagnostics()["arms"]

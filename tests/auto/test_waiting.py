@@ -1,9 +1,10 @@
-"""Whether arms that gain nothing delay what is compiled on their core."""
+"""Whether others delay what is compiled: arms that gain nothing, and searches before it."""
 
 from types import SimpleNamespace
 
 import pytest
 from helpers.clocks import Stopped
+from helpers.races import raced
 
 from mdpo_rddl.auto import rounds
 from mdpo_rddl.auto.arms.base import Arm
@@ -60,3 +61,11 @@ def test_who_gains_nothing_waits_once_it_has_had_a_slice(monkeypatch, cores, exp
     monkeypatch.setattr(compiling, "work", work)
     schedule._compete(160.0, polishing=False)
     assert begun == [expected]
+
+
+def test_the_gradient_begins_before_searches_that_would_leave_it_no_time(
+    lake, in_one_arena, caplog
+):
+    arms = list(raced(lake, 300.0, own_until=0.84).diagnostics()["arms"])
+    assert arms.index("gradient") < arms.index("shared weights")
+    assert "too little time for the gradient" not in caplog.text

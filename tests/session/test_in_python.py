@@ -93,7 +93,10 @@ def test_a_race_is_cancelled_with_what_was_found(files):
     policy = mdpo_rddl.plan(*files, seconds=300, config=config, on_progress=until_there_is_a_policy)
     assert "probing" in {progress.stage for progress in seen}
     assert seen[-1].seconds < 150
-    assert policy.returns[-1] == pytest.approx(seen[-1].best_return)
+    # beside what was seen, a rule that was kept aside is judged at the end
+    found = [one["mean_return"] for one in policy.candidates if one["became_incumbent"]]
+    assert pytest.approx(seen[-1].best_return) in found[-2:]
+    assert policy.returns[-1] == pytest.approx(found[-1]) == max(found)
     assert "best return" in seen[-1]._repr_html_()
     policy.reset()
     action = policy.sample_action({"x___u1": 0.0, "x___u2": 0.0})
