@@ -147,7 +147,7 @@ class Openings(Slices):
     def _open_gradient(self, until: float) -> None:
         """Opens the gradient before the searches in turn, if they would leave it too little time.
 
-        Not where all actions are bools, for which it seldom finds the best policy.
+        Only where some action is a number or an object.
 
         Args:
           until: when the rounds end, by the clock.

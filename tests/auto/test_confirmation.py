@@ -120,6 +120,17 @@ def test_another_arm_takes_the_place_of_one_that_is_not(caplog):
     assert result(judge, one=10.0, other=9.0) == "one"
 
 
+def test_a_rule_without_rollouts_hides_no_rival_of_its_arm():
+    judge = Judge(128, 0, Ticking(), 0.0)
+    shared = replace(JUDGED, arm="constants and rules", label="random rule", mean=50.0)
+    early = replace(shared, label="early rule", mean=90.0, returns=None)
+    for each in (shared, early, JUDGED):
+        judge.record(each)
+    assert judge.incumbent.label == JUDGED.label
+    found = confirmation._rivals(judge, judge.incumbent)
+    assert [one.label for one in found] == ["random rule"]
+
+
 def test_where_time_is_over_the_incumbent_stays():
     judge = Judged(third=80.0, other=90.0, one=100.0)
     returns = {"one": 10.0, "other": 50.0, "third": 80.0}
