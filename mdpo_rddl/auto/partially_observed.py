@@ -52,6 +52,9 @@ _TRIAL_SHARE, _TRIAL_SECONDS = 0.3, 15.0
 _LONGER_SHARE, _LONGER_SECONDS = 0.6, 25.0
 # what the vote takes to compile, in the times that what plays constants does: a filter and policies
 _COMPILING = 1.5
+# what the race's policy takes to compile and to play, in the times that the vote took to compile:
+# where that is too long, the vote is compared with what the race says that its policy returns
+_ALONE = 0.75
 _STEPS = 3
 _LEAST_SECONDS = 0.1
 # no seed of a run, nor of the trials of thinking
@@ -60,21 +63,37 @@ _SEED = 2**30
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """The vote in the same episodes as the race's policy.
+    """The vote in the same episodes as the race's policy, or alone if there was too little time.
 
     Attributes:
       policy: that votes.
-      returns: of both [N, 2].
+      returns: of both [N, 2], or of the vote [N, 1].
+      raced: the race's policy, with what the race says that it returns.
     """
 
     policy: Policy
     returns: np.ndarray
+    raced: Candidate
+
+    @property
+    def race_return(self) -> float:
+        """What the race's policy returns, on average."""
+        known = self.raced.known_mean if self._is_alone else np.mean(self.returns[:, 1])
+        return float(known)
 
     @property
     def pays(self) -> bool:
         """Whether the vote gains enough, in `FEWEST` episodes or more."""
-        gain, error = mean_and_error(self.returns[:, 0] - self.returns[:, 1])
+        if self._is_alone:
+            mean, spread = mean_and_error(self.returns[:, 0])
+            gain, error = mean - self.raced.known_mean, math.hypot(spread, self.raced.error)
+        else:
+            gain, error = mean_and_error(self.returns[:, 0] - self.returns[:, 1])
         return gain > ERRORS * error
+
+    @property
+    def _is_alone(self) -> bool:
+        return self.returns.shape[1] == 1
 
 
 def plan_partially_observed(
@@ -205,7 +224,7 @@ def _with_vote(
         return outcome
     log.slices = 1
     try:
-        trial = _tried(alone, deadline, log, clock)
+        trial = _tried(alone, outcome.chosen, deadline, log, clock)
     except InputError as error:
         logger.warning("no vote over the belief: %s", one_line_cause(error))
         log.details = {"cause": one_line_cause(error)}
@@ -220,7 +239,7 @@ def _with_vote(
         return outcome
     mean, spread = mean_and_error(trial.returns[:, 0])
     log.best_return = mean
-    log.details = {"race_return": float(np.mean(trial.returns[:, 1]))}
+    log.details = {"race_return": trial.race_return}
     # without parameters, it is none that a race may go on from
     named = ACTION_VOTING, _LABEL, outcome.chosen.config, None, None
     chosen = Candidate(*named, mean=mean, error=spread)
@@ -234,8 +253,23 @@ def _with_vote(
     return dataclasses.replace(outcome, policy=policy, chosen=chosen)
 
 
-def _tried(alone: Policy, deadline: float, log: ArmLog, clock: Callable[[], float]) -> _Trial:
-    """Plays the vote and the policy alone in the same episodes.
+def _tried(
+    alone: Policy,
+    raced: Candidate,
+    deadline: float,
+    log: ArmLog,
+    clock: Callable[[], float],
+) -> _Trial:
+    """Plays the vote and the race's policy in the same episodes.
+
+    Where there is too little time for both, the vote alone is played.
+
+    Args:
+      alone: the race's policy.
+      raced: the same, with what the race says that it returns.
+      deadline: no episode is begun that is likely to end later, by the clock.
+      log: of the vote.
+      clock: tells the seconds.
 
     Raises:
       InputError: if there can be no vote.
@@ -243,12 +277,15 @@ def _tried(alone: Policy, deadline: float, log: ArmLog, clock: Callable[[], floa
     began = clock()
     with computing_on(fitting_device(alone.problem)):
         voting = dataclasses.replace(alone, votes=True)
-        for policy in (alone, voting):
-            _compile(policy)
+        _compile(voting)
+        now = clock()
+        both = [voting]
+        if raced.mean is None or now + _ALONE * (now - began) < deadline:
+            _compile(alone)
+            both.append(alone)
         log.compile_seconds = clock() - began
-        both = voting, alone
         returns = paired_returns(alone.problem, both, deadline, clock, _SEED + alone.seed)
-    return _Trial(voting, returns)
+    return _Trial(voting, returns, raced)
 
 
 def _compile(policy: Policy) -> None:

@@ -1,6 +1,6 @@
 """Two policies in the same episodes of the exact environment: which of them to play."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
@@ -23,7 +23,7 @@ _STREAM = 2**31
 
 def paired_returns(
     problem: Problem,
-    policies: tuple[Policy, Policy],
+    policies: Sequence[Policy],
     until: float,
     clock: Callable[[], float],
     seed: int = 0,
@@ -36,7 +36,7 @@ def paired_returns(
 
     Args:
       problem: what is played.
-      policies: as `evaluate` plays them, in turn.
+      policies: two, as `evaluate` plays them, in turn; or one, whose returns are [N, 1].
       until: no episode is begun that is likely to end later.
       clock: tells the seconds.
       seed: of the episodes, which are none that `evaluate` plays with a seed of a run.
@@ -54,7 +54,7 @@ def paired_returns(
         returns.append([_return_of(policy, env, episode) for policy in policies])
         now = clock()
         longest, before = max(longest, now - before), now
-    return np.array(returns).reshape(-1, 2)
+    return np.array(returns).reshape(-1, len(policies))
 
 
 def _return_of(policy: Policy, env: RDDLEnv, episode: int) -> float:
@@ -65,5 +65,7 @@ def _return_of(policy: Policy, env: RDDLEnv, episode: int) -> float:
 
 
 def _is_clear(returns: list[list[float]]) -> bool:
+    if len(returns[0]) == 1:
+        return False
     mean, error = mean_and_error(np.array([first - second for first, second in returns]))
     return abs(mean) > _CLEAR * error

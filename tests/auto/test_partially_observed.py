@@ -37,7 +37,7 @@ def race_outcome(policy, interrupted=False):
 def raced(monkeypatch):
     """Plans with races of which the seconds are noted, and which give what they are told to."""
 
-    def use(first, second=None, without=(), enumerates=True):
+    def use(first, second=None, without=(), enumerates=True, clock=None):
         asked, lefts, ends = [], [], iter((first, second))
 
         def run(problem, config, seed, options):
@@ -52,7 +52,9 @@ def raced(monkeypatch):
         if not enumerates:
             monkeypatch.setattr(partially_observed, "is_discrete", lambda problem: False)
         stages, judged = [], []
-        options = RaceOptions(on_stage=stages.append, on_judged=judged.append, clock=Stopped())
+        options = RaceOptions(
+            on_stage=stages.append, on_judged=judged.append, clock=clock or Stopped()
+        )
         problem = first.policy.problem
         config = LONG.with_values("Search", without=[*without])
         outcome = plan_automatically(problem, config, 0, options)
@@ -181,6 +183,35 @@ def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypat
     assert log.details == {"cause": "no time"}
     # what can think with it has it
     assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
+
+
+@pytest.mark.parametrize(
+    # what the vote returns in three episodes beside what the race says, 1 with an error of 0.1
+    ("returns", "pays"),
+    [([3.0, 2.0, 3.0], True), ([1.1, 0.9, 1.0], False), ([-1.0, 5.0, -1.0], False)],
+)
+def test_a_vote_that_takes_long_to_compile_is_compared_with_what_the_race_says(
+    raced, monkeypatch, returns, pays
+):
+    clock = Stopped()
+    played = []
+
+    def compiled(policy):
+        clock.now += 60.0
+
+    def alone(problem, policies, *_):
+        played.extend(policy.votes for policy in policies)
+        return np.array(returns)[:, np.newaxis]
+
+    monkeypatch.setattr(partially_observed, "_compile", compiled)
+    monkeypatch.setattr(partially_observed, "paired_returns", alone)
+    first = race_outcome(careless())
+    first = dataclasses.replace(first, chosen=dataclasses.replace(first.chosen, error=0.1))
+    found = raced(first, clock=clock)
+    (log,) = found.outcome.arms
+    assert played == [True]
+    assert found.outcome.policy.votes == pays
+    assert (log.details, log.compile_seconds) == ({"race_return": 1.0}, 60.0)
 
 
 @pytest.mark.parametrize(
