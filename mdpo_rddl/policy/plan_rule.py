@@ -22,6 +22,7 @@ class PlanRule:
       others: the weight of all goals beside that of the most promising one.
       prices: what ways to goals cost.
       samples: next states that stand for all that may follow a decision.
+      searches: whether the way is searched for where no step comes nearer to a goal.
 
     Raises:
       ValueError: if a share or weight is not between 0 and 1, or there is no sample.
@@ -31,6 +32,7 @@ class PlanRule:
     others: float = 0.02
     prices: Prices = field(default_factory=Prices)
     samples: int = 8
+    searches: bool = False
 
     def __post_init__(self) -> None:
         for name, value in (("patience", self.patience), ("others", self.others)):
@@ -63,6 +65,7 @@ def rule_text(rule: PlanRule, claim: Simulated) -> dict[str, str]:
         "decay": rule.prices.decay,
         "tries": rule.prices.tries,
         "samples": rule.samples,
+        "searches": rule.searches,
         "value": claim.value,
         "error": claim.error,
         "episodes": claim.episodes,
@@ -81,12 +84,15 @@ def parse_rule(metadata: Mapping[str, Any]) -> tuple[PlanRule, Simulated]:
         float(figures[name]) for name in ("patience", "others", "decay", "value", "error")
     )
     tries, samples, episodes = (figures[name] for name in ("tries", "samples", "episodes"))
-    if not isinstance(tries, bool):
-        raise ValueError("its tries cannot be what was saved")
+    # a file of before there were searches has none
+    searches = figures.get("searches", False)
+    for name, truth in (("tries", tries), ("searches", searches)):
+        if not isinstance(truth, bool):
+            raise ValueError(f"its {name} cannot be what was saved")
     for name, count in (("samples", samples), ("episodes", episodes)):
         if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MOST:
             raise ValueError(f"its {name} cannot be what was saved")
     if not math.isfinite(value) or not 0.0 <= error < math.inf:
         raise ValueError("its return cannot be what was saved")
-    rule = PlanRule(patience, others, Prices(decay, tries), samples)
+    rule = PlanRule(patience, others, Prices(decay, tries), samples, searches)
     return rule, Simulated(value, error, episodes)

@@ -112,7 +112,7 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
         ]
         uniform = plans.uniform(self.seed, step, self.plan_rule)
         states = np.concatenate(state)[:, np.newaxis]
-        found = plans.by_fluent(plans.decide(states, step, self.plan_rule, uniform)[:, 0])
+        found = plans.actions.by_fluent(plans.decide(states, step, self.plan_rule, uniform)[:, 0])
         return {
             name: found[name].astype(like.dtype).reshape(like.shape)[()]
             for name, like in self._noop.items()

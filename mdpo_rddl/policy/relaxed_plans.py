@@ -7,32 +7,27 @@ FF (Hoffmann and Nebel 2001) at each decision anew, as FF-Replan does (Yoon, Fer
 "FF-Replan: a baseline for probabilistic planning", 2007), with the model's chances in the costs.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.policy.ground_actions import MOST_VALUES, NOTHING, GroundActions, Proposal
+from mdpo_rddl.policy.hill_climbing import HillClimbing
 from mdpo_rddl.policy.plan_rule import PlanRule
 from mdpo_rddl.problem.delete_relaxation.circuit import Assignment
 from mdpo_rddl.problem.delete_relaxation.distances import FAR, Distances, Prices
 from mdpo_rddl.problem.delete_relaxation.relaxed import relaxed
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import OpenModel
-from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 
 # proposals of a state, the goals that they are for, and of how many of these together
 _MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 3
-# that are computed at once
-_MOST_VALUES = 4_000_000
 # by which a proposal must promise more
 _ROUNDING = 1e-6
 # of the hash of a state
 _SEED = 0
-
-Proposal = frozenset[tuple[int, int]]
-"""Numbers of action variables with numbers of their other values than the default."""
-_NOTHING: Proposal = frozenset()
 
 
 class _Decision(NamedTuple):
@@ -48,6 +43,7 @@ class RelaxedPlans:
 
     Attributes:
       model: the ground model, with the action left open.
+      actions: what can be played in it.
       sampler: of it.
       noop: values of all action variables of the no-op [A].
     """
@@ -62,11 +58,10 @@ class RelaxedPlans:
         Raises:
           NotEnumerableError: if that is not understood, becomes too large, or has no goal.
         """
-        self.model, self.sampler = model, GroundSampler(model)
+        self.actions = GroundActions(model)
+        self.model, self.sampler, self.noop = model, self.actions.sampler, self.actions.noop
         self._distances = Distances(relaxed(model, limits), model.horizon)
-        self.noop = np.array([int(default) for default, _ in model.actions.values()], int)
-        self._values = [[int(each) for each in others] for _, others in model.actions.values()]
-        self._most = int(min(model.most, len(self.noop)))
+        self._climbing = HillClimbing(self._distances, self.actions)
         generator = np.random.default_rng(_SEED)
         self._hash = generator.integers(1, 2**62, len(model.variables))
 
@@ -105,35 +100,57 @@ class RelaxedPlans:
         open_ = np.where(self._is_held(to_goals), 0.0, promised)
         proposals = self._proposals(states, costs, open_)
         chosen, best = self._waiting(states, given)
-        active, grown = list(range(count)), [_NOTHING] * count
-        for _ in range(self._most):
+        active, grown = list(range(count)), [NOTHING] * count
+        if rule.searches:
+            for place, proposal in self._climbed(states, open_, given, best):
+                grown[place] = chosen[place] = proposal
+        for _ in range(self.actions.most):
             joined = [
                 (each, proposal)
                 for each in active
                 # in place of what takes the no-op's, and beside it, as it may have to be done
                 for begun in dict.fromkeys((grown[each], chosen[each]))
                 for proposal in dict.fromkeys(begun | more for more in proposals[each])
-                if proposal not in (grown[each], chosen[each]) and self._fits(proposal)
+                if proposal not in (grown[each], chosen[each]) and self.actions.fits(proposal)
             ]
-            joined = self._legal(states, joined)
+            joined = self.actions.legal(states, joined)
             active = self._improve(states, joined, given, chosen, best)
             if not active:
                 break
             for place in active:
                 grown[place] = chosen[place]
-        return self._actions(chosen)
+        return self.actions.values(chosen)
+
+    def _climbed(
+        self, states: np.ndarray, promised: np.ndarray, given: _Decision, best: np.ndarray
+    ) -> list[tuple[int, Proposal]]:
+        """First steps to where goals are nearer, where none is a step away; writes their worth.
+
+        Args:
+          states: values of all state variables [V, N].
+          promised: what each goal that is not held promises [G, N].
+          given: what the decisions have in common.
+          best: what is played is worth [N].
+        """
+        found = self._climbing.first_steps(states, promised, given.rule.prices)
+        if found:
+            places = np.array([place for place, _ in found])
+            best[places] = self._worth(states[:, places], [each for _, each in found], given)
+        return found
 
     def _waiting(self, states: np.ndarray, given: _Decision) -> tuple[list[Proposal], np.ndarray]:
         """What is done in each state if nothing helps, and what it is worth to the patient [N].
 
         That is the no-op; where it is illegal, the best of what takes its place.
         """
-        chosen = [_NOTHING] * states.shape[1]
+        chosen = [NOTHING] * states.shape[1]
         best = self._worth(states, chosen, given, given.rule.patience)
-        is_legal = self.sampler.legal(states, self._actions(chosen))
+        is_legal = self.sampler.legal(states, self.actions.values(chosen))
         best[~is_legal] = -np.inf
         places = np.flatnonzero(~is_legal).tolist()
-        others = self._legal(states, ((place, each) for place in places for each in self._simplest))
+        others = self.actions.legal(
+            states, ((place, each) for place in places for each in self._simplest)
+        )
         self._improve(states, others, given, chosen, best, given.rule.patience)
         return chosen, best
 
@@ -180,15 +197,15 @@ class RelaxedPlans:
         """
         single = [
             frozenset([(number, value)])
-            for number, values in enumerate(self._values)
+            for number, values in enumerate(self.actions.others)
             for value in range(len(values))
         ]
         together: dict[str, set[tuple[int, int]]] = {}
         for number, (name, _) in enumerate(self.model.actions):
-            if len(self._values[number]) == 1:
+            if len(self.actions.others[number]) == 1:
                 together.setdefault(name, set()).add((number, 0))
         return single + [
-            whole for each in together.values() if self._fits(whole := frozenset(each))
+            whole for each in together.values() if self.actions.fits(whole := frozenset(each))
         ]
 
     def _proposals(
@@ -213,46 +230,9 @@ class RelaxedPlans:
                 own |= dict.fromkeys(map(frozenset, helpful))
                 if number < _MOST_TOGETHER:
                     together.append((place, ways.helpful(goal, all_ways=False)))
-        for place, proposal in self._joint(states, together):
+        for place, proposal in self.actions.joint(states, together):
             found[place][proposal] = None
         return [list(own) for own in found]
-
-    def _joint(
-        self, states: np.ndarray, together: Sequence[tuple[int, Sequence[Assignment]]]
-    ) -> list[tuple[int, Proposal]]:
-        """Of actions that go together in a state, as many as are legal, in their order."""
-        found = [(place, _NOTHING) for place, _ in together]
-        for number in range(max((len(each) for _, each in together), default=0)):
-            longer = {
-                which: (place, found[which][1] | frozenset(assignments[number]))
-                for which, (place, assignments) in enumerate(together)
-                if number < len(assignments)
-            }
-            longer = {which: pair for which, pair in longer.items() if self._fits(pair[1])}
-            legal = set(self._legal(states, longer.values()))
-            found = [
-                longer[which] if which in longer and longer[which] in legal else pair
-                for which, pair in enumerate(found)
-            ]
-        return found
-
-    def _fits(self, proposal: Proposal) -> bool:
-        """Whether each action has one value, and they are no more than are allowed."""
-        return len({number for number, _ in proposal}) == len(proposal) <= self._most
-
-    def _legal(
-        self, states: np.ndarray, proposals: Iterable[tuple[int, Proposal]]
-    ) -> list[tuple[int, Proposal]]:
-        """Those proposals that are legal in their states, each once."""
-        given = list(dict.fromkeys(proposals))
-        most, found = max(1, _MOST_VALUES // self.sampler.rows), list[tuple[int, Proposal]]()
-        for start in range(0, len(given), most):
-            part = given[start : start + most]
-            places = np.array([place for place, _ in part])
-            actions = self._actions([proposal for _, proposal in part])
-            legal = self.sampler.legal(states[:, places], actions)
-            found += [each for each, holds in zip(part, legal, strict=True) if holds]
-        return found
 
     def _worth(
         self,
@@ -264,7 +244,7 @@ class RelaxedPlans:
         """The reward of proposals [N] and what is promised after it, a mean over the samples."""
         # of a large problem many at once would take gigabytes
         rows = self._distances.rows + self.sampler.rows
-        most = max(1, _MOST_VALUES // (rows * given.uniform.shape[1]))
+        most = max(1, MOST_VALUES // (rows * given.uniform.shape[1]))
         parts = [slice(start, start + most) for start in range(0, len(proposals), most)]
         worth = [
             self._worth_of_few(states[:, part], proposals[part], given, patience) for part in parts
@@ -281,7 +261,7 @@ class RelaxedPlans:
         left, rule, uniform = given
         samples = uniform.shape[1]
         repeated = np.repeat(states, samples, axis=1)
-        actions = np.repeat(self._actions(proposals), samples, axis=1)
+        actions = np.repeat(self.actions.values(proposals), samples, axis=1)
         drawn = np.tile(uniform, (1, len(proposals)))
         stepped = self.sampler.step(repeated, actions, drawn)
         # many are the same state
@@ -318,18 +298,3 @@ class RelaxedPlans:
         held, open_ = np.where(is_held, promised, 0.0), np.where(is_held, 0.0, promised)
         best = open_.max(axis=0)
         return held.sum(axis=0) + best + rule.others * (open_.sum(axis=0) - best)
-
-    def _actions(self, proposals: Sequence[Proposal]) -> np.ndarray:
-        """Values of all action variables [A, N]."""
-        actions = np.repeat(self.noop[:, np.newaxis], len(proposals), axis=1)
-        for place, proposal in enumerate(proposals):
-            for number, value in proposal:
-                actions[number, place] = self._values[number][value]
-        return actions
-
-    def by_fluent(self, actions: np.ndarray) -> Mapping[str, np.ndarray]:
-        """The values of all action variables [A] per fluent, in a row [*]."""
-        found: dict[str, list[int]] = {}
-        for (name, _), value in zip(self.model.actions, actions, strict=True):
-            found.setdefault(name, []).append(int(value))
-        return {name: np.array(values) for name, values in found.items()}

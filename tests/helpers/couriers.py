@@ -1,4 +1,4 @@
-"""A chain of preconditions, two who must act together, and an action that needs another one."""
+"""Toys for plans: what must be done before something else, together, or undone again."""
 
 from helpers.toys import problem_from
 
@@ -78,6 +78,39 @@ instance inst {
     discount = 1.0;
 }"""
 
+_TOWER = """domain tower {
+    types { block : object; };
+    pvariables {
+        WANTED(block, block) : { non-fluent, bool, default = false };
+        on(block, block) : { state-fluent, bool, default = false };
+        put(block, block) : { action-fluent, bool, default = false };
+        put-down(block) : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        on'(?b, ?c) = put(?b, ?c)
+            | (on(?b, ?c) ^ ~put-down(?b) ^ ~(exists_{?d : block} [put(?b, ?d)]));
+    };
+    reward = (forall_{?b : block, ?c : block} [WANTED(?b, ?c) => on(?b, ?c)]);
+    action-preconditions {
+        forall_{?b : block} [put-down(?b) => ~(exists_{?c : block} [on(?c, ?b)])];
+        forall_{?b : block, ?c : block} [put(?b, ?c)
+            => ((?b ~= ?c) ^ ~(exists_{?d : block} [on(?d, ?b) | on(?d, ?c)]))];
+    };
+}
+non-fluents four {
+    domain = tower;
+    objects { block : {b0, b1, b2, b3}; };
+    non-fluents { WANTED(b0, b3); WANTED(b1, b0); WANTED(b2, b1); };
+}
+instance inst {
+    domain = tower;
+    non-fluents = four;
+    init-state { on(b1, b0); on(b2, b1); };
+    max-nondef-actions = 1;
+    horizon = 8;
+    discount = 1.0;
+}"""
+
 
 def courier():
     """Pick a parcel, which works four times of five, carry it two places on, hand it over."""
@@ -92,3 +125,8 @@ def lift():
 def camera():
     """Each target that was shot pays from then on; to shoot one the camera must be aimed."""
     return problem_from(_CAMERA)
+
+
+def tower():
+    """Three blocks are to stand on a fourth one as they do beside it: in five moves."""
+    return problem_from(_TOWER)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import toy_mdps as toys
-from helpers.couriers import camera, courier, lift
+from helpers.couriers import camera, courier, lift, tower
 from helpers.mistakes import one_line
 from helpers.toys import toy
 
@@ -149,6 +149,17 @@ def test_who_is_patient_does_nothing_that_does_not_pay():
     assert not decided.any()
 
 
+def test_what_stands_in_the_way_is_undone_where_the_way_is_searched_for():
+    problem = tower()
+    without, searching = (
+        RelaxedPlanPolicy(problem, PlanRule(searches=each), CLAIM, 0).evaluate(episodes=1, seed=1)
+        for each in (False, True)
+    )
+    assert without.mean == 0.0
+    assert searching.mean == find_optimum(problem, 30.0).value == 3.0
+    assert searching.illegal_actions == 0
+
+
 def test_it_takes_ground_fluents_too(policy):
     ground = {"at___p0": False, "at___p1": True, "at___p2": False, "holding": True}
     assert policy(0, ground) == {"go": True, "pick": False, "hand-over": False}
@@ -170,8 +181,16 @@ def test_a_saved_policy_is_read_back(problem, policy, tmp_path):
     assert alone.optimum is None
 
 
-def test_a_rule_is_what_it_was_as_text():
-    assert parse_rule(rule_text(RULE, CLAIM)) == (RULE, CLAIM)
+@pytest.mark.parametrize("searches", [False, True])
+def test_a_rule_is_what_it_was_as_text(searches):
+    rule = replace(RULE, searches=searches)
+    assert parse_rule(rule_text(rule, CLAIM)) == (rule, CLAIM)
+
+
+def test_a_rule_of_before_there_were_searches_has_none():
+    figures = json.loads(rule_text(replace(RULE, searches=True), CLAIM)["plan_rule"])
+    del figures["searches"]
+    assert parse_rule({"plan_rule": json.dumps(figures)}) == (RULE, CLAIM)
 
 
 @pytest.mark.parametrize(
@@ -181,6 +200,7 @@ def test_a_rule_is_what_it_was_as_text():
         ("others", -0.1),
         ("decay", 1.0),
         ("tries", 1),
+        ("searches", 0),
         ("value", float("nan")),
         ("error", -1.0),
         ("episodes", 0),

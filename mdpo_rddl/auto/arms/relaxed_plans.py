@@ -30,7 +30,7 @@ RELAXED_PLANS = "relaxed plans"
 # that are tried, the most different ones first
 _RULES = (
     PlanRule(),
-    PlanRule(prices=Prices(tries=True)),
+    PlanRule(prices=Prices(tries=True), searches=True),
     PlanRule(prices=Prices(0.97)),
     PlanRule(others=0.2),
 )
