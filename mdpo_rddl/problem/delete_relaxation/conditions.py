@@ -91,6 +91,7 @@ def _factors(
     graph: Graph, bounds: "Bounds", factors: Sequence[int], worth: float, wanted: _Wanted
 ) -> Iterator[tuple[float, _Wanted]]:
     """The terms of a product, of which a single number that is no constant is taken apart."""
+    factors = [each for factor in factors for each in _multiplied(graph, factor)]
     bools = [each for each in factors if graph.is_bool[each] and not graph.is_constant(each)]
     numbers = [each for each in factors if each not in bools]
     variable = [each for each in numbers if not graph.is_constant(each)]
@@ -103,6 +104,15 @@ def _factors(
         yield from _terms(graph, bounds, taken_apart, worth, wanted)
     elif wanted:
         yield worth, wanted
+
+
+def _multiplied(graph: Graph, factor: int) -> Iterator[int]:
+    """The factors of a factor: of a product, however it was nested."""
+    if graph.operators[factor] != "*" or graph.is_bool[factor]:
+        yield factor
+        return
+    for each in graph.arguments[factor]:
+        yield from _multiplied(graph, each)
 
 
 class Bounds:
