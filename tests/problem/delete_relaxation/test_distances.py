@@ -232,6 +232,17 @@ def test_a_reward_is_taken_apart():
     assert len(found) == 2
 
 
+@pytest.mark.parametrize(
+    "reward",
+    ["((x * 2) * (1 + y)) * (1 + z)", "(1 + y) * ((1 + z) * (2 * x))", "2 * x * (1 + y) * (1 + z)"],
+)
+def test_a_product_is_the_same_however_it_is_nested(reward):
+    model = open_model(domain(reward), LIMITS)
+    (found,) = conditions(model.graph, model.rules.reward, LIMITS)
+    assert [model.graph.values[node][0] for node in found.nodes] == ["x"]
+    assert (found.worth, found.wanted, found.is_any) == (8.0, (True,), False)
+
+
 def test_a_reward_that_no_play_changes_is_no_goal():
     with pytest.raises(NotEnumerableError, match="no reward"):
         relaxed(open_model(domain("1.0"), LIMITS), LIMITS)
