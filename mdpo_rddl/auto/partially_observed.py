@@ -53,7 +53,7 @@ _LONGER_SHARE, _LONGER_SECONDS = 0.6, 25.0
 # what the vote takes to compile, in the times that what plays constants does: a filter and policies
 _COMPILING = 1.5
 # what the race's policy takes to compile and to play, in the times that the vote took to compile:
-# where that is too long, the vote is compared with what the race says that its policy returns
+# a guess; where that is too long, the vote is compared with what the race says of its policy
 _ALONE = 0.75
 _STEPS = 3
 _LEAST_SECONDS = 0.1
@@ -280,7 +280,8 @@ def _tried(
         _compile(voting)
         now = clock()
         both = [voting]
-        if raced.mean is None or now + _ALONE * (now - began) < deadline:
+        is_known = raced.mean is not None and math.isfinite(raced.error)
+        if not is_known or now + _ALONE * (now - began) < deadline:
             _compile(alone)
             both.append(alone)
         log.compile_seconds = clock() - began

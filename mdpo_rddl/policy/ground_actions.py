@@ -9,6 +9,8 @@ from mdpo_rddl.problem.enumeration.sampling import GroundSampler
 
 # that are computed at once
 MOST_VALUES = 4_000_000
+# of the hash of a state
+_SEED = 0
 
 Proposal = frozenset[tuple[int, int]]
 """Numbers of action variables with numbers of their other values than the default."""
@@ -32,6 +34,12 @@ class GroundActions:
         self.noop = np.array([int(default) for default, _ in model.actions.values()], int)
         self.others = [[int(each) for each in others] for _, others in model.actions.values()]
         self.most = int(min(model.most, len(self.noop)))
+        generator = np.random.default_rng(_SEED)
+        self._hash = generator.integers(1, 2**62, len(model.variables))
+
+    def codes(self, states: np.ndarray) -> np.ndarray:
+        """Hashes of states [V, N], of which none that differ are likely to be equal [N]."""
+        return np.asarray(self._hash @ states)
 
     def fits(self, proposal: Proposal) -> bool:
         """Whether each action has one value, and they are no more than are allowed."""

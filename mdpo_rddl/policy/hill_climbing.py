@@ -15,16 +15,15 @@ import numpy as np
 from mdpo_rddl.policy.ground_actions import MOST_VALUES, NOTHING, GroundActions, Proposal
 from mdpo_rddl.problem.delete_relaxation.distances import Distances, Prices
 
-# steps of a way, states of a search, and goals of a state that are searched for
+# steps of a way, states of a search, and goals of a state that are searched for: guesses, tried on
+# a few problems
 _MOST_STEPS, _MOST_STATES, _MOST_GOALS = 12, 100, 2
 # by which a goal must come nearer
 _NEARER = 1e-3
-# a random number that makes likely events happen, and no others
+# a random number that makes an event happen if its probability is above a half
 _LIKELY = 0.5
 # states that are remembered, with a goal each
 _REMEMBERED = 200_000
-# of the hash of a state
-_SEED = 0
 
 
 class _Seen(NamedTuple):
@@ -42,12 +41,14 @@ class _Node(NamedTuple):
       state: values of all state variables [V].
       code: hash of the state.
       first: what was played in the first state of the search; nothing there.
+      ends: whether the episode ends with it.
     """
 
     search: int
     state: np.ndarray
     code: int
     first: Proposal
+    ends: bool = False
 
 
 class HillClimbing:
@@ -61,18 +62,21 @@ class HillClimbing:
           actions: of the same ground model.
         """
         self._distances, self._actions = distances, actions
-        generator = np.random.default_rng(_SEED)
-        self._hash = generator.integers(1, 2**62, len(actions.model.variables))
         self._known: dict[tuple[int, int, Prices], _Seen] = {}
 
     def first_steps(
-        self, states: np.ndarray, promised: np.ndarray, prices: Prices
+        self, states: np.ndarray, promised: np.ndarray, left: int, prices: Prices
     ) -> list[tuple[int, Proposal]]:
-        """What to play where no single step comes nearer to the goal that promises most.
+        """What to play where it takes several steps to come nearer to what promises most.
+
+        That is the first goal to which a way is found; one that can be had at once has none, so
+        that this may be played instead of it. Where a step is enough, what promises most is told by
+        the states that follow.
 
         Args:
           states: values of all state variables [V, N].
           promised: what each goal promises [G, N], 0 of one that is not looked for.
+          left: steps that a way may have.
           prices: what ways cost.
 
         Returns:
@@ -84,30 +88,28 @@ class HillClimbing:
             for goal in np.argsort(-promised[:, place], kind="stable")[:_MOST_GOALS].tolist()
             if promised[goal, place] > 0.0
         ]
+        found = self._searched(states, searches, (left, prices))
         ways: dict[int, list[tuple[int, Proposal]]] = {}
-        for (place, _), way in zip(searches, self._searched(states, searches, prices), strict=True):
+        for (place, _), way in zip(searches, found, strict=True):
             if way is not None:
                 ways.setdefault(place, []).append(way)
-        far = [
-            (place, [first for _, first in found])
-            for place, found in ways.items()
-            if found[0][0] > 1
-        ]
+        far = [(place, [first for _, first in own]) for place, own in ways.items() if own[0][0] > 1]
         return self._actions.joint(states, far)
 
     def _searched(
-        self, states: np.ndarray, searches: Sequence[tuple[int, int]], prices: Prices
+        self, states: np.ndarray, searches: Sequence[tuple[int, int]], limits: tuple[int, Prices]
     ) -> list[tuple[int, Proposal] | None]:
         """Of each search the steps of the shortest way and the first of them; None without one.
 
         Args:
           states: values of all state variables [V, N].
           searches: of each the numbers of a state and of a goal.
-          prices: what ways cost.
+          limits: steps that a way may have, and what ways cost.
         """
+        left, prices = limits
         found: list[tuple[int, Proposal] | None] = [None] * len(searches)
         goals = [goal for _, goal in searches]
-        codes = (self._hash @ states).tolist()
+        codes = self._actions.codes(states).tolist()
         nodes = [
             _Node(number, states[:, place], codes[place], NOTHING)
             for number, (place, _) in enumerate(searches)
@@ -115,13 +117,20 @@ class HillClimbing:
         reached = [{node.code} for node in nodes]
         seen = self._look(nodes, goals, prices)
         begun = [each.cost for each in seen]
-        for steps in range(1, _MOST_STEPS + 1):
+        # nothing is nearer than what costs nothing
+        far = [place for place, cost in enumerate(begun) if cost > _NEARER]
+        nodes, seen = [nodes[place] for place in far], [seen[place] for place in far]
+        for steps in range(1, min(_MOST_STEPS, left) + 1):
             nodes = self._followed(nodes, seen, reached)
             seen = self._look(nodes, goals, prices)
             for node, (cost, _) in zip(nodes, seen, strict=True):
                 if found[node.search] is None and cost < begun[node.search] - _NEARER:
                     found[node.search] = steps, node.first
-            open_ = [place for place, node in enumerate(nodes) if found[node.search] is None]
+            open_ = [
+                place
+                for place, node in enumerate(nodes)
+                if found[node.search] is None and not node.ends
+            ]
             nodes, seen = [nodes[place] for place in open_], [seen[place] for place in open_]
             if not nodes:
                 break
@@ -151,15 +160,15 @@ class HillClimbing:
             actions = self._actions.values([each for _, each in legal])
             uniform = np.full((sampler.draws, len(columns)), _LIKELY)
             stepped = sampler.step(before[:, columns], actions, uniform)
-            codes = (self._hash @ stepped.states).tolist()
+            codes = self._actions.codes(stepped.states).tolist()
             for column, (number, each) in enumerate(legal):
                 node, code = nodes[part[number][0]], codes[column]
                 own = reached[node.search]
-                if stepped.ends[column] or code in own or len(own) >= _MOST_STATES:
+                if code in own or len(own) >= _MOST_STATES:
                     continue
                 own.add(code)
-                state = stepped.states[:, column]
-                found.append(_Node(node.search, state, code, node.first or each))
+                state, ends = stepped.states[:, column], bool(stepped.ends[column])
+                found.append(_Node(node.search, state, code, node.first or each, ends))
         return found
 
     def _look(self, nodes: Sequence[_Node], goals: Sequence[int], prices: Prices) -> list[_Seen]:

@@ -29,7 +29,7 @@ def paired_returns(
     seed: int = 0,
     least: int = 20,
 ) -> np.ndarray:
-    """What both return in the same episodes [N, 2], as many as there is time for.
+    """What policies return in the same episodes [N, 2], as many as there is time for.
 
     They end early once the difference is clear, which a few episodes with the same luck may seem to
     make it. An episode in which the environment raises an error counts as `LOST`.
@@ -66,6 +66,6 @@ def _return_of(policy: Policy, env: RDDLEnv, episode: int) -> float:
 
 def _is_clear(returns: list[list[float]]) -> bool:
     if len(returns[0]) == 1:
-        return False
+        return False  # there is no difference
     mean, error = mean_and_error(np.array([first - second for first, second in returns]))
     return abs(mean) > _CLEAR * error

@@ -26,8 +26,6 @@ from mdpo_rddl.problem.enumeration.model import OpenModel
 _MOST_PROPOSALS, _MOST_GOALS, _MOST_TOGETHER = 32, 64, 3
 # by which a proposal must promise more
 _ROUNDING = 1e-6
-# of the hash of a state
-_SEED = 0
 
 
 class _Decision(NamedTuple):
@@ -62,8 +60,6 @@ class RelaxedPlans:
         self.model, self.sampler, self.noop = model, self.actions.sampler, self.actions.noop
         self._distances = Distances(relaxed(model, limits), model.horizon)
         self._climbing = HillClimbing(self._distances, self.actions)
-        generator = np.random.default_rng(_SEED)
-        self._hash = generator.integers(1, 2**62, len(model.variables))
 
     def uniform(self, seed: int, step: int, rule: PlanRule) -> np.ndarray:
         """The random numbers of a decision [draws, samples]: the same for all states."""
@@ -132,7 +128,7 @@ class RelaxedPlans:
           given: what the decisions have in common.
           best: what is played is worth [N].
         """
-        found = self._climbing.first_steps(states, promised, given.rule.prices)
+        found = self._climbing.first_steps(states, promised, given.left - 1, given.rule.prices)
         if found:
             places = np.array([place for place, _ in found])
             best[places] = self._worth(states[:, places], [each for _, each in found], given)
@@ -266,7 +262,7 @@ class RelaxedPlans:
         stepped = self.sampler.step(repeated, actions, drawn)
         # many are the same state
         _, first, places = np.unique(
-            self._hash @ stepped.states, return_index=True, return_inverse=True
+            self.actions.codes(stepped.states), return_index=True, return_inverse=True
         )
         distances = self._distances
         costs = distances.to_goals(distances(stepped.states[:, first], rule.prices))

@@ -186,12 +186,18 @@ def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypat
 
 
 @pytest.mark.parametrize(
-    # what the vote returns in three episodes beside what the race says, 1 with an error of 0.1
-    ("returns", "pays"),
-    [([3.0, 2.0, 3.0], True), ([1.1, 0.9, 1.0], False), ([-1.0, 5.0, -1.0], False)],
+    # what the vote returns in three episodes beside what the race says, 1 with an error
+    ("returns", "error", "pays"),
+    [
+        ([3.0, 2.0, 3.0], 0.1, True),
+        ([1.3, 1.0, 1.15], 0.1, True),
+        ([1.3, 1.0, 1.15], 0.3, False),
+        ([0.0, 5.0, -1.0], 0.1, False),
+        ([0.9, 0.8, 0.9], 0.1, False),
+    ],
 )
 def test_a_vote_that_takes_long_to_compile_is_compared_with_what_the_race_says(
-    raced, monkeypatch, returns, pays
+    raced, monkeypatch, returns, error, pays
 ):
     clock = Stopped()
     played = []
@@ -206,7 +212,7 @@ def test_a_vote_that_takes_long_to_compile_is_compared_with_what_the_race_says(
     monkeypatch.setattr(partially_observed, "_compile", compiled)
     monkeypatch.setattr(partially_observed, "paired_returns", alone)
     first = race_outcome(careless())
-    first = dataclasses.replace(first, chosen=dataclasses.replace(first.chosen, error=0.1))
+    first = dataclasses.replace(first, chosen=dataclasses.replace(first.chosen, error=error))
     found = raced(first, clock=clock)
     (log,) = found.outcome.arms
     assert played == [True]

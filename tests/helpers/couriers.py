@@ -127,6 +127,14 @@ def camera():
     return problem_from(_CAMERA)
 
 
-def tower():
-    """Three blocks are to stand on a fourth one as they do beside it: in five moves."""
-    return problem_from(_TOWER)
+def tower(ends=False):
+    """Three blocks are to stand on a fourth one as they do beside it: in five moves.
+
+    Args:
+      ends: whether the episode ends once they stand there.
+    """
+    if not ends:
+        return problem_from(_TOWER)
+    wanted = "forall_{?b : block, ?c : block} [WANTED(?b, ?c) => on(?b, ?c)]"
+    end = f"    termination {{ {wanted}; }};\n    action-pre"
+    return problem_from(_TOWER.replace("    action-pre", end))

@@ -32,10 +32,13 @@ class Climbing:
         grounds = list(self.model.actions)
         return {grounds[number] for number, _ in proposal}
 
-    def first(self, states, promised=1.0):
+    def first(self, states, promised=1.0, left=20):
         goals = len(self.distances.worths)
         promised = np.full((goals, states.shape[1]), promised)
-        return self.climbing.first_steps(states, promised, PRICES)
+        return self.climbing.first_steps(states, promised, left, PRICES)
+
+    def way(self, states, goal=0, left=20):
+        return self.climbing._searched(states, [(0, goal)], (left, PRICES))[0]
 
     def played(self, states, proposals):
         sampler = self.actions.sampler
@@ -68,8 +71,23 @@ def test_likely_events_happen():
     # 4 times of 5 it has the parcel after a pick, and is a step nearer; were that not to happen, no
     # way would be found
     climbing = Climbing(courier())
-    ((steps, proposal),) = climbing.climbing._searched(climbing.start(), [(0, 0)], PRICES)
+    steps, proposal = climbing.way(climbing.start())
     assert (steps, climbing.names(proposal)) == (1, {("pick", ())})
+
+
+def test_a_way_has_no_more_steps_than_are_left(blocks):
+    steps, _ = blocks.way(blocks.start())
+    assert steps > 1
+    assert blocks.way(blocks.start(), left=steps - 1) is None
+    assert blocks.way(blocks.start(), left=steps) == blocks.way(blocks.start())
+
+
+def test_a_step_that_ends_the_episode_comes_nearer_too():
+    climbing = Climbing(tower(ends=True))
+    on = [("on", pair) for pair in ((0, 3), (1, 0))]
+    state = np.array([[int(variable in on)] for variable in climbing.model.variables])
+    steps, proposal = climbing.way(state)
+    assert (steps, climbing.names(proposal)) == (1, {("put", (2, 1))})
 
 
 def test_states_are_decided_alike_alone_and_side_by_side(blocks):
@@ -84,7 +102,15 @@ def test_states_are_decided_alike_alone_and_side_by_side(blocks):
 def test_much_at_once_is_done_in_parts(blocks, monkeypatch):
     expected = blocks.first(blocks.start())
     monkeypatch.setattr(hill_climbing, "MOST_VALUES", 1)
+    computed, whole = [], Distances.__call__
+
+    def counted(self, states, prices):
+        computed.append(states.shape[1])
+        return whole(self, states, prices)
+
+    monkeypatch.setattr(Distances, "__call__", counted)
     assert Climbing(tower()).first(blocks.start()) == expected
+    assert set(computed) == {1}
 
 
 @pytest.mark.parametrize(("bound", "most"), [("_MOST_STATES", 2), ("_MOST_STEPS", 2)])
@@ -104,7 +130,13 @@ def test_what_it_has_seen_is_not_computed_again(blocks, monkeypatch):
 
 
 def test_what_it_has_seen_does_not_grow_for_ever(blocks, monkeypatch):
-    expected = blocks.first(blocks.start())
+    start = blocks.start()
+    ((_, down),) = blocks.first(start)
+    after = blocks.played(start, [down])
+    expected = blocks.first(after)
+    together = len(blocks.climbing._known)
     monkeypatch.setattr(hill_climbing, "_REMEMBERED", 0)
-    assert blocks.first(blocks.start()) == expected
-    assert len(blocks.climbing._known) <= 100
+    forgetful = Climbing(tower())
+    forgetful.first(start)
+    assert forgetful.first(after) == expected
+    assert len(forgetful.climbing._known) < together

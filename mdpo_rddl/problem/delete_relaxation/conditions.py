@@ -1,7 +1,8 @@
 """The reward as conditions, each with what it is worth while it holds."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 from mdpo_rddl.problem.enumeration.graph import Graph
@@ -10,6 +11,8 @@ from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerabl
 Interval = tuple[float, float]
 # of a reward, which may have more than it has nodes
 _MOST = 50_000
+# of a product, however it is nested
+_MOST_FACTORS = 64
 
 
 class Condition(NamedTuple):
@@ -91,14 +94,13 @@ def _factors(
     graph: Graph, bounds: "Bounds", factors: Sequence[int], worth: float, wanted: _Wanted
 ) -> Iterator[tuple[float, _Wanted]]:
     """The terms of a product, of which a single number that is no constant is taken apart."""
-    factors = [each for factor in factors for each in _multiplied(graph, factor)]
+    flat = list(islice(_multiplied(graph, factors), _MOST_FACTORS + 1))
+    factors = flat if len(flat) <= _MOST_FACTORS else factors
     bools = [each for each in factors if graph.is_bool[each] and not graph.is_constant(each)]
     numbers = [each for each in factors if each not in bools]
     variable = [each for each in numbers if not graph.is_constant(each)]
     taken_apart = variable[0] if len(variable) == 1 else None
-    for each in numbers:
-        if each != taken_apart:
-            worth *= bounds.largest(each)
+    worth *= bounds.largest_product(each for each in numbers if each != taken_apart)
     wanted = (*wanted, *((each, True) for each in bools))
     if taken_apart is not None:
         yield from _terms(graph, bounds, taken_apart, worth, wanted)
@@ -106,13 +108,13 @@ def _factors(
         yield worth, wanted
 
 
-def _multiplied(graph: Graph, factor: int) -> Iterator[int]:
-    """The factors of a factor: of a product, however it was nested."""
-    if graph.operators[factor] != "*" or graph.is_bool[factor]:
-        yield factor
-        return
-    for each in graph.arguments[factor]:
-        yield from _multiplied(graph, each)
+def _multiplied(graph: Graph, factors: Iterable[int]) -> Iterator[int]:
+    """The factors of a product, however they are nested; many times those that are shared."""
+    for factor in factors:
+        if graph.operators[factor] == "*" and not graph.is_bool[factor]:
+            yield from _multiplied(graph, graph.arguments[factor])
+        else:
+            yield factor
 
 
 class Bounds:
@@ -127,6 +129,16 @@ class Bounds:
         """The largest value of a node that is a constant or never below 0; else infinity."""
         low, high = self(node)
         return high if low >= 0.0 or self._graph.is_constant(node) else math.inf
+
+    def largest_product(self, nodes: Iterable[int]) -> float:
+        """The same of a product; constants may be below 0."""
+        constants, rest = 1.0, (1.0, 1.0)
+        for node in nodes:
+            if self._graph.is_constant(node):
+                constants *= self(node)[1]
+            else:
+                rest = _product(rest, self(node))
+        return constants * (rest[1] if rest[0] >= 0.0 else math.inf)
 
     def __call__(self, node: int) -> Interval:
         """The smallest and the largest value, or an interval that has both."""

@@ -1,6 +1,7 @@
 """How far rewards are: by hand, and with what the relaxation leaves out."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -241,6 +242,23 @@ def test_a_product_is_the_same_however_it_is_nested(reward):
     (found,) = conditions(model.graph, model.rules.reward, LIMITS)
     assert [model.graph.values[node][0] for node in found.nodes] == ["x"]
     assert (found.worth, found.wanted, found.is_any) == (8.0, (True,), False)
+
+
+def test_numbers_below_0_may_have_a_product_above_0():
+    model = open_model(domain("x * ((-2 - y) * (-2 - z)) * (1 + y)"), LIMITS)
+    (found,) = conditions(model.graph, model.rules.reward, LIMITS)
+    assert found.worth == 18.0
+
+
+def test_a_product_of_many_factors_is_left_as_it_is():
+    model = open_model(domain("x"), LIMITS)
+    graph, node = model.graph, model.graph.make("+", model.graph.one, model.rules.reward)
+    for _ in range(40):
+        node = graph.make("*", node, node)
+    began = time.perf_counter()
+    reward = graph.make("*", model.rules.reward, node)
+    assert len(conditions(graph, reward, LIMITS)) <= 1
+    assert time.perf_counter() - began < 1.0
 
 
 def test_a_reward_that_no_play_changes_is_no_goal():
