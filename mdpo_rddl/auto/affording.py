@@ -106,7 +106,7 @@ class Affording:
         """
         left = self._arena.deadline - self._arena.clock() - later
         evaluations = max(_VALUE_EVALUATIONS, _EVALUATIONS_IN_TURN * (1 + in_turn))
-        iteration = evaluations * self._rollout_seconds + _FITTING_SECONDS
+        iteration = evaluations * self.batch_seconds + _FITTING_SECONDS
         needed = self.usual_seconds(GREEDY) + _VALUE_ITERATIONS * iteration
         return not self._is_large and needed <= share * left
 
@@ -149,7 +149,7 @@ class Affording:
         if self._is_large:
             return False
         if name == SHOOTING:
-            seconds = _SHOOTING_EVALUATIONS * self._rollout_seconds
+            seconds = _SHOOTING_EVALUATIONS * self.batch_seconds
         else:
             seconds = _EVALUATIONS * self._arena.population.seconds
         left = until - self._arena.clock() - later
@@ -205,7 +205,7 @@ class Affording:
         return self._arena.judge.usual_seconds or self._arena.probe.compile_seconds
 
     @property
-    def _rollout_seconds(self) -> float:
+    def batch_seconds(self) -> float:
         """What 128 of the judge's rollouts took, or as many of constants in probing."""
         judge = self._arena.judge
         known = judge.rollout_seconds * ROLLOUTS / judge.rollouts

@@ -49,8 +49,8 @@ class Entrants:
         if not self.may_be_greedy(share):
             return None
         affording = self._affording
-        usual = affording.usual_seconds(GREEDY)
-        return PolicyIterationArm(self._arena, until, usual, affording.value_jit())
+        usual, jit = affording.usual_seconds(GREEDY), affording.value_jit()
+        return PolicyIterationArm(self._arena, until, usual, jit, affording.batch_seconds)
 
     def may_be_greedy(self, share: float, later: float = 0.0) -> bool:
         """Whether there is such an arm, and time for it.

@@ -13,6 +13,8 @@ from mdpo_rddl.planner.programs.quick import Jit, light_jit
 class Generous:
     """There is time for everything but what is named."""
 
+    batch_seconds = 0.0
+
     def __init__(self, *refused: str) -> None:
         """Refuses these."""
         self.refused = refused

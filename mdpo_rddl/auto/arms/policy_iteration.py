@@ -12,10 +12,13 @@ from jax import Array
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.judge import ROLLOUTS
+from mdpo_rddl.auto.learning_size import LONGEST_SHARE, learning_rollouts, least_seconds
+from mdpo_rddl.auto.span import Span
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
@@ -38,10 +41,6 @@ _COUNTS_GOALS = "counts_goals"
 _POLICY = ("weights", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
 _STEP, _LATER, _LAST_STEP = 3e-3, 0.3, 0.05
-# of an iteration; fewer where decisions try more than so many actions, half where by more samples
-_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
-# of the race: an iteration that takes longer leaves too few
-_LONGEST_SHARE = 0.02
 # errors by which the rollouts of an earlier policy of the slice must have returned more
 _ERRORS = 2.0
 # of the time left, the least for the first part
@@ -64,21 +63,6 @@ class _Best(NamedTuple):
     kept: Mapping[str, Any]
 
 
-class Span(NamedTuple):
-    """A part of the race, in which the step size falls.
-
-    Attributes:
-      began, ends: by the clock.
-    """
-
-    began: float
-    ends: float
-
-    def share(self, now: float) -> float:
-        """How much of it is over, at most 1."""
-        return min(1.0, (now - self.began) / max(self.ends - self.began, 1e-9))
-
-
 class PolicyIterationArm(CompilingArm):
     """Fits a value to its greedy policy's rollouts, and offers that policy.
 
@@ -96,7 +80,12 @@ class PolicyIterationArm(CompilingArm):
     """
 
     def __init__(
-        self, arena: Arena, until: float, usual_seconds: float = 0.0, jit: Jit = light_jit
+        self,
+        arena: Arena,
+        until: float,
+        usual_seconds: float = 0.0,
+        jit: Jit = light_jit,
+        batch_seconds: float = 0.0,
     ) -> None:
         """Compiles nothing yet.
 
@@ -105,9 +94,11 @@ class PolicyIterationArm(CompilingArm):
           until: when the first part ends, by the clock.
           usual_seconds: what its program is likely to take to compile.
           jit: compiles it.
+          batch_seconds: that as many rollouts take as the judge has of a candidate; 0 if unknown.
         """
         super().__init__(GREEDY, arena, usual_seconds)
-        self._jit = jit
+        self._jit, self._batch_seconds = jit, batch_seconds
+        self._race_seconds = arena.deadline - arena.began
         keys = jax.random.split(key_for(Draws.GREEDY, arena.seed))
         self._iteration_key, self._trial_key = keys
         self._judged_key = jax.random.fold_in(self._trial_key, 1)
@@ -157,15 +148,20 @@ class PolicyIterationArm(CompilingArm):
             self._try(lambda state: self._go_on(begun, state), self._resumed)
 
     def _build(self) -> Learner:
-        """Compiles what learns: a learner that has learnt nothing, not from the first rollouts."""
+        """Compiles what learns: a learner that has learnt nothing, not from the first rollouts.
+
+        Raises:
+          TooLateError: if an iteration of it takes too long, as is known before it is compiled.
+        """
         arena = self._arena
         self._planner = build_planner(arena.problem, greedy(arena.config)).planner
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
-        most = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
+        if cause := self._too_long(least_seconds(plan, self._batch_seconds)):
+            raise TooLateError(cause)
         counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
-        rollouts = most if plan.rollout_samples == 1 else most // 2
-        learning = Learning(rollouts=rollouts, counts_goals=counted or arena.misses_goals)
+        counts_goals = counted or arena.misses_goals
+        learning = Learning(rollouts=learning_rollouts(plan), counts_goals=counts_goals)
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
@@ -190,12 +186,7 @@ class PolicyIterationArm(CompilingArm):
         )
 
     def _span_of(self, values: Mapping[str, Any]) -> Span:
-        race, seconds = self._arena.began, self._arena.deadline - self._arena.began
-        began, ends = float(values["began"]), float(values["ends"])
-        # the clocks of two processes round differently
-        if not 0.0 <= began <= ends <= seconds + 1.0:
-            raise ValueError(f"it learns from {began} to {ends} s of {seconds}")
-        return Span(race + began, race + ends)
+        return Span.of(values, self._arena.began, self._race_seconds)
 
     def _work(self, until: float) -> None:
         """Goes on learning.
@@ -208,6 +199,8 @@ class PolicyIterationArm(CompilingArm):
         if self._learner is None:
             self._begin_part()
         self._best = None
+        if self.is_exhausted:
+            return  # an iteration takes too long
         try:
             self._learn(until)
         except (KeyboardInterrupt, Cancelled) as stop:
@@ -224,10 +217,11 @@ class PolicyIterationArm(CompilingArm):
         # its program may have taken longer than the first part was to last
         self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))
         begun = self._begun()
-        # the next iteration is timed
         first = self._iterated(begun, self._trial_key, _STEP, is_first=True)
         self._learner, shown = jax.block_until_ready(first)
         self._log.iterations += 1
+        self._iteration_seconds = self._clock() - now
+        self._count(is_lost=False)
         self._arena.judge.correct(guide, np.asarray(shown.of_policy))
 
     def _learn(self, until: float) -> None:
@@ -285,11 +279,16 @@ class PolicyIterationArm(CompilingArm):
 
     def _cause_to_end(self) -> str:
         """Why the latest iteration is the last of all; empty if it is not."""
-        if self._iteration_seconds > _LONGEST_SHARE * (self._arena.deadline - self._arena.began):
-            return f"an iteration takes {self._iteration_seconds:.1f} s"
+        if cause := self._too_long(self._iteration_seconds):
+            return cause
         if self._lost < _MOST_LOST:
             return ""
         return "returns of its rollouts, or what is learnt from them, are not finite"
+
+    def _too_long(self, seconds: float) -> str:
+        """Why an iteration of so many seconds leaves too few others; empty if it does not."""
+        most = LONGEST_SHARE * self._race_seconds
+        return f"an iteration takes {seconds:.1f} s" if seconds > most else ""
 
     def _pace(self, now: float) -> float:
         """Adam's step size now."""

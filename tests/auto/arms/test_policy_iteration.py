@@ -8,7 +8,8 @@ import pytest
 from helpers.learners import BEST, SECONDS, compiled_arm, known, taken, ticking_arena
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto.arms.policy_iteration import GREEDY, Span
+from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
+from mdpo_rddl.auto.span import Span
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -100,7 +101,18 @@ def test_where_nothing_was_learnt_nothing_is_offered(arena, make, monkeypatch):
     assert arm.take_candidates() == []
 
 
-def test_iterations_that_take_too_long_end_it(arena, make, monkeypatch):
+def test_what_would_take_too_long_is_not_compiled(arena):
+    arm = PolicyIterationArm(arena, 120.0, batch_seconds=1000.0)
+    arm.begin(arena.clock.now + 100.0)
+    assert arm.is_exhausted
+    assert arm.log.details["cause"].startswith("an iteration takes ")
+    assert not hasattr(arm, "_iteration")
+    arm.work(arena.clock.now + 100.0)
+    assert arm.log.iterations == 0
+    assert arm.take_candidates() == []
+
+
+def test_the_first_iteration_that_takes_too_long_ends_it(arena, make, monkeypatch):
     arm, shown = make(), Shown(*2 * [np.ones(2, np.float32)], np.array(True))
 
     def slow(learner, *_, **__):
@@ -111,7 +123,8 @@ def test_iterations_that_take_too_long_end_it(arena, make, monkeypatch):
     arm.work(arena.clock.now + 100.0)
     assert arm.is_exhausted
     assert arm.log.details["cause"].startswith("an iteration takes 1")
-    assert arm.log.iterations <= 3
+    assert arm.log.iterations == 1
+    assert arm.take_candidates() == []
 
 
 def test_steps_fall_to_the_end_of_each_part(arena, make):

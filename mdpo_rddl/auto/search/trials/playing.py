@@ -23,8 +23,9 @@ class Play(NamedTuple):
     missed: float
 
 
-# from one look at the clock to the next
-_STEPS_UNTIMED = 32
+# from one look at the clock to the next; of what a policy does not know, for which a row is made,
+# which may take half a millisecond
+_STEPS_UNTIMED, _MISSED_UNTIMED = 32, 256
 
 
 def play(
@@ -51,9 +52,10 @@ def play(
     model, random = explored.model, np.random.default_rng([seed, 2 if fresh else 1])
     returns, running = np.zeros(episodes), np.arange(episodes)
     states = np.repeat(model.initial[np.newaxis], episodes, axis=0)
-    missed, decisions = 0, 0
+    missed, decisions, timed = 0, 0, 0
     for step in range(model.horizon):
-        if (step + 1) % _STEPS_UNTIMED == 0:
+        if (step + 1) % _STEPS_UNTIMED == 0 or missed - timed >= _MISSED_UNTIMED:
+            timed = missed
             check_time()
         turn = _turn(explored, greedy, merged(states, explored.merges), step)
         running = running[turn.playing]

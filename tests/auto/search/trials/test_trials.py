@@ -161,6 +161,18 @@ def test_a_table_of_it_is_played_as_it_was_simulated(problem, search, tmp_path):
     assert policy.misses == 0
 
 
+def test_the_clock_is_looked_at_more_often_where_nothing_is_known(problem):
+    model, looks = ground_model(problem, LIMITS), []
+    search = TrialSearch(model, LIMITS, 0, Ticking())
+    idle = search.found(0.0)
+    # that knows no state at all
+    blind = idle._replace(rows=idle.rows[:, :0])
+    for greedy, missed, count in ((idle, 0.0, 0), (blind, 1.0, model.horizon - 1)):
+        looks.clear()
+        played = play(search.explored, greedy, 256, 0, check_time=lambda: looks.append(1))
+        assert (played.missed, len(looks)) == (missed, count)
+
+
 def test_what_a_search_has_not_seen_is_missed_and_left_idle(problem):
     search = TrialSearch(ground_model(problem, LIMITS), LIMITS, 0, Ticking())
     played = play(search.explored, search.found(0.0), 20, 0)

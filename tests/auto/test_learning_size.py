@@ -1,0 +1,26 @@
+"""How large an iteration of `greedy` is, and what it takes at least."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from mdpo_rddl.auto.learning_size import learning_rollouts, least_seconds
+
+
+def plan(tried: int, samples: int = 1) -> SimpleNamespace:
+    return SimpleNamespace(tried=tried, rollout_samples=samples)
+
+
+@pytest.mark.parametrize(
+    ("tried", "samples", "rollouts"),
+    [(1, 1, 256), (64, 1, 256), (65, 1, 64), (64, 4, 128), (65, 4, 32)],
+)
+def test_it_has_fewer_rollouts_where_a_decision_makes_many_steps(tried, samples, rollouts):
+    assert learning_rollouts(plan(tried, samples)) == rollouts
+
+
+def test_at_least_a_quarter_of_what_its_steps_take_in_the_judge_s_rollouts():
+    # 256 rollouts, of which each step is one of the no-op and three others; the judge has 128
+    assert least_seconds(plan(3), 2.0) == pytest.approx(0.25 * 2.0 * 2.0 * 4.0)
+    assert least_seconds(plan(3, samples=4), 2.0) == pytest.approx(0.25 * 2.0 * 4.0 * 4.0)
+    assert least_seconds(plan(3), 0.0) == 0.0
