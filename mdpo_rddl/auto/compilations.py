@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 
 
 class TooLateError(Exception):
-    """A program was not compiled: the race would have been over before it could be used."""
+    """A program was not compiled: there would have been too little time left to use it."""
 
 
 def compiled_within(seconds: float, call: Callable[[], Result]) -> Result:

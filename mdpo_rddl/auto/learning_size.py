@@ -1,16 +1,16 @@
 """How many rollouts an iteration of `greedy` has, and what it takes at least."""
 
 from mdpo_rddl.auto.judge import ROLLOUTS
+from mdpo_rddl.machine.device import is_on_cpu
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 
-LONGEST_SHARE = 0.02
-"""Of the race: an iteration that takes longer leaves too few."""
-
+# of the race: an iteration that takes longer leaves too few
+_LONGEST_SHARE = 0.02
 # of an iteration; fewer where decisions try more than so many actions, half where by more samples
 _ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
-# of the time that its steps of the model would take in the judge's rollouts; the smallest share
-# that was measured is 0.33
-_LEAST_SHARE = 0.25
+# of the time that its steps of the model would take in other rollouts; the smallest share that was
+# measured is 0.33, of the judge's
+_LEAST_SHARE = 0.2
 
 
 def learning_rollouts(plan: GreedyPlan) -> int:
@@ -24,11 +24,20 @@ def learning_rollouts(plan: GreedyPlan) -> int:
 
 
 def least_seconds(plan: GreedyPlan, batch_seconds: float) -> float:
-    """What an iteration takes at least, by the steps of the model that its decisions make.
+    """What an iteration is likely to take at least, by the steps that its decisions make.
+
+    Nothing is said for an accelerator, where many steps may take as long as one.
 
     Args:
       plan: compiled.
       batch_seconds: that as many rollouts take as the judge has of a candidate.
     """
+    if not is_on_cpu():
+        return 0.0
     samples = learning_rollouts(plan) * plan.rollout_samples * (1 + plan.tried)
     return _LEAST_SHARE * batch_seconds * samples / ROLLOUTS
+
+
+def is_too_long(seconds: float, race_seconds: float) -> bool:
+    """Whether an iteration of so many seconds leaves too few others."""
+    return seconds > _LONGEST_SHARE * race_seconds

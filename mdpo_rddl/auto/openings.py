@@ -8,6 +8,8 @@ from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.relaxed_plans import RelaxedPlansArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING
+from mdpo_rddl.auto.arms.simple import SimpleArm
+from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.resumption import Resumption
@@ -63,6 +65,8 @@ class Openings(Slices):
         self._shares, self._affording = shares, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
         self.plans: RelaxedPlansArm | None = None
+        # with what probing has said of them
+        self._probed: list[Candidate] = []
 
     def _judge_plans(self) -> None:
         """What relaxed plans have found, after another slice if they may lead."""
@@ -100,7 +104,17 @@ class Openings(Slices):
             return False
         for candidate in (noop, constant):
             judge.record(candidate)
+        self._probed = [judged.candidate for judged in judge.judged]
         return True
+
+    def _judge_simple(self, simple: SimpleArm) -> None:
+        """Judges the no-op and the best constant, whatever probing has said of them."""
+        judge = self._judge
+        self.give(simple, self._arena.clock())
+        for candidate in self._probed:
+            found = judge.latest(candidate.label)
+            if found is not None and found.returns is not None:
+                judge.correct(candidate, found.returns)
 
     def _makes_greedy_late(self, until: float) -> bool:
         """Whether there is time for what learns a value now, and not any more then."""

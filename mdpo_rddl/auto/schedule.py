@@ -94,7 +94,7 @@ class Schedule(Openings):
         simple = SimpleArm(arena)
         begins_at_once = not self._initial and self._knows_by_probing()
         if not begins_at_once:
-            self.give(simple, arena.clock())
+            self._judge_simple(simple)
         for candidate in self._initial:
             judge.record(candidate)
         self._judge_plans()
@@ -106,7 +106,7 @@ class Schedule(Openings):
             if self._open_alone():
                 self._finish()
                 return
-            self.give(simple, arena.clock())
+            self._judge_simple(simple)
         early = None if self.early is None or self.early.is_exhausted else self.early
         if not (self._affording.policies if early is None else self._affording.population)():
             logger.warning("there is too little time to search: compilation takes so long")

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from helpers.lakes import preset, write_lake
 from helpers.races import CLOCK
@@ -11,6 +12,7 @@ from mdpo_rddl.auto import RaceOptions, affording, race
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
+from mdpo_rddl.auto.arms.simple import SimpleArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.openings import Openings
 
@@ -47,6 +49,24 @@ def test_what_probing_has_found_is_enough_to_begin(openings, monkeypatch):
     assert openings._best.label == "constant"
     # only a race that begins needs that
     assert not openings._knows_by_probing()
+
+
+def test_what_the_judge_says_replaces_what_probing_has_said(openings, monkeypatch):
+    assert openings._knows_by_probing()
+    lucky, judge = openings._best, openings._judge
+    less = (lucky.mean - openings._arena.probe.noop_return) / 4.0
+    returns = lucky.mean - np.array([less, 2.0 * less])
+
+    def give(arm, until):
+        own = openings._arena.candidate(arm.name, lucky.label, lucky.params)
+        judge.record(replace(own, mean=returns.mean(), error=0.5 * less, returns=returns))
+
+    monkeypatch.setattr(openings, "give", give)
+    openings._judge_simple(SimpleArm(openings._arena))
+    assert lucky.error == 0.0
+    assert lucky.returns is None
+    assert openings._best.label == lucky.label
+    assert judge.best_mean == pytest.approx(lucky.mean - 1.5 * less)
 
 
 class Plans(Arm):

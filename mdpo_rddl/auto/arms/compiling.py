@@ -150,7 +150,7 @@ class CompilingArm(ArenaArm):
             self._compiling = Background(as_here(timed))
 
     def _is_compiled(self, until: float) -> bool:
-        """Waits for the compilation; one that was not begun in time ends the arm.
+        """Waits for the compilation; one that was given up for want of time ends the arm.
 
         Args:
           until: how long, by the clock.

@@ -17,7 +17,7 @@ from mdpo_rddl.auto.draws import Draws, key_for
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.judge import ROLLOUTS
-from mdpo_rddl.auto.learning_size import LONGEST_SHARE, learning_rollouts, least_seconds
+from mdpo_rddl.auto.learning_size import is_too_long, learning_rollouts, least_seconds
 from mdpo_rddl.auto.span import Span
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, note_heard
@@ -157,8 +157,9 @@ class PolicyIterationArm(CompilingArm):
         self._planner = build_planner(arena.problem, greedy(arena.config)).planner
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
-        if cause := self._too_long(least_seconds(plan, self._batch_seconds)):
-            raise TooLateError(cause)
+        least = least_seconds(plan, self._batch_seconds)
+        if self._resumed is None and is_too_long(least, self._race_seconds):
+            raise TooLateError(f"an iteration would take {least:.1f} s at least")
         counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
         counts_goals = counted or arena.misses_goals
         learning = Learning(rollouts=learning_rollouts(plan), counts_goals=counts_goals)
@@ -220,7 +221,8 @@ class PolicyIterationArm(CompilingArm):
         first = self._iterated(begun, self._trial_key, _STEP, is_first=True)
         self._learner, shown = jax.block_until_ready(first)
         self._log.iterations += 1
-        self._iteration_seconds = self._clock() - now
+        # it makes more updates than others
+        self._iteration_seconds = (self._clock() - now) / Learning.first_updates
         self._count(is_lost=False)
         self._arena.judge.correct(guide, np.asarray(shown.of_policy))
 
@@ -279,16 +281,11 @@ class PolicyIterationArm(CompilingArm):
 
     def _cause_to_end(self) -> str:
         """Why the latest iteration is the last of all; empty if it is not."""
-        if cause := self._too_long(self._iteration_seconds):
-            return cause
+        if is_too_long(self._iteration_seconds, self._race_seconds):
+            return f"an iteration takes {self._iteration_seconds:.1f} s"
         if self._lost < _MOST_LOST:
             return ""
         return "returns of its rollouts, or what is learnt from them, are not finite"
-
-    def _too_long(self, seconds: float) -> str:
-        """Why an iteration of so many seconds leaves too few others; empty if it does not."""
-        most = LONGEST_SHARE * self._race_seconds
-        return f"an iteration takes {seconds:.1f} s" if seconds > most else ""
 
     def _pace(self, now: float) -> float:
         """Adam's step size now."""

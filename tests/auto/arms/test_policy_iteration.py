@@ -8,8 +8,10 @@ import pytest
 from helpers.learners import BEST, SECONDS, compiled_arm, known, taken, ticking_arena
 from helpers.problems import assert_same_bits
 
+from mdpo_rddl.auto.arms import policy_iteration
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.span import Span
+from mdpo_rddl.auto.state import State
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -105,24 +107,34 @@ def test_what_would_take_too_long_is_not_compiled(arena):
     arm = PolicyIterationArm(arena, 120.0, batch_seconds=1000.0)
     arm.begin(arena.clock.now + 100.0)
     assert arm.is_exhausted
-    assert arm.log.details["cause"].startswith("an iteration takes ")
+    assert arm.log.details["cause"].startswith("an iteration would take ")
     assert not hasattr(arm, "_iteration")
     arm.work(arena.clock.now + 100.0)
     assert arm.log.iterations == 0
     assert arm.take_candidates() == []
 
 
+@pytest.mark.parametrize(("batch", "resumed"), [(0.01, None), (1000.0, State({}))])
+def test_what_may_be_in_time_is_compiled(arena, monkeypatch, batch, resumed):
+    arm = PolicyIterationArm(arena, 120.0, batch_seconds=batch)
+    arm._resumed = resumed
+    monkeypatch.setattr(policy_iteration, "PolicyIteration", lambda *_: pytest.fail("it is"))
+    with pytest.raises(pytest.fail.Exception, match="it is"):
+        arm._build()
+
+
 def test_the_first_iteration_that_takes_too_long_ends_it(arena, make, monkeypatch):
     arm, shown = make(), Shown(*2 * [np.ones(2, np.float32)], np.array(True))
 
     def slow(learner, *_, **__):
-        arena.clock.now += 10.0
+        arena.clock.now += 25.0
         return learner, shown
 
     monkeypatch.setattr(arm, "_iterated", slow)
     arm.work(arena.clock.now + 100.0)
     assert arm.is_exhausted
-    assert arm.log.details["cause"].startswith("an iteration takes 1")
+    # in a race of 300 s no more than 6, and 24 where it makes four times as many updates
+    assert arm.log.details["cause"].startswith("an iteration takes 6")
     assert arm.log.iterations == 1
     assert arm.take_candidates() == []
 
