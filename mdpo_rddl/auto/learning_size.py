@@ -8,8 +8,8 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 _LONGEST_SHARE = 0.02
 # of an iteration; fewer where decisions try more than so many actions, half where by more samples
 _ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
-# of the time that its steps of the model would take in other rollouts; the smallest share that was
-# measured is 0.33, of the judge's
+# of the time that its steps of the model would take in other rollouts, in which policies are more
+# than these steps: a guess, so low that what is refused could hardly have been in time
 _LEAST_SHARE = 0.2
 
 

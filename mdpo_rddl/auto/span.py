@@ -16,11 +16,10 @@ class Span(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any], race: float, seconds: float) -> Self:
-        """The part of which an earlier process has kept when it began and ends, from the race's
-        beginning.
+        """The part that an earlier process has begun.
 
         Args:
-          values: with `began` and `ends`, in seconds.
+          values: with `began` and `ends`, in seconds from the beginning of the race.
           race: when this process's race began, by the clock.
           seconds: of the race.
 
