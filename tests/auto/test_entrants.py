@@ -59,8 +59,6 @@ def entrants(
     )
     arena = SimpleNamespace(
         clock=lambda: 0.0,
-        began=0.0,
-        deadline=60.0,
         seed=0,
         incumbent=None,
         planner=SimpleNamespace(rddl=rddl, test_compiled=exact, horizon=40, lose_on_error=loses),

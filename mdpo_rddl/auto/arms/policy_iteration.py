@@ -98,7 +98,6 @@ class PolicyIterationArm(CompilingArm):
         """
         super().__init__(GREEDY, arena, usual_seconds)
         self._jit, self._batch_seconds = jit, batch_seconds
-        self._race_seconds = arena.deadline - arena.began
         keys = jax.random.split(key_for(Draws.GREEDY, arena.seed))
         self._iteration_key, self._trial_key = keys
         self._judged_key = jax.random.fold_in(self._trial_key, 1)
@@ -158,7 +157,7 @@ class PolicyIterationArm(CompilingArm):
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
         least = least_seconds(plan, self._batch_seconds)
-        if self._resumed is None and is_too_long(least, self._race_seconds):
+        if self._resumed is None and is_too_long(least, self._arena.seconds):
             raise TooLateError(f"an iteration would take {least:.1f} s at least")
         counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
         counts_goals = counted or arena.misses_goals
@@ -187,7 +186,7 @@ class PolicyIterationArm(CompilingArm):
         )
 
     def _span_of(self, values: Mapping[str, Any]) -> Span:
-        return Span.of(values, self._arena.began, self._race_seconds)
+        return Span.of(values, self._arena.began, self._arena.seconds)
 
     def _work(self, until: float) -> None:
         """Goes on learning.
@@ -281,7 +280,7 @@ class PolicyIterationArm(CompilingArm):
 
     def _cause_to_end(self) -> str:
         """Why the latest iteration is the last of all; empty if it is not."""
-        if is_too_long(self._iteration_seconds, self._race_seconds):
+        if is_too_long(self._iteration_seconds, self._arena.seconds):
             return f"an iteration takes {self._iteration_seconds:.1f} s"
         if self._lost < _MOST_LOST:
             return ""
