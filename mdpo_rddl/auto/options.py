@@ -1,5 +1,6 @@
 """What has no influence on what a race looks for."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -58,6 +59,7 @@ class RaceOptions:
       on_pulse: called between two iterations of whichever arm works, and before a part that has
         none.
       on_wait: called before the race waits for what another process does.
+      at_the_latest: when the race ends, by the clock, if it compiles nothing in its own time.
     """
 
     traced_cache: Path | None = None
@@ -71,6 +73,7 @@ class RaceOptions:
     on_begun: Callable[[Snapshot], None] = _ignore_snapshot
     on_pulse: Callable[[], None] = _ignore_pulse
     on_wait: Callable[[], None] = _ignore_pulse
+    at_the_latest: float = -math.inf
 
     @property
     def earlier_curve(self) -> Curve:

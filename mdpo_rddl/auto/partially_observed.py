@@ -133,13 +133,16 @@ def plan_partially_observed(
     trial = min(share * seconds, most)
     left = seconds - (clock() - began) - trial
     left = (1.0 - _RACE_SHARE) * left if is_raced else left
-    outcome = run_race(problem, _within(config, left), seed, options)
+    # with two programs too late nothing at all would be found
+    latest = deadline if is_raced else -math.inf
+    patient = dataclasses.replace(options, at_the_latest=latest)
+    outcome = run_race(problem, _within(config, left), seed, patient)
     if outcome.interrupted or not isinstance(outcome.policy, Policy):
         return dataclasses.replace(outcome, seconds=clock() - began + used)
     try:
         options.on_stage(_UNDERLYING)
-        if saved is None:
-            left = deadline - trial - clock()
+        left = deadline - trial - clock()
+        if saved is None and left > 0.0:
             saved = _raced(underlying, _within(config, left), seed, options)
         if saved is not None:
             outcome = _with_vote(outcome, saved, (began - used, deadline), options)

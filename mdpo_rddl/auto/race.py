@@ -206,7 +206,9 @@ def _arena(
 ) -> Arena:
     """Probes, and compiles the planner that suits the problem."""
     clock, shares = options.clock, _shares(config)
-    deadline, now = began + (1.0 - _CONFIRMING_SHARE) * config.budget().seconds, clock()
+    seconds = config.budget().seconds
+    longest = max(seconds, options.at_the_latest - began)
+    now, deadline, latest = clock(), _deadline(began, seconds), _deadline(began, longest)
     config = config.without_section(SEARCH)
     # the same for all seeds, whose programs then are the same too
     plain, probed = without_scales(config), None
@@ -214,13 +216,16 @@ def _arena(
     seen = None if resumption is None else resumption.probe
     if seen is None or not seen.fits(bare):
         until = now + shares.shared_until * (deadline - now)
-        probed = Probed(plain, constants_for(bare, _PROBING_SEED, until, clock, deadline))
+        probed = Probed(plain, constants_for(bare, _PROBING_SEED, until, clock, latest))
         try:
             seen = probe(probed.plays, _PROBING_SEED)
         except TooLateError as error:
             raise NothingPlayedError(noop_of(bare, plain, seed), clock() - now) from error
     if resumption is not None:
         resumption.probe = seen
+    if latest > deadline and clock() + seen.compile_seconds > deadline:
+        # the judge's program, which takes as long, would come too late
+        deadline, config = latest, config.with_values("Optimize", train_seconds=longest)
     config = with_memory(scaled(config, seen), problem)
     large = seen.policy_seconds is not None
     if large:
@@ -251,6 +256,10 @@ def _arena(
         probed=None if large else probed,
         counts_goals=GOAL_COUNTING not in shares.without,
     )
+
+
+def _deadline(began: float, seconds: float) -> float:
+    return began + (1.0 - _CONFIRMING_SHARE) * seconds
 
 
 def _outcome(

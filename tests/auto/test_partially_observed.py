@@ -38,11 +38,14 @@ def raced(monkeypatch):
     """Plans with races of which the seconds are noted, and which give what they are told to."""
 
     def use(first, second=None, without=(), enumerates=True, clock=None):
-        asked, lefts, ends = [], [], iter((first, second))
+        asked, lefts, latest, ends = [], [], [], iter((first, second))
 
         def run(problem, config, seed, options):
             asked.append((bool(problem.model.observ_fluents), config.budget().seconds))
             lefts.append(config.section("Search")["without"])
+            latest.append(options.at_the_latest)
+            if clock is not None:
+                clock.now = max(clock.now, options.at_the_latest)
             end = next(ends)
             if isinstance(end, BaseException):
                 raise end
@@ -58,9 +61,8 @@ def raced(monkeypatch):
         problem = first.policy.problem
         config = LONG.with_values("Search", without=[*without])
         outcome = plan_automatically(problem, config, 0, options)
-        return SimpleNamespace(
-            asked=asked, lefts=lefts, outcome=outcome, stages=stages, judged=judged
-        )
+        told = {"outcome": outcome, "stages": stages, "judged": judged}
+        return SimpleNamespace(asked=asked, lefts=lefts, latest=latest, **told)
 
     return use
 
@@ -78,7 +80,7 @@ def test_an_observed_state_needs_one_race(monkeypatch):
 def test_the_vote_is_taken_where_it_returns_more(raced):
     found = raced(race_outcome(careless()))
     # the underlying MDP's states are enumerated, and no race is for them
-    assert found.asked == [(True, 75.0)]
+    assert (found.asked, found.latest) == ([(True, 75.0)], [-np.inf])
     assert found.stages == ["enumerating", "underlying MDP"]
     outcome = found.outcome
     assert outcome.policy.votes
@@ -116,7 +118,14 @@ def test_where_states_cannot_be_enumerated_a_second_race_is_for_who_sees_them(ra
     # 15 s for the vote, six tenths of the rest for the second race; the stopped clock leaves it all
     assert found.asked == [(True, 34.0), (False, 85.0)]
     assert found.lefts == [[], ["dynamic programming", "relaxed plans"]]
+    assert found.latest == [100.0, -np.inf]
     assert found.outcome.policy.votes
+
+
+def test_a_first_race_that_compiles_nothing_in_its_time_has_all_of_it(raced):
+    found = raced(race_outcome(careless()), enumerates=False, clock=Stopped())
+    assert found.asked == [(True, 34.0)]
+    assert (found.outcome.chosen.arm, found.outcome.seconds) == ("own weights", 100.0)
 
 
 def test_a_second_race_that_fails_costs_nothing_but_a_warning(raced, caplog):

@@ -8,7 +8,7 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.lakes import preset
 
-from mdpo_rddl.auto import RaceOptions, constants, plan_automatically
+from mdpo_rddl.auto import RaceOptions, constants, plan_automatically, race
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
@@ -59,6 +59,30 @@ def test_the_noop_is_the_result_if_nothing_is_compiled_in_time(
     assert figures["arms"]["constants and rules"]["best_return"] is None
     assert (figures["candidates"], figures["noop_return"]) == ([], None)
     assert caplog.messages == [f"{CAUSE}: the result is 'no-op', which nobody has judged"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "latest", "deadline"),
+    [
+        (1500.0, 10_000.0, 9800.0),  # the judge's program is not there at 2000 s
+        (1500.0, -np.inf, 1470.0),
+        (2500.0, 10_000.0, 2450.0),
+    ],
+)
+def test_a_race_that_compiles_nothing_in_its_time_may_have_more(
+    lake, clock, monkeypatch, seconds, latest, deadline
+):
+    compile_visits = constants.compile_visits
+
+    def slow(*given, **named):
+        clock.now += 1000.0
+        return compile_visits(*given, **named)
+
+    monkeypatch.setattr(constants, "compile_visits", slow)
+    options = RaceOptions(clock=clock, at_the_latest=latest)
+    arena = race._arena(lake, preset(seconds), 0, 0.0, options)
+    assert (arena.deadline, arena.judge._deadline) == (deadline, deadline)
+    assert arena.config.budget().seconds == (latest if deadline == 9800.0 else seconds)
 
 
 def test_an_interrupt_does_not_wait_for_the_first_program(
