@@ -3,6 +3,7 @@
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.compiling import LONGEST_WAIT
 from mdpo_rddl.auto.arms.gradient import GRADIENT
+from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.judge import ROLLOUTS
@@ -25,7 +26,7 @@ _FEW_ONE_BY_ONE = 300
 # fewest iterations that help
 _COMPILATIONS, _EVALUATIONS = {GRADIENT: 10.9, STRAIGHT_LINE: 4.7, REACTIVE: 7.0}, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.3, 20.0
-# programs like the judge's: the exploration's comes beside a population's
+# programs like the judge's: that of the exploration of parameters comes beside a population's
 _EXPLORATION_PROGRAMS = 4.7
 # of the time left, that the program of plans may take beside feedback policies that work, and where
 # chance plays no part, or the state is not observed: there a plan may well be as good
@@ -114,7 +115,7 @@ class Affording:
         """What compiles what learns a value: of the quick kind where little time is left."""
         return quick_jit if self._is_value_quick else light_jit
 
-    def exploration(self, share: float) -> bool:
+    def parameter_exploration(self, share: float) -> bool:
         """Whether there is time for a net whose parameters are explored.
 
         Args:
@@ -131,6 +132,8 @@ class Affording:
         if name == SHOOTING:
             # it comes before the population
             return _SHOOTING_PROGRAMS * self._usual_seconds
+        if name == PGPE:
+            return _EXPLORATION_PROGRAMS * self._usual_seconds
         is_quick = name == GRADIENT and is_short(self._arena.seconds)
         kind = quick_share() if is_quick else 1.0
         return kind * _COMPILATIONS[name] * self._usual_seconds

@@ -179,7 +179,7 @@ class Arena:
     def tell(self, progress: Progress) -> None:
         """Passes on how a training gets on, as part of the race and with the best return of all."""
         self.pulse()
-        fraction = (self.clock() - self.began) / (self.deadline - self.began)
+        fraction = (self.clock() - self.began) / self.seconds
         best = max(progress.best_return, self.judge.best_mean)
         self.on_progress(progress._replace(fraction=min(1.0, fraction), best_return=best))
 

@@ -51,7 +51,11 @@ def confirm(arena: Arena, until: float, latest: float) -> Candidate:
     """
     clock, judge = arena.clock, arena.judge
     play = episodes_of(arena.problem, arena.seed, (until, latest), clock)
-    return confirmed(judge, play, lambda: clock() + _COMPILATION * judge.usual_seconds < latest)
+    longest = _COMPILATION * judge.usual_seconds
+    chosen = confirmed(judge, play, lambda: clock() + longest < latest)
+    if chosen is not judge.incumbent:
+        judge.lead(chosen)
+    return chosen
 
 
 def confirmed(judge: Judge, play: Play, has_time: Callable[[], bool]) -> Candidate:

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 from mdpo_rddl.auto.candidate import Judged
+from mdpo_rddl.machine.files import finite_or_none
 
 Curve = Sequence[Mapping[str, Any]]
 """Each candidate as `candidate_figures` has it, in the order in which they were judged."""
@@ -106,8 +107,3 @@ def _number(value: Any) -> float:
 
 def _number_or_none(value: Any) -> float | None:
     return None if value is None else _number(value)
-
-
-def finite_or_none(value: float | None) -> float | None:
-    """None for what JSON has no number for."""
-    return value if value is not None and math.isfinite(value) else None

@@ -96,15 +96,15 @@ class Entrants:
         state = sum(np.asarray(exact.init_values[name]).nbytes for name in rddl.state_fluents)
         return changes if state * planner.horizon <= _MOST_BYTES else None
 
-    def exploration(self, share: float = EXPLORING_FIRST) -> CompilingArm | None:
+    def parameter_exploration(self, share: float = EXPLORING_FIRST) -> CompilingArm | None:
         """The one that explores the parameters of a net.
 
         Args:
           share: of the time left, that its compilation may take.
         """
-        if PGPE in self._without or not self._affording.exploration(share):
+        if PGPE in self._without or not self._affording.parameter_exploration(share):
             return None
-        return ParameterExplorationArm(self._arena)
+        return ParameterExplorationArm(self._arena, self._affording.usual_seconds(PGPE))
 
     def straight_line(self, until: float) -> CompilingArm | None:
         """The one that comes first where no policy returns more than the best plan does.

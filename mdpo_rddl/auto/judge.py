@@ -168,11 +168,18 @@ class Judge:
         best = self.incumbent
         is_better = best is None or mean > best.known_mean + _margin(candidate, best)
         logger.info("%s: %.6g", candidate.label, mean)
-        self.judged.append(Judged(candidate, self._clock() - self._began, is_better))
-        if is_better:
+        self._tell(candidate, is_better)
+        return is_better
+
+    def lead(self, candidate: Candidate) -> None:
+        """Makes another candidate the incumbent that was judged before, and was not better then."""
+        self._tell(candidate, became_incumbent=True)
+
+    def _tell(self, candidate: Candidate, became_incumbent: bool) -> None:
+        self.judged.append(Judged(candidate, self._clock() - self._began, became_incumbent))
+        if became_incumbent:
             self.incumbent = candidate
         self._on_judged(self.judged[-1])
-        return is_better
 
     def prepare(self, planner: MDPOPlanner, params: Any) -> None:
         """Compiles what plays a planner's candidates; in any thread.
@@ -210,6 +217,8 @@ class Judge:
         if self.incumbent is candidate:
             found = [one.candidate for one in self.judged]
             self.incumbent = max(found, key=lambda each: (each.known_mean, each is known))
+            if self.incumbent is not known:
+                self.lead(self.incumbent)
 
     def best_of(self, planner: MDPOPlanner) -> Candidate | None:
         """The best candidate of one planner, the first of equals; None if there is none."""

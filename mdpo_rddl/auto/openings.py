@@ -37,6 +37,9 @@ _STALLED = "plan stalled"
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
 _MORE_PLANS = "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
+# of the time left, that the judge's program and a population's may take together: with less time
+# for a search, rules by the program of the probing are found to return more
+_COMPILING_SHARE = 0.8
 
 
 class Openings(Slices):
@@ -107,6 +110,22 @@ class Openings(Slices):
         self._probed = [judged.candidate for judged in judge.judged]
         return True
 
+    def _has_probing_only(self) -> bool:
+        """Whether what has played the probing's constants has to play everything.
+
+        That is so in a race that begins, where the judge's program and that of a population leave
+        too little time for a search.
+        """
+        arena, judge = self._arena, self._judge
+        if judge.incumbent is not None or arena.probed is None:
+            return False
+        can_play_rules = arena.probed.has_time(arena.deadline, arena.clock)
+        if not can_play_rules or self._affording.others(_COMPILING_SHARE):
+            return False
+        for candidate in known_by_probing(arena):
+            judge.record(candidate)
+        return True
+
     def _judge_simple(self, simple: SimpleArm) -> None:
         """Judges the no-op and the best constant, whatever probing has said of them."""
         judge = self._judge
@@ -131,7 +150,7 @@ class Openings(Slices):
             has_numbers = self._entrants.has_numbers
             share = _AMONG_NUMBERS_SHARE if has_numbers else _GREEDY_LEADS_SHARE
             return not affording.others(share)
-        explores = affording.exploration(EXPLORING_FIRST)
+        explores = affording.parameter_exploration(EXPLORING_FIRST)
         return leader == SHOOTING and not explores and not affording.others(self._others_share())
 
     def _learn_first(self) -> None:
@@ -174,7 +193,8 @@ class Openings(Slices):
             self._open(arm, until, affording.early_patience(arm.usual_seconds, until))
 
     def _least_gain(self) -> float:
-        return _CLEAR_GAIN if self._affording.exploration(EXPLORING_FIRST) else _LEAST_GAIN
+        explores = self._affording.parameter_exploration(EXPLORING_FIRST)
+        return _CLEAR_GAIN if explores else _LEAST_GAIN
 
     def _others_share(self) -> float:
         """Of the time left, that others' programs may take where a straight-line plan leads."""

@@ -1,4 +1,4 @@
-"""What has no influence on what a race looks for."""
+"""What a race is given beside the problem and the configuration."""
 
 import math
 import time
@@ -42,7 +42,7 @@ def _ignore_pulse() -> None:
 
 @dataclass(frozen=True)
 class RaceOptions:
-    """What has no influence on what a race looks for.
+    """What a race is given beside the problem and the configuration.
 
     Attributes:
       traced_cache: where traced programs are kept from one process to the next, if anywhere.

@@ -9,8 +9,9 @@ import numpy as np
 
 from mdpo_rddl.auto.arm_log import ArmLog
 from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.curve import Curve, candidate_figures, finite_or_none, late_gain
+from mdpo_rddl.auto.curve import Curve, candidate_figures, late_gain
 from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.start import with_preprocessor
@@ -146,5 +147,8 @@ def _arm(log: ArmLog) -> dict[str, Any]:
         "compile_seconds": round(log.compile_seconds, 3),
         "iterations": log.iterations,
         "best_return": finite_or_none(log.best_return),
-        **log.details,
+        **{
+            name: finite_or_none(value) if isinstance(value, float) else value
+            for name, value in log.details.items()
+        },
     }

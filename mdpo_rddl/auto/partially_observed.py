@@ -187,7 +187,9 @@ def _raced(
     # particles follow what is compiled, or looked up
     without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING, RELAXED_PLANS]
     config = config.with_values(SEARCH, without=without)
-    second = RaceOptions(options.traced_cache, clock=options.clock)
+    second = RaceOptions(
+        options.traced_cache, clock=options.clock, most_iterations=options.most_iterations
+    )
     try:
         found = run_race(underlying, config, seed, second)
     except InputError as error:

@@ -105,6 +105,8 @@ def run_race(
             return _raced(arena, shares, ground.arms, alternatives, options, resumption)
         except (KeyboardInterrupt, Cancelled, NothingPlayedError) as end:
             note_heard(end)
+            if exact is not None and exact.solution is not None:
+                return replace(_proven(exact, seed, started, options), interrupted=True)
             left = left_at(end, first, earlier, problem, seed)
             seconds = clock() - started
             outcome = unjudged_outcome(left, ground.arms.all, problem, seed, seconds)
@@ -177,12 +179,14 @@ def _proven(
 ) -> RaceOutcome:
     """The outcome of a race that nobody can win any more."""
     assert arm.solution is not None
-    judge = Judge(ROLLOUTS, seed, options.clock, began)
+    # before anything is taken: it may be interrupted, and is asked for once more then
+    policy = arm.solution.policy(seed)
+    judge = Judge(ROLLOUTS, seed, options.clock, began, options.on_judged)
     (candidate,) = arm.take_candidates()
     judge.record(candidate)
     arm.judged(candidate)
     return RaceOutcome(
-        policy=arm.solution.policy(seed),
+        policy=policy,
         chosen=candidate,
         judged=judge.judged,
         arms=[arm.log],
@@ -223,7 +227,7 @@ def _arena(
             raise NothingPlayedError(noop_of(bare, plain, seed), clock() - now) from error
     if resumption is not None:
         resumption.probe = seen
-    if latest > deadline and clock() + seen.compile_seconds > deadline:
+    if now < deadline < latest and clock() + seen.compile_seconds > deadline:
         # the judge's program, which takes as long, would come too late
         deadline, config = latest, config.with_values("Optimize", train_seconds=longest)
     config = with_memory(scaled(config, seen), problem)

@@ -93,7 +93,8 @@ class Schedule(Openings):
             return
         simple = SimpleArm(arena)
         begins_at_once = not self._initial and self._knows_by_probing()
-        if not begins_at_once:
+        by_probing = not (begins_at_once or self._initial) and self._has_probing_only()
+        if not (begins_at_once or by_probing):
             self._judge_simple(simple)
         for candidate in self._initial:
             judge.record(candidate)
@@ -108,14 +109,23 @@ class Schedule(Openings):
                 return
             self._judge_simple(simple)
         early = None if self.early is None or self.early.is_exhausted else self.early
-        if not (self._affording.policies if early is None else self._affording.population)():
-            logger.warning("there is too little time to search: compilation takes so long")
-            if early is not None:
-                self._end_with(early)
-            for candidate in found_by_probing(arena):
-                judge.record(candidate)
+        affords = self._affording.policies if early is None else self._affording.population
+        if by_probing or not affords():
+            self._end_without_population(early)
             return
         self._search(simple)
+
+    def _end_without_population(self, early: Arm | None) -> None:
+        """The rest of the time for what needs no program but the probing's.
+
+        Args:
+          early: an arm that can go on, if any.
+        """
+        logger.warning("there is too little time to search: compilation takes so long")
+        if early is not None and (early.name == self._best.arm or not self._finds_reward()):
+            self._end_with(early)
+        for candidate in found_by_probing(self._arena):
+            self._judge.record(candidate)
 
     def _search(self, simple: SimpleArm) -> None:
         """Everything that needs a population of rollouts."""
@@ -126,14 +136,14 @@ class Schedule(Openings):
         until = self._end("all", self._shares.rounds_until)
         # where it leads already, the exploration begins with what comes last
         leads = self._marks.decided("greedy leads", lambda: self._best.arm == GREEDY)
-        exploration = self._opened(None if leads else self._entrants.exploration(), until)
+        pgpe = self._opened(None if leads else self._entrants.parameter_exploration(), until)
         plan_leads = self._marks.decided("plan leads", lambda: self._best.arm == SHOOTING)
         self._on_stage("searching")
         if not plan_leads:
             self._play_rules(simple)
-        if exploration is not None and not exploration.slices:
+        if pgpe is not None and not pgpe.slices:
             # what it finds decides what comes first
-            self._first_slice(exploration, arena.until(PATIENCE))
+            self._first_slice(pgpe, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if plan_leads:
             self._improve(shared)
@@ -281,7 +291,7 @@ class Schedule(Openings):
         if GREEDY not in taken and is_guided:
             self._learn_value(LESS_GREEDY_SHARE)
         if PGPE not in taken:
-            self._opened(self._entrants.exploration(LATER), until)
+            self._opened(self._entrants.parameter_exploration(LATER), until)
         for arm in self._entrants.gradients(names, until, self.arms):
             self._open(arm, until, patience)
 

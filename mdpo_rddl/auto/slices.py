@@ -181,7 +181,7 @@ class Slices:
     @property
     def _slice_seconds(self) -> float:
         arena = self._arena
-        return max(SHORTEST_SECONDS, _SLICE_SHARE * (arena.deadline - arena.began))
+        return max(SHORTEST_SECONDS, _SLICE_SHARE * arena.seconds)
 
     def _give_while(
         self, one: Contender, until: float, reached: Reached, by: Reached = lambda: 0.0

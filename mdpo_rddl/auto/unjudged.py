@@ -13,6 +13,7 @@ from mdpo_rddl.auto.arms.simple import SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.earlier import EarlierRace
+from mdpo_rddl.auto.failures import incumbent_kept
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.unsearched import found_by_probing, known_by_probing
@@ -154,7 +155,8 @@ def known_kept(arena: Arena, earlier: EarlierRace | None, early: Sequence[Arm]) 
             # what comes next may be interrupted
             for candidate in known_by_probing(arena):
                 arena.judge.record(candidate)
-            found += found_by_probing(arena)
+            with incumbent_kept(arena.judge):
+                found += found_by_probing(arena)
         else:
             found.append(earlier.incumbent.known(arena.problem, arena.seed))
     for candidate in found:

@@ -5,7 +5,7 @@ import argparse
 from mdpo_rddl.bench.noise_value.cost import run_costs
 from mdpo_rddl.bench.noise_value.problems import with_instances
 from mdpo_rddl.bench.noise_value.report import write_report
-from mdpo_rddl.bench.noise_value.run import Shard, all_cells, run_noise_value
+from mdpo_rddl.bench.noise_value.run import all_cells, run_noise_value
 from mdpo_rddl.cli.executor_options import executor_from
 from mdpo_rddl.machine.jax_setup import keep_compiled_programs, keep_no_programs, use_all_cores
 
@@ -32,5 +32,5 @@ def noise_value(options: argparse.Namespace) -> str:
     else:
         use_all_cores()
         keep_compiled_programs()
-        run_noise_value(cells, executor_from(options, options.out), Shard(*options.shard))
+        run_noise_value(cells, executor_from(options, options.out), options.shard)
     return write_report(options.out)

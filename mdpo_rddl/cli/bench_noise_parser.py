@@ -1,13 +1,12 @@
 """The options of the command of `mdpo-bench` that measures what noise is worth."""
 
-import argparse
 import math
 from pathlib import Path
 from typing import Any
 
 from mdpo_rddl.bench.noise_value.names import CONFIGURATIONS, DEFAULT_SIGMA, NOISE_VALUE_PLANS
 from mdpo_rddl.cli.executor_options import add_executor_options
-from mdpo_rddl.cli.options import OneLineParser, number, positive_int
+from mdpo_rddl.cli.options import WHOLE, OneLineParser, number, positive_int, shard
 
 
 def add_noise_command(commands: Any) -> OneLineParser:
@@ -54,10 +53,10 @@ def add_noise_command(commands: Any) -> OneLineParser:
     )
     command.add_argument(
         "--shard",
-        type=_shard,
-        default=(1, 1),
+        type=shard,
+        default=WHOLE,
         metavar="I/N",
-        help="measure every N-th cell from the I-th, counted from 1, for machines that share a "
+        help="measure every N-th cell from the I-th, counted from 0, for machines that share a "
         "folder",
     )
     what = command.add_mutually_exclusive_group()
@@ -68,10 +67,3 @@ def add_noise_command(commands: Any) -> OneLineParser:
     add_executor_options(command)
     command.set_defaults(run="noise-value", out=Path("results/noise_value"))
     return command
-
-
-def _shard(text: str) -> tuple[int, int]:
-    index, _, count = text.partition("/")
-    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
-        raise argparse.ArgumentTypeError(f"must be I/N with 1 <= I <= N, got {text!r}")
-    return int(index), int(count)

@@ -15,7 +15,6 @@ from mdpo_rddl.bench.tasks.published_figure import draw_published
 from mdpo_rddl.bench.tasks.sharing import read_sharing, run_sharing, sharing_table
 from mdpo_rddl.bench.tasks.thinking import run_thinking, thinking_table
 from mdpo_rddl.bench.tasks.trial import Conditions
-from mdpo_rddl.errors import InputError
 
 EVERYWHERE_PICTURE = "everywhere.png"
 PUBLISHED_PICTURE = "published.png"
@@ -31,13 +30,6 @@ def _conditions(options: argparse.Namespace) -> Conditions:
     )
 
 
-def _shard(options: argparse.Namespace) -> tuple[int, int]:
-    first, slash, count = options.shard.partition("/")
-    if not (slash and first.isdecimal() and count.isdecimal() and int(first) < int(count)):
-        raise InputError(f"--shard: must be I/N with 0 <= I < N, got {options.shard!r}")
-    return int(first), int(count)
-
-
 def _everywhere(options: argparse.Namespace) -> str:
     records = run_everywhere(
         options.out,
@@ -45,7 +37,7 @@ def _everywhere(options: argparse.Namespace) -> str:
         options.planners,
         options.seeds,
         _conditions(options),
-        _shard(options),
+        options.shard,
     )
     draw_everywhere(options.out / EVERYWHERE_PICTURE, records)
     return everywhere_table(records)
@@ -54,7 +46,7 @@ def _everywhere(options: argparse.Namespace) -> str:
 def _asked(options: argparse.Namespace) -> tuple[Any, ...]:
     """Which problems are to be measured, how, and where to."""
     what = options.out, options.problems, options.seeds
-    return *what, _conditions(options), _shard(options)
+    return *what, _conditions(options), options.shard
 
 
 def _published(options: argparse.Namespace) -> str:
@@ -86,21 +78,21 @@ def _anytime(options: argparse.Namespace) -> str:
 def _ablation(options: argparse.Namespace) -> str:
     tasks = [*map(named_task, options.problems)]
     records = run_ablation(
-        options.out, tasks, options.seeds, _conditions(options), _shard(options), options.arms
+        options.out, tasks, options.seeds, _conditions(options), options.shard, options.arms
     )
     return ablation_table(records)
 
 
 def _sharing(options: argparse.Namespace) -> str:
     tasks = [*map(named_task, options.problems)]
-    shard, decided = _shard(options), options.decided
+    shard, decided = options.shard, options.decided
     run_sharing(options.out, tasks, options.seeds, _conditions(options), shard, decided)
     return sharing_table(read_sharing(options.out))
 
 
 def _thinking(options: argparse.Namespace) -> str:
     tasks = [*map(named_task, options.problems)]
-    records = run_thinking(options.out, tasks, options.seeds, _conditions(options), _shard(options))
+    records = run_thinking(options.out, tasks, options.seeds, _conditions(options), options.shard)
     return thinking_table(records)
 
 

@@ -11,7 +11,7 @@ from mdpo_rddl.bench.tasks.names import (
     PLANNERS,
     SHARING_TASKS,
 )
-from mdpo_rddl.cli.options import OneLineParser, number, positive_int
+from mdpo_rddl.cli.options import WHOLE, OneLineParser, number, positive_int, shard
 
 PUBLISHED = Path("results/published")
 PUBLISHED_THINKING = Path("results/published_thinking")
@@ -106,9 +106,10 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         command.add_argument("--memory-gb", type=number(above=0), default=8.0)
         command.add_argument(
             "--shard",
+            type=shard,
+            default=WHOLE,
             metavar="I/N",
-            default="0/1",
-            help="every N-th task, from the I-th on, from 0; jobs may share a folder",
+            help="measure every N-th task from the I-th, counted from 0; jobs may share a folder",
         )
     anytime = commands.add_parser("anytime", help="what more time to prepare is worth")
     anytime.add_argument(

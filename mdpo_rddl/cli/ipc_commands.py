@@ -83,7 +83,10 @@ def _agent(options: argparse.Namespace) -> int:
     # rddlrepository's plain HVAC, for one, is another problem than the competition's
     is_short = options.domain + _SUFFIX in rddl_repository().list_problems()
     domain = options.domain + _SUFFIX if is_short else options.domain
-    (problem,) = parse_problems(f"{domain}:{options.instance}")
+    problems = parse_problems(f"{domain}:{options.instance}")
+    if len(problems) != 1:
+        raise InputError(f"{options.instance}: an agent plays one instance")
+    (problem,) = problems
     check_planner(options.method)
     rules, entry = _rules(options, options.episodes), Entry(problem, options.method)
     with results_lock(options):

@@ -55,6 +55,18 @@ def seed_int(text: str) -> int:
     return value
 
 
+WHOLE = (0, 1)
+"""All of the work, as the one shard of 1."""
+
+
+def shard(text: str) -> tuple[int, int]:
+    """I and N of "I/N": every N-th part of the work, from the I-th, counted from 0."""
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
+        raise argparse.ArgumentTypeError(f"must be I/N with 0 <= I < N, got {text!r}")
+    return int(index), int(count)
+
+
 def number(
     *, at_least: float | None = None, above: float | None = None, at_most: float | None = None
 ) -> Callable[[str], float]:

@@ -3,10 +3,8 @@
 import argparse
 import contextlib
 
+from mdpo_rddl.cli.options import WHOLE
 from mdpo_rddl.machine.locks import locked_results
-
-# a part of the cells, in a folder that others work in too; these are all of them
-_WHOLE = (None, "0/1", (1, 1))
 
 
 def results_lock(options: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
@@ -16,7 +14,7 @@ def results_lock(options: argparse.Namespace) -> contextlib.AbstractContextManag
     at a run that goes on.
     """
     is_shared = getattr(options, "executor", None) == "slurm"
-    is_shared |= getattr(options, "shard", None) not in _WHOLE
+    is_shared |= getattr(options, "shard", WHOLE) != WHOLE
     only_reports = getattr(options, "report", False)
     only_reports |= getattr(options, "run", "").split("-")[-1] == "report"
     return contextlib.nullcontext() if is_shared or only_reports else locked_results(options.out)

@@ -15,7 +15,7 @@ from mdpo_rddl.ipc.names import FLOOR
 from mdpo_rddl.ipc.results import EntryResult
 from mdpo_rddl.ipc.rules import Instance
 from mdpo_rddl.ipc.trial import OK
-from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.evaluation import mean_interval
 
 MODES = ("strict", "lenient")
 """Whether a broken precondition fails the trial, as an action that cannot be taken always does."""
@@ -177,9 +177,7 @@ def _failure(result: EntryResult, mode: str) -> str:
 
 
 def _interval(returns: np.ndarray | None) -> tuple[float, float] | None:
-    if returns is None:
-        return None
-    return Evaluation(returns, np.zeros(len(returns), int), 0, 0).ci95
+    return None if returns is None else mean_interval(returns)
 
 
 def _means(rows: Sequence[Mapping[str, EntryScore]], planners: Iterable[str]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import json
+import math
 import os
 import re
 import stat
@@ -73,6 +74,11 @@ def read_json(path: Path, within: Path | None = None) -> Any:
         return json.loads(read_bounded(path, MOST_BYTES, within))
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+
+
+def finite_or_none(value: float | None) -> float | None:
+    """None for what JSON has no number for."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def size_text(count: int) -> str:

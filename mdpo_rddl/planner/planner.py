@@ -74,7 +74,7 @@ class MDPOPlanner(CallingPlanner):
           configured_noise: the rule where `noise` is None, as `load_config` gives it;
             `default_noise()` if that is None too.
           stop_at_termination: whether rewards after a termination condition do not count, as
-            in the exact environment; JaxPlan counts them.
+            in the exact environment; JaxPlan counts them. Invariants alone end nothing here.
           keep_group_limits: whether preconditions of the form "at most k of these bools" hold
             in training and in play, and the others in play; JaxPlan ignores them.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mdpo_rddl.errors import InputError, note_heard, one_line_cause
 from mdpo_rddl.machine.device import current_device
+from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
@@ -21,7 +22,6 @@ from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import (
-    finite_or_none,
     identity,
     not_played_figures,
     planner_figures,

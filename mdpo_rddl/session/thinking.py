@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import Choice, choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
@@ -14,7 +15,7 @@ from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
-from mdpo_rddl.session.report.summary import finite_or_none, return_figures
+from mdpo_rddl.session.report.summary import return_figures
 from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
 
 # of the time for planning: for the programs, and never more than

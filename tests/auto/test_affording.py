@@ -131,7 +131,7 @@ def test_plans_are_tried_where_their_program_takes_little_of_the_time(
 @pytest.mark.parametrize(("left", "expected"), [(24.0, True), (23.0, False)])
 def test_a_net_is_explored_first_where_its_program_leaves_time_for_others(left, expected):
     # 9.4 s for it
-    assert affording(0.01, left).exploration(EXPLORING_FIRST) == expected
+    assert affording(0.01, left).parameter_exploration(EXPLORING_FIRST) == expected
 
 
 @pytest.mark.parametrize(

@@ -30,14 +30,18 @@ class Scripted(Arm):
             )
 
 
+def times(deadline=160.0):
+    """Of an arena that begins at 0."""
+    return {"began": 0.0, "deadline": deadline, "seconds": deadline}
+
+
 def slices(returns, deadline=160.0, is_rare=False):
     """How many slices the arm has had before the others begin, and the best return."""
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
     judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=0.0, error=0.0))
-    arena = SimpleNamespace(
-        judge=judge, clock=clock, began=0.0, deadline=deadline, has_plan=is_rare, incumbent=None
-    )
+    given = times(deadline)
+    arena = SimpleNamespace(judge=judge, clock=clock, **given, has_plan=is_rare, incumbent=None)
     arena.beats_noop = lambda candidate: False
     arm = Scripted(clock, returns)
     arm.work(1.0)
@@ -69,7 +73,7 @@ def test_where_no_other_finds_a_reward_its_own_figures_decide(monkeypatch):
 def test_it_is_over_once_what_it_found_was_judged():
     clock, seen = Stopped(), []
     judge = Judge(1, 0, clock, 0.0, lambda judged: seen.append(schedule._marks.values()["over"]))
-    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0, has_plan=False)
+    arena = SimpleNamespace(judge=judge, clock=clock, **times(), has_plan=False)
     arm = Scripted(clock, [1.0])
     arm.work(1.0)
     schedule = Schedule(arena, Search(), lambda name: None)
@@ -229,8 +233,7 @@ def raced_arena(judge, clock):
         judge=judge,
         clock=clock,
         probe=SimpleNamespace(noop_return=-102.0),
-        began=0.0,
-        deadline=160.0,
+        **times(),
         until=lambda share: 160.0 * share,
     )
 
@@ -260,9 +263,7 @@ def finished(names):
     clock.now = 148.0
     judge = Judge(1, 0, clock, 0.0)
     judge.record(Candidate("slp", "earlier", preset(1.0), None, None, mean=0.0, error=0.0))
-    arena = SimpleNamespace(
-        judge=judge, clock=clock, planner=object(), began=0.0, deadline=160.0, incumbent=None
-    )
+    arena = SimpleNamespace(judge=judge, clock=clock, planner=object(), **times(), incumbent=None)
     schedule = Schedule(arena, Search(), lambda name: None)
 
     class Slow(Planned):
@@ -305,9 +306,7 @@ def test_a_gradient_goes_on_where_its_policy_cannot_be_polished(polishing_ends, 
     clock.now = 150.0
     judge, planner = Judge(1, 0, clock, 0.0), object()
     judge.record(Candidate(name, "best", preset(1.0), planner, None, mean=0.0, error=0.0))
-    arena = SimpleNamespace(
-        judge=judge, clock=clock, planner=planner, began=0.0, deadline=160.0, incumbent=None
-    )
+    arena = SimpleNamespace(judge=judge, clock=clock, planner=planner, **times(), incumbent=None)
     schedule = Schedule(arena, Search(), lambda name: None)
     leader, polisher = Scripted(clock, []), Scripted(clock, [])
     leader.name, polisher.is_exhausted = name, polishing_ends

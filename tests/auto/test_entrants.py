@@ -25,7 +25,7 @@ class Generous:
     def value_jit(self) -> Jit:
         return light_jit
 
-    def exploration(self, share: float = 1.0) -> bool:
+    def parameter_exploration(self, share: float = 1.0) -> bool:
         return "pgpe" not in self.refused
 
     def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
@@ -79,7 +79,7 @@ def test_what_takes_too_long_is_left_out_and_the_gradient_is_missed(caplog):
     arms = entrants("gradient", "drp", "pgpe")
     assert [arm.name for arm in arms.gradients(("gradient", "slp", "drp"), 60.0)] == ["slp"]
     assert "too little time for the gradient: 60 s" in caplog.text
-    assert arms.exploration() is None
+    assert arms.parameter_exploration() is None
 
 
 @pytest.mark.parametrize(

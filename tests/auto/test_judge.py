@@ -118,6 +118,8 @@ def test_another_one_leads_where_the_incumbent_was_lucky():
         one.record(candidate)
     one.correct(one.incumbent, np.array([-2.0, -1.0]))
     assert one.incumbent.label == "no-op"
+    told = [(each.candidate.label, each.became_incumbent) for each in one.judged]
+    assert told == [("no-op", True), ("lucky", True), ("no-op", True)]
 
 
 def test_how_many_rollouts_are_lost_decides_before_any_error():

@@ -153,7 +153,7 @@ def test_who_leads_goes_on_alone_where_others_would_come_too_late(
 ):
     assert openings._knows_by_probing()
     openings._affording = SimpleNamespace(
-        exploration=lambda share: explores, others=lambda share: needed <= share
+        parameter_exploration=lambda share: explores, others=lambda share: needed <= share
     )
     openings._marks.decide("plan stalled", has_stalled)
     openings._judge.incumbent = replace(openings._best, arm=leader)
@@ -174,7 +174,7 @@ def test_a_plan_that_gains_little_makes_room_while_there_is_time_to_explore(
     openings, monkeypatch, explores
 ):
     begun = []
-    openings._affording = SimpleNamespace(exploration=lambda share: explores)
+    openings._affording = SimpleNamespace(parameter_exploration=lambda share: explores)
     openings._entrants.straight_line = lambda until: "plan"
     monkeypatch.setattr(openings, "_begin_with", lambda part, arm, terms: begun.append(terms))
     openings._climb()

@@ -267,6 +267,7 @@ def test_where_the_deadline_would_meet_every_program_policies_are_played_one_by_
     caplog.set_level("INFO")
     # the judge's program took longer than what is left
     monkeypatch.setattr(Judge, "usual_seconds", 1e9)
+    monkeypatch.setattr(affording.Affording, "others", lambda self, share: True)
     monkeypatch.setattr(population, "_compiled", refuse)
     monkeypatch.setattr(compiling.CompilingArm, "begin", refuse)
     outcome = raced(lake, 600.0)

@@ -46,7 +46,7 @@ class Compiling(Stalled):
 def test_who_gains_nothing_waits_once_it_has_had_a_slice(monkeypatch, cores, expected):
     monkeypatch.setattr(rounds, "usable_cores", lambda: cores)
     clock, judge = Stopped(), SimpleNamespace(best_mean=0.0, incumbent=object())
-    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0)
+    arena = SimpleNamespace(judge=judge, clock=clock, began=0.0, deadline=160.0, seconds=160.0)
     schedule = Schedule(arena, Search(), lambda name: None)
     monkeypatch.setattr(schedule, "_judge_candidates", lambda arm: False)
     compiling, stalled = Compiling("gradient", clock), Stalled("shared weights", clock)

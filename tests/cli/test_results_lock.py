@@ -47,8 +47,8 @@ def test_the_lock_is_held_while_planners_play_and_costs_a_new_folder_nothing(tmp
     "shared",
     [
         {"executor": "slurm"},
-        {"shard": "1/2", "run": "published"},
-        {"shard": (2, 3), "run": "noise-value"},
+        {"shard": (1, 2), "run": "published"},
+        {"shard": (0, 3), "run": "noise-value"},
         {"report": True, "run": "noise-value"},
         {"run": "published-report"},
         {"run": "report"},
@@ -61,7 +61,7 @@ def test_shared_folders_and_reports_are_not_locked(tmp_path, shared):
 
 def test_a_folder_that_stays_empty_is_removed_again_with_those_on_the_way_to_it(tmp_path):
     out = tmp_path / "runs" / "of" / "today"
-    whole = argparse.Namespace(out=out, shard=(1, 1), run="noise-value", executor="local")
+    whole = argparse.Namespace(out=out, shard=(0, 1), run="noise-value", executor="local")
     with results_lock(whole):
         assert os.listdir(out) == [RESULTS_LOCK]
     assert os.listdir(tmp_path) == []

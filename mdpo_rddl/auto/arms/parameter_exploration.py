@@ -43,17 +43,23 @@ class ParameterExplorationArm(CompilingArm):
     arms work.
     """
 
-    def __init__(self, arena: Arena) -> None:
+    def __init__(self, arena: Arena, usual_seconds: float = 0.0) -> None:
         """Compiles nothing yet.
 
         Args:
           arena: what all arms have in common.
+          usual_seconds: that its program is likely to take to compile.
         """
-        super().__init__(PGPE, arena)
+        super().__init__(PGPE, arena, usual_seconds)
         self._record: _Record | None = None
         self._is_stalled, self._fresh_number = False, _FRESH
         self._exploration: ParameterExploration | None = None
         self._resumed: State | None = None
+
+    def is_worth_waiting(self, seconds: float) -> bool:
+        """Not at all: others work while its program is compiled."""
+        del seconds
+        return False
 
     def state(self) -> State | None:
         """The exploration, and the record."""

@@ -43,6 +43,8 @@ _EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8, 4), 2, 0.25, 0.6
 _FEW_SAMPLES = 2
 # of the best rule, other ones that tell what it returns, so many times as many
 _FRESH = 8
+# makes random numbers of episodes none of those of decisions
+_STREAM = 1
 # of a slice: where the relaxation takes longer, so do its decisions; what both take then at least
 _MAKING_SHARE, _MUCH_LONGER = 0.5, 2.5
 
@@ -229,7 +231,7 @@ class RelaxedPlansArm(Arm):
         """
         model, sampler, states = self._model, plans.sampler, starts
         count = starts.shape[1]
-        generator = np.random.default_rng([self._seed, stream])
+        generator = np.random.default_rng([self._seed, stream, _STREAM])
         total, alive = np.zeros(count), np.ones(count, bool)
         for step in range(model.horizon):
             if rule is None:

@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -49,23 +48,18 @@ _CURVE_POINTS = 40
 _NOOP_EPISODES = 10
 
 
-@dataclass(frozen=True)
-class Shard:
-    """Every `count`-th cell from `index`, counted from 1, for machines that share the work."""
-
-    index: int = 1
-    count: int = 1
-
-
-def run_noise_value(cells: Iterable[Cell], executor: Executor, shard: Shard = Shard()) -> None:
+def run_noise_value(
+    cells: Iterable[Cell], executor: Executor, shard: tuple[int, int] = (0, 1)
+) -> None:
     """Measures every cell that has no file yet, or was left out and has more time now.
 
     Args:
       cells: in the order in which they are measured.
       executor: where a cell is measured.
-      shard: which of the cells are measured here.
+      shard: (i, n): only every n-th cell, from the i-th on.
     """
-    mine = list(cells)[shard.index - 1 :: shard.count]
+    number, count = shard
+    mine = list(cells)[number::count]
     executor.run(run_cell, [cell for cell in mine if is_missing(cell)])
 
 

@@ -24,6 +24,7 @@ from mdpo_rddl.planner.build import build_baseline
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Policy, evaluate, mean_interval
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
@@ -103,17 +104,10 @@ def _try(
         policy, chosen = outcome.policy, outcome.chosen.label
     else:
         method = planner.split("-")[1]
-        built, key = (
-            build_baseline(problem, jaxplan_config("default", method)),
-            jax.random.PRNGKey(seed),
-        )
-        trained = train_baseline(built, key, Budget(10**6, seconds))
-        chosen = ""
-
-        def policy(step: int, state: Mapping[str, Any]) -> Any:
-            hyperparams = trained.policy_hyperparams
-            return trained.planner.get_action(key, trained.params, step, dict(state), hyperparams)
-
+        built = build_baseline(problem, jaxplan_config("default", method))
+        trained = train_baseline(built, jax.random.PRNGKey(seed), Budget(10**6, seconds))
+        hyperparams = trained.policy_hyperparams
+        policy, chosen = playable(trained.planner, trained.params, hyperparams, seed), ""
     trained_for = round(time.perf_counter() - started, 1)
     returns = play(policy)
     text = json.dumps([round(value, 4) for value in returns.tolist()])

@@ -15,7 +15,7 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.speed.generate import hvac_instance, reservoir_instance
 from mdpo_rddl.bench.speed.names import AXES
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.jax_setup import use_all_cores
 from mdpo_rddl.machine.memory import peak_mb
@@ -25,6 +25,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.problem.shipped import shipped_files
 
 logger = logging.getLogger(__name__)
 
@@ -37,9 +38,10 @@ _DESCRIPTIONS = {
     "zones": "zones and heaters each, horizon 120, 1 restart",
     "restarts": "restarts, reservoir30, horizon 120",
 }
+# the setting whose domain it is of
 _GENERATORS: dict[str, tuple[str, Callable[[int, int], str]]] = {
-    "reservoirs": ("reservoir.rddl", reservoir_instance),
-    "zones": ("hvac.rddl", hvac_instance),
+    "reservoirs": ("reservoir30", reservoir_instance),
+    "zones": ("hvac10", hvac_instance),
 }
 _ITERATIONS = 5
 
@@ -123,14 +125,12 @@ def _problem(point: Point) -> Problem:
         setting = load_setting("reservoir30")
         horizon = point.size if point.axis == "horizon" else None
         return load_problem(str(setting.domain_path), str(setting.instance_path), horizon)
-    domain, generate = _GENERATORS[point.axis]
-    path = Path("domains") / domain
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; run it in the repository")
+    setting_name, generate = _GENERATORS[point.axis]
+    domain, _ = shipped_files(setting_name)
     with tempfile.TemporaryDirectory() as folder:
         instance = Path(folder) / "generated.rddl"
         instance.write_text(generate(point.size, 0), encoding="utf-8")
-        return load_problem(str(path), str(instance))
+        return load_problem(str(domain), str(instance))
 
 
 def growth_table(records: Records) -> str:

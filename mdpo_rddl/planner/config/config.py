@@ -2,8 +2,8 @@
 
 The format is JaxPlan's: sections `[Compiler]`, `[Planner]`, `[Optimize]`, each value a
 Python literal. `[Noise]` names a rule of `mdpo_rddl.noise` as its `method` and that rule's
-numbers; `[MDPO]` holds the switches of `MDPOPlanner`. JaxPlan itself ignores both, so one
-file serves both planners.
+numbers; `[MDPO]` holds the switches of `MDPOPlanner`, and `[Search]` the shares of the race's
+time. JaxPlan itself ignores them, so one file serves both planners.
 """
 
 import dataclasses

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 _MOST = {"lifted": 1024, "pairs": 100_000}
 
@@ -52,8 +53,11 @@ class FeedbackShape:
         for name in ("squares", "distant", "plan", "cut_feedback"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name}: must be True or False, got {getattr(self, name)!r}")
-        for fluent, pair in (self.state_scales or {}).items():
-            if len(pair) != 2 or not (math.isfinite(pair[0]) and 0.0 < pair[1] < math.inf):
+        scales = {} if self.state_scales is None else self.state_scales
+        if not isinstance(scales, Mapping):
+            raise ValueError(f"state_scales: must be a dictionary, got {scales!r}")
+        for fluent, pair in scales.items():
+            if not _is_scale(pair):
                 raise ValueError(
                     f"state_scales: {fluent} must have a centre and a scale above 0, got {pair!r}"
                 )
@@ -62,3 +66,12 @@ class FeedbackShape:
     def layers(self) -> tuple[int, ...]:
         """Units of the hidden layers."""
         return tuple(self.topology or ())
+
+
+def _is_scale(pair: object) -> bool:
+    """Whether it is a centre and a scale above 0."""
+    if not isinstance(pair, Sequence) or len(pair) != 2:
+        return False
+    if not all(isinstance(number, Real) for number in pair):
+        return False
+    return math.isfinite(pair[0]) and 0.0 < pair[1] < math.inf

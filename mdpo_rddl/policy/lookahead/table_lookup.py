@@ -51,7 +51,7 @@ class TableLookup:
         """Sorts the table by its hashes.
 
         Raises:
-          ValueError: if it is too large.
+          ValueError: if it is too large, has no states, or one of them twice.
         """
         self._fluents, places = table.fluents, table.places
         self._offsets = places[:, 3].astype(np.int32)
@@ -61,6 +61,8 @@ class TableLookup:
             raise ValueError("the table is too large")
         self._ends = (np.uint64(1) << bits.astype(np.uint64)).astype(np.uint32)
         codes = np.stack([_code(table.states[:, p[0]], p) for p in places], axis=1)
+        if not len(codes) or len(np.unique(codes, axis=0)) < len(codes):
+            raise ValueError("the table has no states, or one of them twice")
         factors, hashes = _distinct(codes)
         order = np.lexsort((hashes[:, 1], hashes[:, 0]))
         counts = np.diff(table.first_run)[order]

@@ -87,7 +87,7 @@ def _terms(
         yield from _terms(graph, bounds, yes, worth, (*wanted, (test, True)))
         yield from _terms(graph, bounds, no, worth, (*wanted, (test, False)))
     elif wanted:
-        yield worth * bounds.largest(node), wanted
+        yield worth * bounds.largest_product([node]), wanted
 
 
 def _factors(
@@ -125,13 +125,11 @@ class Bounds:
         self._graph = graph
         self._known: dict[int, Interval] = {}
 
-    def largest(self, node: int) -> float:
-        """The largest value of a node that is a constant or never below 0; else infinity."""
-        low, high = self(node)
-        return high if low >= 0.0 or self._graph.is_constant(node) else math.inf
-
     def largest_product(self, nodes: Iterable[int]) -> float:
-        """The same of a product; constants may be below 0."""
+        """The product of the largest values of factors, of which constants may be below 0.
+
+        Infinite where the other factors may have a product below 0.
+        """
         constants, rest = 1.0, (1.0, 1.0)
         for node in nodes:
             if self._graph.is_constant(node):

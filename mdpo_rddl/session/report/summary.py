@@ -1,11 +1,11 @@
 """The figures of a session, as `summary.json` holds them."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, cast
 
 from mdpo_rddl.machine.device import current_device
+from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -115,11 +115,6 @@ def not_played_figures(cause: str) -> dict[str, Any]:
         "fallback_actions": 0,
         "not_played": cause,
     }
-
-
-def finite_or_none(value: float) -> float | None:
-    """None for what JSON has no number for."""
-    return value if math.isfinite(value) else None
 
 
 def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, Any]:

@@ -247,6 +247,9 @@ def test_what_updates_sense_is_in_the_unit_of_the_noise(tmp_path):
         ({"units": {"push": 0.0}}, "units: that of push must be above 0, got 0.0"),
         ({"state_scales": {"y": (0.0, 1.0)}}, "state_scales: there is no fluent 'y'"),
         ({"state_scales": {"x": (0.0, 0.0)}}, "state_scales: x must have a centre and a scale"),
+        ({"state_scales": {"x": 5.0}}, "state_scales: x must have a centre and a scale"),
+        ({"state_scales": {"x": ("a", 1.0)}}, "state_scales: x must have a centre and a scale"),
+        ({"state_scales": [1.0]}, "state_scales: must be a dictionary"),
         ({"plan": "no"}, "plan: must be True or False, got 'no'"),
     ],
 )
