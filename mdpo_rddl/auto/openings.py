@@ -14,7 +14,7 @@ from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.gains import return_to_beat
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices, Terms
-from mdpo_rddl.auto.unsearched import known_by_probing
+from mdpo_rddl.auto.unsearched import correct_by_probing, known_by_probing
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 # of the time left, for a straight-line plan, while slices gain so much of the first's; ten times
@@ -124,6 +124,7 @@ class Openings(Slices):
             return False
         for candidate in known_by_probing(arena):
             judge.record(candidate)
+        correct_by_probing(arena)
         return True
 
     def _judge_simple(self, simple: SimpleArm) -> None:

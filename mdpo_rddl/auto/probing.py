@@ -210,9 +210,9 @@ def probe(plays: Constants, seed: int) -> Probe:
         compile_seconds=plays.compile_seconds,
         batch_seconds=plays.batch_seconds * _STARTS * _ROLLOUTS / (size.at_once * size.rollouts),
     )
-    if found.deterministic or large or best == 0:
+    if found.deterministic or large:
         return found
-    # the best of many was lucky
+    # the best of many was lucky, be it the no-op
     return _in_fresh_rollouts(found, plays.fresh_returns(scaled[0], scaled[best], _AGAIN))
 
 

@@ -12,6 +12,9 @@ from mdpo_rddl.auto.candidate import NOOP, Candidate
 
 logger = logging.getLogger(__name__)
 
+# of rollouts of the no-op and the best constant
+_BATCHES = 16
+
 
 def known_by_probing(arena: Arena) -> list[Candidate]:
     """The no-op and the best constant, with their mean returns in the few rollouts of the probing.
@@ -31,6 +34,25 @@ def known_by_probing(arena: Arena) -> list[Candidate]:
         )
         for label, params, mean in found
     ]
+
+
+def correct_by_probing(arena: Arena) -> None:
+    """Tells the judge what the no-op and the best constant return in more rollouts of the probing.
+
+    Args:
+      arena: whose judge knows both by `known_by_probing`.
+    """
+    assert arena.probed is not None
+    probe, judge = arena.probe, arena.judge
+    # the planner of the probing has units of 1
+    start = {name: probe.units.get(name, 1.0) * values for name, values in probe.start.items()}
+    noop = {name: np.zeros_like(values) for name, values in start.items()}
+    returns = arena.probed.plays.fresh_returns(noop, start, _BATCHES)
+    if returns.shape[1] < 2:
+        return
+    for label, own in zip((NOOP, CONSTANT), returns, strict=True):
+        if (candidate := judge.latest(label)) is not None:
+            judge.correct(candidate, own)
 
 
 def found_by_probing(arena: Arena) -> list[Candidate]:
