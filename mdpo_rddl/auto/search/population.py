@@ -25,6 +25,8 @@ PROGRAMS = 1.5
 # a search of fewer iterations than that finds nothing: then one rollout has to do; with as many
 # rollouts as tell how rare an error is, fewer iterations find a policy that avoids it
 _FEWEST_ITERATIONS, _FEWEST_AVOIDING = 500, 100
+# one rollout does not show a rare error: so many times fewer are the fewest there
+_FEWER_AVOIDING = 4
 # of each, with fresh random numbers, where the best of several is told
 _FINAL_BATCHES, _FINAL_ROLLOUTS = 8, 32
 # the judge's rollouts take longer than those of a population do
@@ -159,14 +161,17 @@ def compile_population(
     size = fitting_size(planner)
     shared = weights_of(planner.feedback_plan.noop(seed), ["shared"])
     zeros = np.zeros((size.population, shared.start.size))
-    rollouts_tried = {1} if wanted.deterministic else {size.rollouts, 1}
-    fewest = _FEWEST_AVOIDING if planner.lose_on_error else _FEWEST_ITERATIONS
+    avoids = planner.lose_on_error
+    fewer = max(1, size.rollouts // _FEWER_AVOIDING) if avoids else 1
+    rollouts_tried = {1} if wanted.deterministic else {size.rollouts, fewer}
+    fewest = _FEWEST_AVOIDING if avoids else _FEWEST_ITERATIONS
     for rollouts in sorted(rollouts_tried, reverse=True):
-        fewer = size._replace(rollouts=rollouts)
+        tried = size._replace(rollouts=rollouts)
         least = fewest * size.population * rollouts * wanted.rollout_seconds
-        if rollouts > 1 and least > _TOO_SLOW_BY * wanted.share * (deadline - clock()):
+        too_long = _TOO_SLOW_BY * wanted.share * (deadline - clock())
+        if rollouts > min(rollouts_tried) and least > too_long:
             continue
-        population = PopulationReturns(_compiled(planner, fewer, clock, deadline), fewer, seed)
+        population = PopulationReturns(_compiled(planner, tried, clock, deadline), tried, seed)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled

@@ -88,7 +88,11 @@ def test_where_errors_are_avoided_so_many_rollouts_that_rare_ones_are_seen(plann
     assert Timed.compiled == [128]
     Timed.compiled.clear()
     compile_population(planner, 0, Wanted(0.5), Stopped(), 31.0)
-    assert Timed.compiled == [128, 1]
+    assert Timed.compiled == [128, 32]
+    Timed.compiled.clear()
+    # nor are 128 compiled where the judge's rollouts say that these take too long
+    compile_population(planner, 0, Wanted(0.5, rollout_seconds=1.0), Stopped(), 100.0)
+    assert Timed.compiled == [32]
 
 
 def test_where_chance_plays_no_part_one_rollout_is_enough(planner, monkeypatch):
