@@ -101,6 +101,15 @@ def resumed(lake, earlier: EarlierRace):
     return figures["arms"]
 
 
+def test_a_policy_of_a_race_with_another_time_is_of_the_planner(compiled):
+    arena = compiled
+    for kept, fits in (({}, True), ({"cosines": 3}, False)):
+        config = compiled.config.with_values("Optimize", train_seconds=7.0)
+        config = config.with_policy_arguments(**kept)
+        earlier = EarlierPolicy(config, compiled.noop, {}, "a", "b", (), False, 1.0, 0.0)
+        assert (earlier.candidate(compiled).planner is compiled.planner) is fits
+
+
 def in_rounds(state: RaceState) -> bool:
     return state.contenders.get("polishing the weights", {}).get("slices", 0) >= 2
 

@@ -85,6 +85,11 @@ def test_a_race_that_compiles_nothing_in_its_time_may_have_more(
     assert arena.config.budget().seconds == (latest if deadline == 9800.0 else seconds)
 
 
+def test_a_race_that_goes_on_after_its_own_time_has_no_more(lake, clock):
+    options = RaceOptions(clock=clock, at_the_latest=10_000.0)
+    assert race._arena(lake, preset(1500.0), 0, -9000.0, options).deadline == -7530.0
+
+
 def test_an_interrupt_does_not_wait_for_the_first_program(
     lake, endless_compilation, clock, monkeypatch
 ):

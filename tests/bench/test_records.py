@@ -1,6 +1,7 @@
 """Records of measurements: rows as they come, read again, and other files left alone."""
 
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -125,3 +126,10 @@ def test_a_kill_in_the_middle_of_a_row_loses_no_finished_one(tmp_path):
         # the one that was being told may be there
         assert told[-1] + 1 <= len(rows) <= told[-1] + 2
         assert {len(row["value"]) for row in rows} == {50_000}
+
+
+def test_who_only_reads_leaves_the_conditions_of_a_run_that_has_no_row_yet(tmp_path):
+    path = tmp_path / "rows.csv"
+    Records(path, COLUMNS, COLUMNS[:2], {"seconds": 60})
+    Records(path, COLUMNS, COLUMNS[:2])
+    assert json.loads(path.with_suffix(".json").read_text()) == {"seconds": 60}

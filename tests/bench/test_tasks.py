@@ -166,10 +166,13 @@ def test_the_picture_places_planners_between_the_worst_and_the_best(tmp_path):
         ("Same", "noop", [0.0]),
         ("Alone", "mdpo", [1.0]),
     )
+    records.add("Same", "2", "mdpo", 0, *row_of(mean=2.0))
+    records.add("Same", "2", "noop", 0, *row_of(mean=1.0))
     records.add("Two", "1", "jaxplan-slp", 0, *row_of(status="timeout", cause="over 1 s"))
     assert shares_of(records) == {
         "Two": {"mdpo": 1.0, "noop": 0.0, "random": 0.25},
-        "Same": {"mdpo": 1.0, "noop": 1.0},
+        "Same 1": {"mdpo": 1.0, "noop": 1.0},
+        "Same 2": {"mdpo": 1.0, "noop": 0.0},
     }
 
 

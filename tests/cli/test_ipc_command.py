@@ -205,3 +205,10 @@ def test_the_live_table_shows_what_is_done_and_what_leads(problem, tmp_path):
     assert "UAV_ippc2023 2" not in text
     assert table.columns[1].footer == "1"
     assert table.columns[1]._cells == ["[bold green]-1[/bold green]", ""]
+
+
+@pytest.mark.parametrize("instances", ["1-3", "1,2"])
+def test_an_agent_plays_one_instance(instances, tmp_path, capsys):
+    arguments = ["agent", "HVAC_ippc2023", instances, "noop", "1"]
+    assert ipc.main([*arguments, "--out", str(tmp_path / "out")]) == 2
+    assert f"{instances}: an agent plays one instance" in capsys.readouterr().err

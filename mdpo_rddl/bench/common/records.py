@@ -41,7 +41,8 @@ class Records:
           path: the CSV file.
           columns: names of all columns.
           keys: names of the columns that identify a row.
-          conditions: what all rows have in common, as JSON can hold it.
+          conditions: what all rows have in common, as JSON can hold it; None for who only reads,
+            who neither writes nor compares them.
 
         Raises:
           InputError: if it cannot be written, holds anything but rows of these columns, or
@@ -70,7 +71,8 @@ class Records:
         if not text.endswith("\n"):
             raise InputError(f"{path}:{len(rows) + 1}: the line has no end; delete or end it")
         self.rows = [dict(zip(self.columns, row, strict=True)) for row in rows]
-        self._keep(dict(conditions or {}))
+        if conditions is not None:
+            self._keep(dict(conditions))
 
     def _keep(self, conditions: dict[str, Any]) -> None:
         path = self.path.with_suffix(".json")

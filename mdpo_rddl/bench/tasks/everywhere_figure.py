@@ -1,5 +1,6 @@
 """The picture of `everywhere`: a line a problem, on which each planner's mean return is a dot."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -28,18 +29,21 @@ Shares = Mapping[str, float]
 
 
 def shares_of(records: Records) -> dict[str, Shares]:
-    """Of each problem that two planners have played where each lies between the worst and the best.
+    """Of each task that two planners have played where each lies between the worst and the best.
 
-    All are 1 where all are the same. A planner without returns is left out.
+    All are 1 where all are the same. A planner without returns is left out. A task is named by its
+    problem, and by its instance where there are several of that.
     """
     found: dict[str, Shares] = {}
-    for (problem, _), rows in by_task(records).items():
+    tasks = by_task(records)
+    count = Counter(problem for problem, _ in tasks)
+    for (problem, instance), rows in tasks.items():
         means = {name: float(row["mean"]) for name, row in rows.items() if row["status"] == OK}
         if len(means) < 2:
             continue
         low, high = min(means.values()), max(means.values())
         width = high - low
-        found[problem] = {
+        found[problem if count[problem] == 1 else f"{problem} {instance}"] = {
             name: (mean - low) / width if width > 0.0 else 1.0 for name, mean in means.items()
         }
     return found

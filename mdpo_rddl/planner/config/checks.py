@@ -146,7 +146,7 @@ class _Checks:
 
     def _plan_parameters(self, method: Any) -> set[str]:
         if isinstance(method, str) and method in PLANS:
-            return PLANS[method].parameters | {"initializer_kwargs"}
+            return set(PLANS[method].parameters)
         plan = concrete_class(planner, method, JaxPlan)
         if plan is None:
             raise self._error(f"[Planner] method: JaxPlan has no plan {method!r}")

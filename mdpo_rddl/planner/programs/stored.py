@@ -9,9 +9,7 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import logging
-import os
 import pickle
-import tempfile
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -22,7 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.device import current_device
+from mdpo_rddl.machine.files import write_atomically
 from mdpo_rddl.planner.programs.quick import Jit
 
 logger = logging.getLogger(__name__)
@@ -116,17 +116,16 @@ def _read(path: Path) -> tuple[Any, Any]:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """In one step, so that no other process sees half of it."""
+    """And removes what was unused for longest."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(content)
-        os.replace(file.name, path)
+        write_atomically(path, content)
+    except InputError as error:  # a full or read-only disk costs the next process some seconds
+        logger.info("not stored: %s", error)
+        return
+    with contextlib.suppress(OSError):  # another process removes some as well
         by_use = sorted(path.parent.iterdir(), key=lambda kept: kept.stat().st_mtime)
         for unused in by_use[:-_MOST_FILES]:
             unused.unlink(missing_ok=True)
-    except OSError as error:  # a full or read-only disk costs the next process some seconds
-        logger.info("%s: not stored: %s", path, error.strerror)
 
 
 def _strongly_typed(leaf: Any) -> Any:

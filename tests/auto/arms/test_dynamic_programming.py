@@ -12,6 +12,7 @@ from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import RaceOptions, first_policy, plan_automatically, race
 from mdpo_rddl.auto.arms import dynamic_programming
 from mdpo_rddl.auto.arms.dynamic_programming import PROVEN, DynamicProgrammingArm
+from mdpo_rddl.auto.optimum import Solution
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
@@ -60,6 +61,20 @@ def test_a_proven_optimum_ends_the_race(tmp_path):
     (candidate,) = diagnostics["candidates"]
     assert candidate["mean_return"] == outcome.optimum.value
     assert candidate["became_incumbent"]
+
+
+@pytest.mark.usefixtures("without_other_arms")
+def test_one_that_is_proven_when_the_race_is_stopped_is_the_result(tmp_path, monkeypatch):
+    made = Solution.policy
+
+    def interrupted(solution, seed=0):
+        monkeypatch.setattr(Solution, "policy", made)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Solution, "policy", interrupted)
+    outcome = raced(toys.walk(tmp_path, 6))
+    assert outcome.interrupted
+    assert outcome.optimum.value == pytest.approx(-2.9375, abs=1e-12)
 
 
 @pytest.mark.usefixtures("without_other_arms")
