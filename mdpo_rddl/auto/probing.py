@@ -54,7 +54,7 @@ class Probe:
         of several returns had the same in each rollout, and what they change is not random.
       certain: whether the states were the same in each rollout, too.
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
-      compile_seconds: of what plays constants.
+      compile_seconds: that a program for rollouts is likely to take, by what plays constants.
       batch_seconds: that 128 of their rollouts take; 0 if one batch was played only.
     """
 
@@ -207,7 +207,7 @@ def probe(plays: Constants, seed: int) -> Probe:
         deterministic=bool(not draws or shown),
         certain=bool(not draws or (shown and plays.saw_alike)),
         policy_seconds=seconds if large else None,
-        compile_seconds=plays.compile_seconds,
+        compile_seconds=plays.usual_seconds,
         batch_seconds=plays.batch_seconds * _STARTS * _ROLLOUTS / (size.at_once * size.rollouts),
     )
     if found.deterministic or large:

@@ -14,7 +14,7 @@ from mdpo_rddl.planner.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.opened import open_plan
-from mdpo_rddl.planner.programs.quick import light_jit
+from mdpo_rddl.planner.programs.quick import Jit, light_jit
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
@@ -78,6 +78,7 @@ def compile_visits(
     rollouts: int,
     side_by_side: int | None = None,
     counts_goals: bool = False,
+    jit: Jit = light_jit,
 ) -> Callable[[Array, Any], Visits]:
     """As `compile_exact_returns`, and what the policies saw.
 
@@ -86,9 +87,10 @@ def compile_visits(
       rollouts: number of rollouts N of each policy.
       side_by_side: policies that are computed at once; all if None.
       counts_goals: whether returns with goals counted are told, too.
+      jit: compiles it.
     """
     play = _compile_play(planner, rollouts, with_states=True, counts_goals=counts_goals)
-    return _over_policies(play, side_by_side)
+    return _over_policies(play, side_by_side, jit)
 
 
 def step_bytes(planner: MDPOPlanner) -> int:
@@ -116,12 +118,12 @@ def visit_bytes(planner: MDPOPlanner) -> int:
     return max(1, planner.horizon * step)
 
 
-def _over_policies(play: Callable[..., Any], side_by_side: int | None) -> Callable[..., Any]:
+def _over_policies(
+    play: Callable[..., Any], side_by_side: int | None, jit: Jit = light_jit
+) -> Callable[..., Any]:
     if side_by_side is None:
-        return light_jit(jax.vmap(play, in_axes=(None, 0)))
-    return light_jit(
-        lambda key, params: lax.map(partial(play, key), params, batch_size=side_by_side)
-    )
+        return jit(jax.vmap(play, in_axes=(None, 0)))
+    return jit(lambda key, params: lax.map(partial(play, key), params, batch_size=side_by_side))
 
 
 def _compile_play(

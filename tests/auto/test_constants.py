@@ -36,7 +36,7 @@ class Model:
         self.batches, self.takes = [], 0.0
         monkeypatch.setattr(constants, "compile_visits", self._compile)
 
-    def _compile(self, planner, rollouts, side_by_side=None):
+    def _compile(self, planner, rollouts, side_by_side=None, jit=None):
         def play(key, params):
             pump = np.asarray(params["own"]["pump"]["bias"], np.float32).reshape(-1, 1)
             chance = np.asarray(jax.random.normal(key, (1, rollouts)), np.float32)

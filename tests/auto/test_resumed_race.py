@@ -102,7 +102,6 @@ def resumed(lake, earlier: EarlierRace):
 
 
 def test_a_policy_of_a_race_with_another_time_is_of_the_planner(compiled):
-    arena = compiled
     for kept, fits in (({}, True), ({"cosines": 3}, False)):
         config = compiled.config.with_values("Optimize", train_seconds=7.0)
         config = config.with_policy_arguments(**kept)

@@ -32,7 +32,7 @@ def endless_compilation(monkeypatch, clock):
     """The first program is not there before the test is over."""
     released, ended = threading.Event(), threading.Event()
 
-    def slow(planner, rollouts, side_by_side):
+    def slow(planner, rollouts, side_by_side, jit):
         clock.now += SECONDS
         released.wait(LONG)
         ended.set()
