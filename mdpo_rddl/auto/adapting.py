@@ -51,7 +51,7 @@ class Adapting:
 
         Args:
           weights: what the adaptation's vectors stand for.
-          adaptation: that has not begun.
+          adaptation: that has not begun, or goes on.
           until: when to end, by the clock.
           first: number of its first generation, which has rollouts of its own.
 

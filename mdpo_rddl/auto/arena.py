@@ -139,7 +139,7 @@ class Arena:
 
     def compile_population(self) -> None:
         """Compiles `population`, for the arm that needs it first."""
-        assert self.population.population
+        _ = self.population
 
     @cached_property
     def plans(self) -> PlanPopulation:

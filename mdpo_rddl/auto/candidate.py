@@ -104,7 +104,7 @@ class Judged:
     Attributes:
       candidate: with its mean and error; a mean that is not finite is minus infinity.
       seconds: since the race began.
-      became_incumbent: whether it was better than all before it.
+      became_incumbent: whether it was better than all before it, by what is known of them now.
     """
 
     candidate: Candidate

@@ -17,9 +17,8 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.programs.quick import quick_jit, quick_share
 
-# what its program takes to compile, in terms of one that is not of the quick kind: 0.54 to 0.93 on
-# six problems
-_QUICK_SHARE = 0.75
+# what its program takes to compile, in terms of one that is not of the quick kind
+_QUICK_PROBING_SHARE = 0.75
 
 Constant = Mapping[str, np.ndarray]
 """A raw action per action fluent [*shape], the same at every step."""
@@ -34,8 +33,8 @@ class Constants:
       seconds: that the latest batch took.
       are_alike: whether all rollouts of each constant had the same return.
       saw_alike: whether they saw the same states, too.
-      is_without_chance: whether, besides, no part of a state that the constants change differed
-        between the rollouts of one.
+      is_without_chance: whether all returns of each were the same, and no part of a state that
+        the constants change differed between the rollouts of one.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class Constants:
         """
         self.planner, self.size = planner, size
         one_by_one = 1 if size.at_once == 1 else None
-        # nothing else is there before it, and it is called a few times
+        # nothing else is there before it, and where it is called often there is too little time
         self._play = made_once(
             lambda: compile_visits(planner, size.rollouts, side_by_side=one_by_one, jit=quick_jit)
         )
@@ -96,7 +95,7 @@ class Constants:
     @property
     def usual_seconds(self) -> float:
         """What a program for the rollouts of policies is likely to take, which is not quick."""
-        return self.compile_seconds / (_QUICK_SHARE if quick_share() < 1.0 else 1.0)
+        return self.compile_seconds / (_QUICK_PROBING_SHARE if quick_share() < 1.0 else 1.0)
 
     @property
     def is_without_chance(self) -> bool:

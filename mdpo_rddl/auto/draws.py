@@ -1,4 +1,4 @@
-"""Which random numbers each part of a race draws: none are those of another part."""
+"""Which of JAX's random numbers each part of a race draws: none are those of another part."""
 
 from enum import IntEnum
 

@@ -86,7 +86,8 @@ class Judge:
     Attributes:
       rollouts: of each candidate.
       incumbent: the best candidate so far, with its mean and error; None before the first.
-      judged: all candidates, in the order in which they came.
+      judged: all candidates, in the order in which they came; one that leads later on, as another
+        has turned out to return less, comes once more.
       program_seconds: about what the first planner's rollouts take to compile, if that is known;
         it does not begin where less time is left: nothing ends a compilation that came too late.
     """
@@ -199,7 +200,7 @@ class Judge:
 
         The best of many constants may have been lucky there; others that return more would have to
         exceed that. One whose error or returns are known stays as it is. Where the incumbent loses
-        its lead, the best of all that were judged has it.
+        its lead, the best of all that were judged has it. Who leads then is told once more.
 
         Args:
           candidate: that was judged.
@@ -217,7 +218,9 @@ class Judge:
         if self.incumbent is candidate:
             found = [one.candidate for one in self.judged]
             self.incumbent = max(found, key=lambda each: (each.known_mean, each is known))
-            if self.incumbent is not known:
+            if self.incumbent is known:
+                self._on_judged(Judged(known, self._clock() - self._began, True))
+            else:
                 self.lead(self.incumbent)
 
     def best_of(self, planner: MDPOPlanner) -> Candidate | None:

@@ -119,6 +119,8 @@ class Openings(Slices):
         arena, judge = self._arena, self._judge
         if judge.incumbent is not None or arena.probed is None:
             return False
+        if arena.problem.raises:  # an error that is rare in play is seen in many rollouts only
+            return False
         can_play_rules = arena.probed.has_time(arena.deadline, arena.clock)
         if not can_play_rules or self._affording.others(_COMPILING_SHARE):
             return False

@@ -59,7 +59,8 @@ class RaceOptions:
       on_pulse: called between two iterations of whichever arm works, and before a part that has
         none.
       on_wait: called before the race waits for what another process does.
-      at_the_latest: when the race ends, by the clock, if it compiles nothing in its own time.
+      at_the_latest: when the race ends, by the clock, if the judge's program would come too late in
+        its own time.
     """
 
     traced_cache: Path | None = None

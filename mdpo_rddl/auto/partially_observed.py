@@ -133,7 +133,7 @@ def plan_partially_observed(
     trial = min(share * seconds, most)
     left = seconds - (clock() - began) - trial
     left = (1.0 - _RACE_SHARE) * left if is_raced else left
-    # with two programs too late nothing at all would be found
+    # with both judges' programs too late nothing at all would be found
     latest = deadline if is_raced else -math.inf
     patient = dataclasses.replace(options, at_the_latest=latest)
     outcome = run_race(problem, _within(config, left), seed, patient)

@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 # rules of a batch, and batches, with which a search finds something
 _FEWEST_RULES, _FEWEST_BATCHES = 8, 8
 # of the time: for random rules before the best of them is adapted; of all of it, for batches that
-# tell which is best, of so many at most and by random numbers of their own
+# tell which is better, of so many at most and by random numbers of their own
 _RANDOM_SHARE, _FRESH_SHARE, _FRESH_BATCHES, _FRESH = 0.5, 0.3, 32, 10**6
 _TOLD = "%d batches of %d rules by the program of the constants, %d more adapt the best one"
 
@@ -46,7 +46,7 @@ class Probed:
         return plays.size.at_once >= _FEWEST_RULES and until - clock() > least
 
     def best_rule(self, arm: str, label: str, seed: int, until: float, clock: Clock) -> Candidate:
-        """The best of random rules, or what its adaptation has led to; again while there is time.
+        """The best of random rules, or what its adaptation has led to.
 
         Args:
           arm, label: of the candidate.
@@ -64,27 +64,20 @@ class Probed:
         population = PopulationReturns(plays, size, seed)
         fresh = min(_FRESH_SHARE * (until - clock()), _FRESH_BATCHES * plays.seconds)
         search_until = until - max(fresh, 3.0 * plays.seconds)
-        found: list[np.ndarray] = []
-        while not found or (
-            len(found) + 2 <= size.population and self.has_time(search_until, clock)
-        ):
-            number = len(found) // 2
-            random = np.random.default_rng([seed, size.population, number])
-            random_until = clock() + _RANDOM_SHARE * (search_until - clock())
-            drawing = Drawing(until=random_until, clock=clock)
-            drawn = random_rules(population, weights, random, drawing)
-            sampling = Sampling(RULE_SIGMA, size.population, seed + 1 + number)
-            adaptation = Adaptation(drawn.kept[0].vector, sampling, clock)
-            adaptation.run(partial(population, weights), search_until)
-            logger.info(_TOLD, drawn.populations, size.population, adaptation.iterations)
-            found += [drawn.kept[0].vector, adaptation.mean]
-        count = len(found)
-        batch = np.stack([found[number % count] for number in range(size.population)])
+        random_until = clock() + _RANDOM_SHARE * (search_until - clock())
+        random = np.random.default_rng([seed, size.population])
+        drawn = random_rules(population, weights, random, Drawing(until=random_until, clock=clock))
+        start = drawn.kept[0].vector
+        adaptation = Adaptation(start, Sampling(RULE_SIGMA, size.population, seed + 1), clock)
+        adaptation.run(partial(population, weights), search_until)
+        logger.info(_TOLD, drawn.populations, size.population, adaptation.iterations)
+        both = [start, adaptation.mean]
+        batch = np.stack([both[number % 2] for number in range(size.population)])
         means: list[np.ndarray] = []
         while len(means) < 2 or (len(means) < _FRESH_BATCHES and clock() + plays.seconds < until):
-            means.append(population(weights, _FRESH + len(means), batch)[:count])
+            means.append(population(weights, _FRESH + len(means), batch)[:2])
         told_means = np.mean(means, axis=0)
         best = int(np.argmax(np.where(np.isfinite(told_means), told_means, -np.inf)))
         mean, error = mean_and_error(np.array(means)[:, best])
-        params = weights.to_params(found[best])
+        params = weights.to_params(both[best])
         return Candidate(arm, label, self.config, plays.planner, params, mean=mean, error=error)

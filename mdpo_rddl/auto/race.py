@@ -179,10 +179,9 @@ def _proven(
 ) -> RaceOutcome:
     """The outcome of a race that nobody can win any more."""
     assert arm.solution is not None
-    # before anything is taken: it may be interrupted, and is asked for once more then
-    policy = arm.solution.policy(seed)
+    assert arm.proven is not None
+    candidate, policy = arm.proven, arm.solution.policy(seed)
     judge = Judge(ROLLOUTS, seed, options.clock, began, options.on_judged)
-    (candidate,) = arm.take_candidates()
     judge.record(candidate)
     arm.judged(candidate)
     return RaceOutcome(

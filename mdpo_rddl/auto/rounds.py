@@ -8,7 +8,7 @@ independent draws, though, so that none is ever dropped for good.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.machine.cores import usable_cores
@@ -40,7 +40,7 @@ class Contender:
     reached: Callable[[], float | None]
     slices: int = 0
     pace: float = 0.0
-    waited: int = field(default=0)
+    waited: int = 0
 
     @property
     def level(self) -> float:

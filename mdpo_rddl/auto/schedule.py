@@ -116,16 +116,14 @@ class Schedule(Openings):
         self._search(simple)
 
     def _end_without_population(self, early: Arm | None) -> None:
-        """The rest of the time for what needs no program but the probing's.
-
-        Args:
-          early: an arm that can go on, if any.
-        """
+        """The rest of the time for rules by the probing's program, and for one that can go on."""
         logger.warning("there is too little time to search: compilation takes so long")
         if early is not None and (early.name == self._best.arm or not self._finds_reward()):
             self._end_with(early)
         for candidate in found_by_probing(self._arena):
             self._judge.record(candidate)
+        if early is not None:  # what is left where no rules can be played
+            self._end_with(early)
 
     def _search(self, simple: SimpleArm) -> None:
         """Everything that needs a population of rollouts."""

@@ -156,7 +156,8 @@ def known_kept(arena: Arena, earlier: EarlierRace | None, early: Sequence[Arm]) 
             for candidate in known_by_probing(arena):
                 arena.judge.record(candidate)
             with incumbent_kept(arena.judge):
-                found += found_by_probing(arena)
+                for candidate in found_by_probing(arena):
+                    arena.judge.record(candidate)
         else:
             found.append(earlier.incumbent.known(arena.problem, arena.seed))
     for candidate in found:

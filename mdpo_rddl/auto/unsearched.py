@@ -2,7 +2,7 @@
 
 import dataclasses
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from mdpo_rddl.auto.candidate import NOOP, Candidate
 
 logger = logging.getLogger(__name__)
 
-# of rollouts of the no-op and the best constant
-_BATCHES = 16
+# of rollouts of the no-op and the best constant; of the time left, at most
+_BATCHES, _BATCHES_SHARE = 16, 0.1
+# the seeds of two searches, far from those of other races
+_APART = 10**6
 
 
 def known_by_probing(arena: Arena) -> list[Candidate]:
@@ -43,11 +45,15 @@ def correct_by_probing(arena: Arena) -> None:
       arena: whose judge knows both by `known_by_probing`.
     """
     assert arena.probed is not None
-    probe, judge = arena.probe, arena.judge
+    probe, judge, plays = arena.probe, arena.judge, arena.probed.plays
+    if probe.deterministic:
+        return  # these are known
+    left = _BATCHES_SHARE * (arena.deadline - arena.clock())
+    batches = int(min(_BATCHES, left / max(plays.seconds, 1e-9)))
     # the planner of the probing has units of 1
     start = {name: probe.units.get(name, 1.0) * values for name, values in probe.start.items()}
     noop = {name: np.zeros_like(values) for name, values in start.items()}
-    returns = arena.probed.plays.fresh_returns(noop, start, _BATCHES)
+    returns = plays.fresh_returns(noop, start, batches)
     if returns.shape[1] < 2:
         return
     for label, own in zip((NOOP, CONSTANT), returns, strict=True):
@@ -55,12 +61,16 @@ def correct_by_probing(arena: Arena) -> None:
             judge.correct(candidate, own)
 
 
-def found_by_probing(arena: Arena) -> list[Candidate]:
-    """A rule, found by the program that has played the probing's constants; none without time."""
-    probed = arena.probed
-    if probed is None or not probed.has_time(arena.deadline, arena.clock):
-        return []
-    return [probed.best_rule(SIMPLE, RANDOM_RULE, arena.seed, arena.deadline, arena.clock)]
+def found_by_probing(arena: Arena) -> Iterator[Candidate]:
+    """Rules, found by the program that has played the probing's constants, while there is time.
+
+    Each has been searched from others, and is told by rollouts of its own.
+    """
+    probed, deadline, clock, seed = arena.probed, arena.deadline, arena.clock, arena.seed
+    while probed is not None and probed.has_time(deadline, clock):
+        arena.pulse()
+        yield probed.best_rule(SIMPLE, RANDOM_RULE, seed, deadline, clock)
+        seed = (seed + _APART) % 2**31
 
 
 def known_without_rollouts(arena: Arena, initial: Sequence[Candidate]) -> list[Candidate]:

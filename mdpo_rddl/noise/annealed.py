@@ -23,7 +23,7 @@ class AnnealedNoise(AdaptiveNoise):
         (1 - n / N) ** power
 
     The first cycle has `cycle` iterations. No budget has to be known: whenever training ends,
-    a third of it or more was a whole cycle, but for budgets below the first.
+    whole cycles were a third of it or more, but for budgets below the first.
 
     Attributes:
       cycle: iterations of the first cycle, at least 1.

@@ -157,7 +157,7 @@ class Scenarios:
         return jnp.sum(self._discounts * log["reward"], axis=-1)
 
     def _inside(self, given: Plans, state: Any) -> Plans:
-        """Real actions in their box; what it cuts off keeps its gradient, or it would not return"""
+        """Real actions in their box; what it cuts off keeps a gradient, or it would not return."""
         cleaned = dict(given)
         for name in self.real_names:
             clipped = jnp.clip(given[name], *self.box(name))

@@ -51,7 +51,7 @@ class PolicyAgent(BaseAgent):
     def reset(self) -> None:
         """Begins an episode."""
         self._decisions.step = 0
-        assert self._moves  # made before there is a decision to wait for
+        _ = self._moves  # made before there is a decision to wait for
 
     def sample_action(self, state: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """The next action of the episode, made legal where the policy's is not.

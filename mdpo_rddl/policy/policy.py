@@ -99,7 +99,7 @@ class Policy(PolicyAgent):
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it: without the compiled planner, and without times.
 
-        The same parameters found in another time are the same file.
+        The same parameters under the same configuration are the same file, found whenever.
         """
         return SavedPolicy(
             params=self.params,

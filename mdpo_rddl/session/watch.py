@@ -22,7 +22,7 @@ class PlanProgress:
     """How far planning is.
 
     Attributes:
-      stage: what goes on: "loading", "probing", "searching", "compiling", "racing",
+      stage: what goes on: "loading", "enumerating", "probing", "searching", "compiling", "racing",
         "training", "polishing" or "underlying MDP".
       seconds: since it began.
       fraction: of the time, from 0 to 1; of the iterations, if they end a training first.

@@ -107,6 +107,17 @@ def test_the_best_of_many_constants_is_compared_in_other_rollouts(planner, monke
     assert np.mean([seen.start_return for seen in found]) < -100.0 + 7.0
 
 
+def test_a_noop_that_is_the_best_is_told_by_other_rollouts_too(planner, monkeypatch):
+    def best(pump, chance):
+        return 50.0 * chance - 1000.0 * (pump != 0.0)
+
+    Model(monkeypatch, best, lambda pump, chance: pump + chance)
+    seen = probed(planner, 0)
+    chosen_by = 50.0 * np.mean(jax.random.normal(jax.random.PRNGKey(0), (1, 4)))
+    assert seen.noop_return == seen.start_return
+    assert abs(seen.noop_return - chosen_by) > 1.0
+
+
 def test_batches_and_what_is_kept_of_them_fit_into_memory(planner, monkeypatch):
     one = visit_bytes(planner)
     assert one == STEPS * 4

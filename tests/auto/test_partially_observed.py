@@ -122,7 +122,7 @@ def test_where_states_cannot_be_enumerated_a_second_race_is_for_who_sees_them(ra
     assert found.outcome.policy.votes
 
 
-def test_a_first_race_that_compiles_nothing_in_its_time_has_all_of_it(raced):
+def test_a_first_race_that_takes_all_of_the_time_is_the_only_one(raced):
     found = raced(race_outcome(careless()), enumerates=False, clock=Stopped())
     assert found.asked == [(True, 34.0)]
     assert (found.outcome.chosen.arm, found.outcome.seconds) == ("own weights", 100.0)

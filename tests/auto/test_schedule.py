@@ -240,7 +240,7 @@ def test_where_plans_lead_the_searches_begin_in_the_rounds(takes_part):
 def test_where_plans_lead_and_others_take_long_to_compile_they_have_all_the_time(monkeypatch):
     asked = affording.Affording
     monkeypatch.setattr(asked, "population", lambda self, share=1.0: share == 1.0)
-    monkeypatch.setattr(asked, "exploration", lambda self, share=1.0: False)
+    monkeypatch.setattr(asked, "parameter_exploration", lambda self, share=1.0: False)
     outcome = raced(toy("boats", TERMINATION="false"), 900.0, RaceOptions(clock=CLOCK))
     searched = {"constants and rules", "shooting"}
     assert {name for name, log in arms_of(outcome).items() if log["seconds"]} == searched

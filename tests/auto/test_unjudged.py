@@ -64,12 +64,12 @@ def test_the_noop_is_the_result_if_nothing_is_compiled_in_time(
 @pytest.mark.parametrize(
     ("seconds", "latest", "deadline"),
     [
-        (1500.0, 10_000.0, 9800.0),  # the judge's program is not there at 2000 s
+        (1500.0, 10_000.0, 9800.0),  # the judge's program would not be there in time
         (1500.0, -np.inf, 1470.0),
         (2500.0, 10_000.0, 2450.0),
     ],
 )
-def test_a_race_that_compiles_nothing_in_its_time_may_have_more(
+def test_a_race_whose_judge_would_come_too_late_may_have_more(
     lake, clock, monkeypatch, seconds, latest, deadline
 ):
     compile_visits = constants.compile_visits

@@ -24,6 +24,7 @@ class DynamicProgrammingArm(Arm):
 
     Attributes:
       solution: the optimum, once it is found.
+      proven: the same as a candidate.
       grounded: the ground models, once there are any, whether they were enumerated or not.
     """
 
@@ -42,6 +43,7 @@ class DynamicProgrammingArm(Arm):
         self._keeps_values = keeps_values
         self._problem, self._config = problem, config
         self.solution: Solution | None = None
+        self.proven: Candidate | None = None
         self.grounded = Grounded(problem)
 
     def ground(self, until: float) -> None:
@@ -67,20 +69,19 @@ class DynamicProgrammingArm(Arm):
         except Exception as error:  # the other arms need no enumeration
             self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
             return
+        self.proven = Candidate(
+            arm=self.name,
+            label=PROVEN,
+            config=self._config,
+            planner=None,
+            params=None,
+            mean=solution.value,
+            error=0.0,
+        )
         self.solution = solution
         self._log.iterations += self._problem.horizon
         self._log.details = {"states": solution.optimum.states}
-        self._offer(
-            Candidate(
-                arm=self.name,
-                label=PROVEN,
-                config=self._config,
-                planner=None,
-                params=None,
-                mean=solution.value,
-                error=0.0,
-            )
-        )
+        self._offer(self.proven)
 
     def _give_up(self, cause: str) -> None:
         logger.info("no exact dynamic programming: %s", cause)

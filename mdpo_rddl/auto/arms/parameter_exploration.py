@@ -57,7 +57,7 @@ class ParameterExplorationArm(CompilingArm):
         self._resumed: State | None = None
 
     def is_worth_waiting(self, seconds: float) -> bool:
-        """Not at all: others work while its program is compiled."""
+        """Whether others give way to its program in the rounds: they do not."""
         del seconds
         return False
 

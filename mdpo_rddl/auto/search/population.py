@@ -125,7 +125,10 @@ class PopulationReturns:
         return {name: part for name, part in params.items() if name not in weights.idle}
 
     def best(self, weights: Weights, vectors: list[np.ndarray]) -> np.ndarray:
-        """The vector [D] of the largest mean return in fresh rollouts."""
+        """The vector [D] of the largest mean return in rollouts that no iteration has seen.
+
+        They are the same at each call.
+        """
         places = [number % len(vectors) for number in range(self.population)]
         batch = np.stack([vectors[place] for place in places])
         batches = min(_FINAL_BATCHES, math.ceil(_FINAL_ROLLOUTS / self._rollouts))

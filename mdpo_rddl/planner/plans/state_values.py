@@ -50,8 +50,8 @@ class StateValues:
 
     x are the ground state fluents, for those whose values are objects whether it is each of these,
     and the products of two of them that are about the same objects, f(a) g(a, b): where something
-    is and what is there as well. What is left of the horizon matters
-    for those that end it, as l times the others does not tell.
+    is and what is there as well. What is left of the horizon matters for those that end it, as l
+    times the others does not tell.
 
     Attributes:
       horizon: number of steps H.

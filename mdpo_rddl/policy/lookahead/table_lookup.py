@@ -61,8 +61,8 @@ class TableLookup:
             raise ValueError("the table is too large")
         self._ends = (np.uint64(1) << bits.astype(np.uint64)).astype(np.uint32)
         codes = np.stack([_code(table.states[:, p[0]], p) for p in places], axis=1)
-        if not len(codes) or len(np.unique(codes, axis=0)) < len(codes):
-            raise ValueError("the table has no states, or one of them twice")
+        if not len(codes):
+            raise ValueError("the table has no states")
         factors, hashes = _distinct(codes)
         order = np.lexsort((hashes[:, 1], hashes[:, 0]))
         counts = np.diff(table.first_run)[order]
@@ -160,7 +160,11 @@ def _merges(table: ActionTable) -> np.ndarray:
 
 
 def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors [V, 2] with which no two of the codes [S, V] have the same hashes [S, 2]."""
+    """Factors [V, 2] with which no two of the codes [S, V] have the same hashes [S, 2].
+
+    Raises:
+      ValueError: if two codes are the same.
+    """
     random = np.random.default_rng(_SEED)
     while True:
         factors = random.integers(2**32, size=(codes.shape[1], 2), dtype=np.uint32) | np.uint32(1)
@@ -169,3 +173,5 @@ def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             hashes += codes[:, variable, np.newaxis] * own
         if len(np.unique(hashes, axis=0)) == len(hashes):
             return factors, hashes
+        if len(np.unique(codes, axis=0)) < len(codes):
+            raise ValueError("the table has a state twice")
