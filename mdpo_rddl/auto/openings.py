@@ -37,8 +37,8 @@ _STALLED = "plan stalled"
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
 _MORE_PLANS = "more relaxed plans"
 _GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
-# of the time left, that the judge's program and a population's may take together: with less time
-# for a search, rules by the program of the probing are found to return more
+# of the time left, that the judge's program and a population's may take together; else rules are
+# searched by the program of the probing, in all of it
 _COMPILING_SHARE = 0.8
 
 

@@ -227,7 +227,7 @@ def _arena(
     if resumption is not None:
         resumption.probe = seen
     if now < deadline < latest and clock() + seen.compile_seconds > deadline:
-        # the judge's program, which takes as long, would come too late
+        # the judge's program would come too late
         deadline, config = latest, config.with_values("Optimize", train_seconds=longest)
     config = with_memory(scaled(config, seen), problem)
     large = seen.policy_seconds is not None
