@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.auto.constants import Constants
+from mdpo_rddl.auto.constants import Constant, Constants
 from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large, judge_rollouts
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
@@ -180,8 +180,7 @@ def probe(plays: Constants, seed: int) -> Probe:
     random = np.random.default_rng(seed)
     places = boxes(planner, units)
     starts = [noop, full, *(_random_start(random, places) for _ in range(size.constants - 2))]
-    # the planner's units are 1 where there is no box
-    scaled = [{name: units.get(name, 1.0) * v for name, v in s.items()} for s in starts]
+    scaled = [without_units(units, start) for start in starts]
     means, states = plays.means_and_states(scaled, at_least=2)
     if not (large or plays.batch_seconds):
         plays.means(scaled[: size.at_once])  # the first batch has compiled, the second tells a pace
@@ -214,6 +213,16 @@ def probe(plays: Constants, seed: int) -> Probe:
         return found
     # the best of many was lucky, be it the no-op
     return _in_fresh_rollouts(found, plays.fresh_returns(scaled[0], scaled[best], _AGAIN))
+
+
+def without_units(units: Mapping[str, float], constant: Constant) -> Constant:
+    """A constant for the probing's planner, whose units are 1 where there is no box.
+
+    Args:
+      units: per action fluent without a box, as a `Probe` has them.
+      constant: in these units.
+    """
+    return {name: units.get(name, 1.0) * values for name, values in constant.items()}
 
 
 def _in_fresh_rollouts(probe: Probe, returns: np.ndarray) -> Probe:

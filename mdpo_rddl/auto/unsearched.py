@@ -9,6 +9,7 @@ import numpy as np
 from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate
+from mdpo_rddl.auto.probing import without_units
 
 logger = logging.getLogger(__name__)
 
@@ -50,8 +51,7 @@ def correct_by_probing(arena: Arena) -> None:
         return  # these are known
     left = _BATCHES_SHARE * (arena.deadline - arena.clock())
     batches = int(min(_BATCHES, left / max(plays.seconds, 1e-9)))
-    # the planner of the probing has units of 1
-    start = {name: probe.units.get(name, 1.0) * values for name, values in probe.start.items()}
+    start = without_units(probe.units, probe.start)
     noop = {name: np.zeros_like(values) for name, values in start.items()}
     returns = plays.fresh_returns(noop, start, batches)
     if returns.shape[1] < 2:
