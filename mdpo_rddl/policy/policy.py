@@ -157,9 +157,20 @@ class Policy(PolicyAgent):
 
     def with_candidates(self, candidates: Sequence[Mapping[str, Any]]) -> "Policy":
         """The policy with what else planning judged; what was compiled for its play is kept."""
-        other = dataclasses.replace(self, candidates=tuple(candidates))
-        other.__dict__.update({n: v for n, v in vars(self).items() if n in _COMPILED})
-        return other
+        return dataclasses.replace(self, candidates=tuple(candidates))._compiled_as(self)
+
+    def voting_as(self, other: "Policy") -> "Policy":
+        """The policy, played by another one's vote, which does not hang on the parameters.
+
+        Args:
+          other: votes, on the same problem and with the same seed.
+        """
+        saved = other.saved_underlying
+        return dataclasses.replace(self, saved_underlying=saved, votes=True)._compiled_as(other)
+
+    def _compiled_as(self, other: "Policy") -> "Policy":
+        self.__dict__.update({n: v for n, v in vars(other).items() if n in _COMPILED})
+        return self
 
     def with_decision_seconds(self, seconds: float) -> PolicyAgent:
         """The policy with time to think at each decision, where trials show that it pays.

@@ -13,9 +13,16 @@ from helpers.tiger import listener
 from helpers.toys import toy
 from helpers.umbrella import careless, voting
 
-from mdpo_rddl.auto import RaceOptions, RaceOutcome, partially_observed, plan_automatically
+from mdpo_rddl.auto import (
+    RaceOptions,
+    RaceOutcome,
+    partially_observed,
+    plan_automatically,
+    voting_trial,
+)
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.policy.file import SavedTable
 from mdpo_rddl.problem.evaluation import evaluate
@@ -37,7 +44,7 @@ def race_outcome(policy, interrupted=False):
 def raced(monkeypatch):
     """Plans with races of which the seconds are noted, and which give what they are told to."""
 
-    def use(first, second=None, without=(), enumerates=True, clock=None):
+    def use(first, second=None, without=(), enumerates=True, clock=None, takes=0.0, earlier=None):
         asked, lefts, latest, ends = [], [], [], iter((first, second))
 
         def run(problem, config, seed, options):
@@ -45,7 +52,7 @@ def raced(monkeypatch):
             lefts.append(config.section("Search")["without"])
             latest.append(options.at_the_latest)
             if clock is not None:
-                clock.now = max(clock.now, options.at_the_latest)
+                clock.now = max(clock.now + takes, options.at_the_latest)
             end = next(ends)
             if isinstance(end, BaseException):
                 raise end
@@ -56,7 +63,10 @@ def raced(monkeypatch):
             monkeypatch.setattr(partially_observed, "is_discrete", lambda problem: False)
         stages, judged = [], []
         options = RaceOptions(
-            on_stage=stages.append, on_judged=judged.append, clock=clock or Stopped()
+            on_stage=stages.append,
+            on_judged=judged.append,
+            clock=clock or Stopped(),
+            earlier=earlier,
         )
         problem = first.policy.problem
         config = LONG.with_values("Search", without=[*without])
@@ -80,7 +90,8 @@ def test_an_observed_state_needs_one_race(monkeypatch):
 def test_the_vote_is_taken_where_it_returns_more(raced):
     found = raced(race_outcome(careless()))
     # the underlying MDP's states are enumerated, and no race is for them
-    assert (found.asked, found.latest) == ([(True, 75.0)], [-np.inf])
+    # 15 s for the vote's episodes
+    assert (found.asked, found.latest) == ([(True, 85.0)], [-np.inf])
     assert found.stages == ["enumerating", "underlying MDP"]
     outcome = found.outcome
     assert outcome.policy.votes
@@ -146,7 +157,7 @@ def test_an_interruption_of_the_second_race_keeps_the_first(raced, end):
 
 def test_an_interruption_of_the_first_race_ends_all(raced):
     found = raced(race_outcome(careless(), interrupted=True))
-    assert (found.outcome.interrupted, found.stages) == (True, ["enumerating"])
+    assert found.outcome.interrupted
     assert found.outcome.policy.saved_underlying is None
 
 
@@ -184,7 +195,7 @@ def test_without_an_underlying_mdp_all_of_the_time_is_the_races(raced, monkeypat
 
 def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypatch):
     two = np.array([[9.0, 1.0], [8.0, 1.0]])
-    monkeypatch.setattr(partially_observed, "paired_returns", lambda *_: two)
+    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: two)
     found = raced(race_outcome(careless()))
     (log,) = found.outcome.arms
     assert not found.outcome.policy.votes
@@ -212,21 +223,21 @@ def test_a_vote_that_takes_long_to_compile_is_compared_with_what_the_race_says(
     played = []
 
     def compiled(policy):
-        clock.now += 60.0
+        clock.now += 30.0
 
     def alone(problem, policies, *_):
         played.extend(policy.votes for policy in policies)
         return np.array(returns)[:, np.newaxis]
 
-    monkeypatch.setattr(partially_observed, "_compile", compiled)
-    monkeypatch.setattr(partially_observed, "paired_returns", alone)
+    monkeypatch.setattr(voting_trial, "_play_steps", compiled)
+    monkeypatch.setattr(voting_trial, "paired_returns", alone)
     first = race_outcome(careless())
     first = dataclasses.replace(first, chosen=dataclasses.replace(first.chosen, error=error))
-    found = raced(first, clock=clock)
+    found = raced(first, clock=clock, takes=55.0)
     (log,) = found.outcome.arms
     assert played == [True]
     assert found.outcome.policy.votes == pays
-    assert (log.details, log.compile_seconds) == ({"race_return": 1.0}, 60.0)
+    assert (log.details, log.compile_seconds) == ({"race_return": 1.0}, 30.0)
 
 
 @pytest.mark.parametrize(
@@ -236,8 +247,76 @@ def test_a_vote_that_takes_long_to_compile_is_compared_with_what_the_race_says(
 )
 def test_nothing_is_compiled_that_would_end_late(raced, probe):
     slow = dataclasses.replace(race_outcome(careless()), probe=probe)
-    (log,) = raced(slow).outcome.arms
+    second = race_outcome(voting().underlying)
+    (log,) = raced(slow, second, enumerates=False).outcome.arms
     assert (log.slices, log.details) == (0, {"cause": "no time"})
+
+
+@pytest.fixture
+def too_late(monkeypatch):
+    """No vote is compiled in its time."""
+
+    def late(seconds, call):
+        raise TooLateError
+
+    monkeypatch.setattr(voting_trial, "compiled_within", late)
+
+
+def test_where_the_vote_of_an_optimum_is_too_late_the_race_has_what_is_left(raced, too_late):
+    found = raced(race_outcome(careless()))
+    assert found.asked == [(True, 100.0)]
+    (log,) = found.outcome.arms
+    assert (log.slices, log.details) == (1, {"cause": "no time"})
+    assert not found.outcome.policy.votes
+    assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
+
+
+@pytest.mark.parametrize(
+    # what the no-op's episode on the environment says, if there was one; the vote returns 2
+    ("mean", "pays"),
+    [(1.0, True), (1.9, True), (2.1, False), (None, True)],
+)
+def test_a_vote_is_compared_with_whatever_is_known_of_a_no_op_that_cannot_be_played_in_time(
+    raced, monkeypatch, mean, pays
+):
+    ready = []
+
+    def once(seconds, call):
+        if ready:
+            raise TooLateError
+        ready.append(seconds)
+        return call()
+
+    monkeypatch.setattr(voting_trial, "compiled_within", once)
+    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.full((3, 1), 2.0))
+    first = race_outcome(careless())
+    chosen = dataclasses.replace(first.chosen, mean=mean, error=np.inf)
+    found = raced(dataclasses.replace(first, chosen=chosen))
+    assert found.outcome.policy.votes == pays
+    assert found.outcome.arms[0].details == {"race_return": mean}
+    # nine tenths of the time are waited for it
+    assert ready == [90.0]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), Cancelled()])
+def test_a_stop_before_the_race_leaves_the_no_op(raced, monkeypatch, stop):
+    def stopped(*given):
+        raise stop
+
+    monkeypatch.setattr(partially_observed, "_optimum", stopped)
+    found = raced(race_outcome(careless()))
+    assert (found.asked, found.outcome.interrupted) == ([], True)
+    assert (found.outcome.chosen.label, found.outcome.policy.votes) == ("no-op", False)
+
+
+def test_a_stop_before_the_race_that_goes_on_leaves_it_to_the_next_one(raced, monkeypatch):
+    def stopped(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(partially_observed, "_optimum", stopped)
+    earlier = SimpleNamespace(seconds=1.0)
+    with pytest.raises(KeyboardInterrupt):
+        raced(race_outcome(careless()), earlier=earlier)
 
 
 def test_a_vote_that_cannot_be_made_is_told_in_one_line(raced, monkeypatch, caplog):

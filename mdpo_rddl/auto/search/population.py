@@ -14,7 +14,7 @@ from mdpo_rddl.auto.search.one_by_one import POLICIES, OneByOne
 from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size, fitting_size
 from mdpo_rddl.auto.timing import Clock
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact import LOST, compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 
@@ -29,8 +29,13 @@ _FEWEST_ITERATIONS, _FEWEST_AVOIDING = 500, 100
 _FEWER_AVOIDING = 4
 # of each, with fresh random numbers, where the best of several is told
 _FINAL_BATCHES, _FINAL_ROLLOUTS = 8, 32
+# where errors are avoided: as many as show an error that most judges would not see; an iteration
+# ends before, once so many of its candidates have made one
+_MOST_AVOIDING, _LOSING_SHARE = 4096, 0.5
 # the judge's rollouts take longer than those of a population do
 _TOO_SLOW_BY = 2.0
+# where an error is to be seen many rollouts are worth a try: side by side they are quicker each
+_TOO_SLOW_AVOIDING = 8.0
 _SLOW_SECONDS = 0.5
 # of the time left, that the program may take
 _LONGEST_SHARE = 0.8
@@ -78,7 +83,7 @@ class PopulationReturns:
       population: candidates P of an iteration.
     """
 
-    def __init__(self, program: Program, size: Size, seed: int) -> None:
+    def __init__(self, program: Program, size: Size, seed: int, avoids: bool = False) -> None:
         """Plays nothing yet.
 
         Args:
@@ -86,9 +91,10 @@ class PopulationReturns:
             is one for each set of parts.
           size: of a population.
           seed: of the rollouts.
+          avoids: whether rollouts may be `LOST`, and more of them are played to tell how often.
         """
         self.population = size.population
-        self._program, self._rollouts = program, size.rollouts
+        self._program, self._rollouts, self._avoids = program, size.rollouts, avoids
         self._by_parts = program if isinstance(program, ByParts) else None
         self._key = key_for(Draws.POPULATION, seed)
 
@@ -104,8 +110,21 @@ class PopulationReturns:
 
     def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
-        key = jax.random.fold_in(self._key, iteration)
-        return np.mean(self._program(key, self._batch(weights, vectors)), axis=1)
+        key, batch = jax.random.fold_in(self._key, iteration), self._batch(weights, vectors)
+        returns = self._program(key, batch)
+        # candidates that have lost nothing yet are told apart by how rarely they do
+        while self._wants_more(returns):
+            own_key = jax.random.fold_in(key, returns.shape[1])
+            returns = np.concatenate([returns, self._program(own_key, batch)], axis=1)
+        return np.mean(returns, axis=1)
+
+    def _wants_more(self, returns: np.ndarray) -> bool:
+        """Whether more rollouts than these [P, N] are worth their time."""
+        count = returns.shape[1]
+        takes = self.seconds * (count // self._rollouts + 1)
+        if not self._avoids or count >= _MOST_AVOIDING or takes > _SLOW_SECONDS:
+            return False
+        return bool(np.mean(np.any(returns <= LOST, axis=1)) < _LOSING_SHARE)
 
     def compile(self, weights: Weights) -> None:
         """Plays a population, unless one of such parts was played: the first one compiles."""
@@ -133,8 +152,14 @@ class PopulationReturns:
         batch = np.stack([vectors[place] for place in places])
         batches = min(_FINAL_BATCHES, math.ceil(_FINAL_ROLLOUTS / self._rollouts))
         batches = 1 if self.seconds > _SLOW_SECONDS else batches
-        fresh = [self(weights, 10**6 + number, batch) for number in range(batches)]
-        means = np.mean(fresh, axis=0)[: len(vectors)]
+        while self._avoids and batches * self._rollouts < _MOST_AVOIDING:
+            if (batches + 1) * self.seconds > _SLOW_SECONDS:
+                break
+            batches += 1
+        params = self._batch(weights, batch)
+        keys = [jax.random.fold_in(self._key, 10**6 + number) for number in range(batches)]
+        fresh = np.concatenate([self._program(key, params) for key in keys], axis=1)
+        means = np.mean(fresh, axis=1)[: len(vectors)]
         return vectors[int(np.argmax(np.where(np.isfinite(means), means, -np.inf)))]
 
 
@@ -167,14 +192,17 @@ def compile_population(
     avoids = planner.lose_on_error
     fewer = max(1, size.rollouts // _FEWER_AVOIDING) if avoids else 1
     rollouts_tried = {1} if wanted.deterministic else {size.rollouts, fewer}
-    fewest = _FEWEST_AVOIDING if avoids else _FEWEST_ITERATIONS
+    fewest, slow = _FEWEST_ITERATIONS, _TOO_SLOW_BY
+    if avoids:
+        fewest, slow = _FEWEST_AVOIDING, _TOO_SLOW_AVOIDING
     for rollouts in sorted(rollouts_tried, reverse=True):
         tried = size._replace(rollouts=rollouts)
         least = fewest * size.population * rollouts * wanted.rollout_seconds
-        too_long = _TOO_SLOW_BY * wanted.share * (deadline - clock())
+        too_long = slow * wanted.share * (deadline - clock())
         if rollouts > min(rollouts_tried) and least > too_long:
             continue
-        population = PopulationReturns(_compiled(planner, tried, clock, deadline), tried, seed)
+        program = _compiled(planner, tried, clock, deadline)
+        population = PopulationReturns(program, tried, seed, avoids)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled

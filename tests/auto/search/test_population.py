@@ -9,9 +9,11 @@ from helpers.lakes import preset, write_lake
 
 from mdpo_rddl.auto.fitting import without_scales
 from mdpo_rddl.auto.search import one_by_one, population
-from mdpo_rddl.auto.search.population import Wanted, compile_population
+from mdpo_rddl.auto.search.population import PopulationReturns, Wanted, compile_population
 from mdpo_rddl.auto.search.weights import weights_of
+from mdpo_rddl.auto.sizes import Size
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.exact import LOST
 
 
 def refuse(*arguments):
@@ -134,3 +136,52 @@ def test_one_by_one_they_end_with_the_race(planner, monkeypatch):
     assert program.seconds == 8.0
     # the first of a population is played in any case
     assert program(None, {"a": np.zeros((8, 1))})[:2, 0].tolist() == [4.0, -np.inf]
+
+
+class Losing:
+    """Rollouts of which each candidate loses the first so many-th one, of all that were made."""
+
+    def __init__(self, firsts, rollouts=4, seconds=0.0):
+        self._firsts, self._rollouts, self.seconds = np.array(firsts), rollouts, seconds
+        self.calls, self.keys = 0, []
+
+    def __call__(self, key, params):
+        numbers = self._rollouts * self.calls + np.arange(self._rollouts)
+        self.calls += 1
+        self.keys.append(tuple(np.asarray(key).tolist()))
+        return np.where(numbers == self._firsts[:, np.newaxis], LOST, 1.0)
+
+
+@pytest.mark.parametrize(
+    # which rollout each candidate loses first, how long four of each take, whether they may be lost
+    ("firsts", "seconds", "avoids", "calls"),
+    [
+        # as long as fewer than half of them have lost one
+        ([0, 1, 900, 950], 0.0, True, 1),
+        ([0, 9, 900, 950], 0.0, True, 3),
+        # as many as there may be
+        ([0, 5000, 5000, 5000], 0.0, True, 1024),
+        # or in half a second
+        ([0, 5000, 5000, 5000], 0.1, True, 5),
+        ([0, 5000, 5000, 5000], 0.0, False, 1),
+    ],
+)
+def test_candidates_that_have_lost_nothing_have_more_rollouts(
+    planner, firsts, seconds, avoids, calls
+):
+    program = Losing(firsts, seconds=seconds)
+    found = PopulationReturns(program, Size(4, 4, None), 0, avoids)
+    weights = weights_of(planner.feedback_plan.noop(0), ["shared"])
+    returns = found(weights, 0, np.zeros((4, weights.start.size)))
+    assert program.calls == len(set(program.keys)) == calls
+    lost = np.array(firsts) < 4 * calls
+    np.testing.assert_allclose(returns, np.where(lost, (LOST - 1.0) / (4 * calls) + 1.0, 1.0))
+
+
+def test_the_best_one_is_told_in_as_many_rollouts_where_errors_are_avoided(planner):
+    program = Losing([100, 3000, 4096, 90], rollouts=128)
+    found = PopulationReturns(program, Size(4, 128, None), 0, avoids=True)
+    weights = weights_of(planner.feedback_plan.noop(0), ["shared"])
+    vectors = list(np.arange(4.0)[:, np.newaxis] + np.zeros(weights.start.size))
+    np.testing.assert_array_equal(found.best(weights, vectors), vectors[2])
+    assert program.calls == 32
