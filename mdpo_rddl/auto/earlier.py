@@ -16,7 +16,6 @@ from mdpo_rddl.policy.table import ActionTable, Estimate
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
 
-_NO_NOISE = {"method": "NoNoise"}
 # of the race, which may have had less time left than the one that it goes on from
 _SECONDS = ("Optimize", "train_seconds")
 
@@ -130,4 +129,4 @@ class EarlierRace:
 
 def _plain(config: PlannerConfig) -> str:
     """What a configuration says of the policy, whatever noise it was trained with, and how long."""
-    return config.with_section("Noise", _NO_NOISE).without_values(*_SECONDS).to_text()
+    return config.without_noise().without_values(*_SECONDS).to_text()

@@ -61,7 +61,7 @@ def greedy(config: PlannerConfig) -> PlannerConfig:
     """The configuration of the greedy policy of a value, which reads numbers in the same units."""
     scales = config.policy_arguments.get("state_scales", {})
     plan = {"method": "GreedyPlan", "method_kwargs": {"state_scales": scales}}
-    return config.with_values("Planner", **plan).with_section("Noise", {"method": "NoNoise"})
+    return config.with_values("Planner", **plan).without_noise()
 
 
 def _short(value: float) -> float:

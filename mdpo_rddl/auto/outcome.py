@@ -23,8 +23,6 @@ from mdpo_rddl.policy.table import Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.load import Problem
 
-_NO_NOISE = {"method": "NoNoise"}
-
 
 @dataclass(frozen=True, eq=False)
 class RaceOutcome:
@@ -129,7 +127,7 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
     if planner is None:
         planner = build_planner(problem, config).planner
     if not candidate.uses_noise:
-        config = config.with_section("Noise", _NO_NOISE)
+        config = config.without_noise()
     params = jax.tree.map(np.asarray, candidate.params)
     hyperparams = with_preprocessor(planner, candidate.policy_hyperparams)
     hyperparams = jax.tree.map(np.asarray, hyperparams)

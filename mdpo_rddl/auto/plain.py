@@ -55,7 +55,7 @@ class PlainPlanners:
         # a problem of rddlrepository is labelled by its name there and its instance
         name = self._problem.label.rpartition("-")[0]
         config = config_for_domain(name, self._problem.domain_name, method)
-        config = config.with_section("Noise", {"method": "NoNoise"})
+        config = config.without_noise()
         config = config.with_values("Planner", pgpe=None)
         if method == STRAIGHT_LINE:
             config = _with_momentum(config)

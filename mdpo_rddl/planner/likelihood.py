@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
+from mdpo_rddl.planner.expressions import compiled_expression
 from mdpo_rddl.problem.chance import draws
 
 ROUNDING = 1e-4
@@ -78,16 +78,10 @@ class Likelihood:
 
     def _law(self, compiled: Any, name: str) -> Law | None:
         _, expression = compiled.rddl.cpfs[name]
-        aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
 
         def compile_one(part: Any) -> Callable[[Mapping[str, Any]], Array]:
-            one = compiled._jax(part, aux)
-
-            def value(fluents: Mapping[str, Any]) -> Array:
-                model, key = dict(aux["params"]), jax.random.PRNGKey(0)
-                return one(fluents, self._nonfluents, model, key)[0]
-
-            return value
+            value = compiled_expression(compiled, part)
+            return lambda fluents: value(fluents, self._nonfluents)
 
         return _read(compile_one, expression, self._is_real[name])
 

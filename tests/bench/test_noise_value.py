@@ -35,7 +35,7 @@ from mdpo_rddl.bench.noise_value.report import write_report
 from mdpo_rddl.bench.noise_value.rule import Case, find_rule
 from mdpo_rddl.bench.noise_value.run import all_cells, common_unit
 from mdpo_rddl.bench.noise_value.signs import SIGNS
-from mdpo_rddl.bench.noise_value.statistics import holm, mean_interval, normalised, paired_p
+from mdpo_rddl.bench.noise_value.statistics import holm, normalised, stratified_mean, t_test_p
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.executors import make_executor
@@ -267,10 +267,10 @@ def test_the_problems_of_a_family_are_held_out_together():
 
 def test_the_paired_test_is_student_s():
     ours, theirs = np.array([1.0, 2.0, 4.0, 3.5]), np.array([0.5, 2.1, 3.0, 3.0])
-    assert paired_p(ours, theirs) == pytest.approx(stats.ttest_rel(ours, theirs).pvalue)
-    assert paired_p(ours, ours) == 1.0
-    assert paired_p(ours, ours * (1.0 + 2e-7)) == 1.0  # rounding, the same for all seeds
-    assert paired_p(ours, ours - 1.0) == 0.0
+    assert t_test_p(ours, theirs) == pytest.approx(stats.ttest_rel(ours, theirs).pvalue)
+    assert t_test_p(ours, ours) == 1.0
+    assert t_test_p(ours, ours * (1.0 + 2e-7)) == 1.0  # rounding, the same for all seeds
+    assert t_test_p(ours, ours - 1.0) == 0.0
 
 
 def test_holm_worked_by_hand():
@@ -286,9 +286,9 @@ def test_scores_are_0_at_the_no_op_and_1_at_the_best_mean():
 
 
 def test_the_interval_resamples_the_seeds_of_each_problem():
-    mean, low, high = mean_interval([np.full(5, 0.2), np.full(5, 0.6)])
+    mean, low, high = stratified_mean([np.full(5, 0.2), np.full(5, 0.6)])
     assert (mean, low, high) == pytest.approx((0.4, 0.4, 0.4))
-    mean, low, high = mean_interval([np.array([0.0, 1.0])])
+    mean, low, high = stratified_mean([np.array([0.0, 1.0])])
     assert (mean, low, high) == pytest.approx((0.5, 0.0, 1.0))
 
 

@@ -205,7 +205,7 @@ def serve(messages: Messages) -> None:
 
 
 def _config(method: str) -> PlannerConfig:
-    return jaxplan_config("default", method).with_section("Noise", {"method": "NoNoise"})
+    return jaxplan_config("default", method).without_noise()
 
 
 def _file(folder: Path, method: str) -> Path:

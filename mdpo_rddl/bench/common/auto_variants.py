@@ -28,7 +28,7 @@ def _shaped(**arguments: Any) -> Callable[[PlannerConfig], PlannerConfig]:
 VARIANTS: dict[str, Callable[[PlannerConfig], PlannerConfig]] = {
     "auto": lambda config: config,
     **{without(name): _searching(without=[name]) for name in OPTIONAL_ARMS},
-    "auto-without-noise": lambda config: config.with_section("Noise", {"method": "NoNoise"}),
+    "auto-without-noise": PlannerConfig.without_noise,
     "auto-with-analysis-rollouts": lambda c: c.with_values("Noise", analysis_samples=1),
     "auto-without-open-loop-part": without_plan,
     "auto-without-net": _shaped(topology=[]),

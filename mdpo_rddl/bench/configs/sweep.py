@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.bench.common.markdown import escaped
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.configs.candidates import MANY, candidates
 from mdpo_rddl.bench.configs.choice import BASELINE, NOOP, REFERENCES, choose
@@ -181,7 +182,7 @@ def _cell(row: Mapping[str, str] | None, bold: bool) -> str:
     if row is None:
         return ""
     if row["status"] != "ok":
-        return row["status"].replace("|", "\\|")
+        return escaped(row["status"])
     mean, error = float(row["return"]), float(row["error"])
     digits = 0 if abs(mean) >= 1000 else 3
     text = f"{mean:,.{digits}f} ± {error:,.{digits}f}"

@@ -9,7 +9,7 @@ import numpy as np
 from mdpo_rddl.bench.noise_value.cells import OK, read
 from mdpo_rddl.bench.noise_value.methods import METHODS, NONE, TWICE
 from mdpo_rddl.bench.noise_value.rule import Case
-from mdpo_rddl.bench.noise_value.statistics import LEVEL, holm, normalised, paired_p
+from mdpo_rddl.bench.noise_value.statistics import LEVEL, holm, normalised, t_test_p
 
 BESIDE = {f"{name} beside": name for name in ("adaptive", "paper")}
 """Other companions for an update without noise: of each seed the better one by JaxPlan's test.
@@ -93,7 +93,7 @@ def compare(
 ) -> dict[Task, Lead]:
     """A method against another one on every task."""
     pairs = [(returns_of(kept, method), returns_of(kept, other)) for kept in results.values()]
-    values = [paired_p(ours, theirs) for ours, theirs in pairs]
+    values = [t_test_p(ours, theirs) for ours, theirs in pairs]
     return {
         task: Lead(float(np.mean(ours) - np.mean(theirs)), p, float(adjusted))
         for task, (ours, theirs), p, adjusted in zip(

@@ -22,7 +22,7 @@ from mdpo_rddl.bench.noise_value.cost import SECTIONS, read_costs
 from mdpo_rddl.bench.noise_value.figures import draw_curves, draw_strips
 from mdpo_rddl.bench.noise_value.methods import DEFAULT, METHODS, NONE, TWICE
 from mdpo_rddl.bench.noise_value.rule import MARGIN, Case, constant_rule, find_rule
-from mdpo_rddl.bench.noise_value.statistics import LEVEL, mean_interval
+from mdpo_rddl.bench.noise_value.statistics import LEVEL, stratified_mean
 from mdpo_rddl.machine.files import write_atomically
 
 # of the return: a difference that may be significant and yet matters to nobody
@@ -62,7 +62,7 @@ def _summary(scores: Mapping[Task, Scores], leads: Leads) -> list[str]:
         "|---|---|---|---|---|---|---|",
     ]
     for method in COMPARED if scores else ():
-        mean, low, high = mean_interval([found[method] for found in scores.values()])
+        mean, low, high = stratified_mean([found[method] for found in scores.values()])
         counts = [""] * 4 if method == NONE else [str(n) for n in _counts(leads[method].values())]
         score = f"{mean:.3f} [{low:.3f}, {high:.3f}]"
         lines.append("| " + " | ".join([method, str(len(scores)), score, *counts]) + " |")

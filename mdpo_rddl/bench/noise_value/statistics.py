@@ -11,7 +11,7 @@ _RESAMPLES = 10_000
 _ROUNDING = 1e-6
 
 
-def paired_p(ours: np.ndarray, theirs: np.ndarray) -> float:
+def t_test_p(ours: np.ndarray, theirs: np.ndarray) -> float:
     """Two-sided p value of Student's paired t-test [S]; 1 where all seeds are the same to rounding.
 
     With five seeds a rank test could not fall below 0.06.
@@ -55,7 +55,7 @@ def normalised(returns: Mapping[str, np.ndarray], noop: float) -> dict[str, np.n
     }
 
 
-def mean_interval(scores: Sequence[np.ndarray]) -> tuple[float, float, float]:
+def stratified_mean(scores: Sequence[np.ndarray]) -> tuple[float, float, float]:
     """Mean over problems and seeds, and its 95% stratified bootstrap interval.
 
     Each problem's seeds [S] are resampled among themselves.

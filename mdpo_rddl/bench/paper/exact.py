@@ -57,7 +57,7 @@ def problem_of(setting: str) -> Problem:
     return load_setting(setting)
 
 
-def exact_returns(
+def iterate_returns(
     setting: str, rollouts: int, iterates: Iterable[Iterate], activation: str | None = None
 ) -> np.ndarray:
     """Returns of every iterate, seed and rollout [C, S, B] on the exact compiled model.

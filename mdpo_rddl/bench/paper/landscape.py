@@ -101,7 +101,7 @@ def _config(domain_name: str, weight: float | None) -> PlannerConfig:
         batch_size_train=_ROLLOUTS,
         batch_size_test=_ROLLOUTS,
     )
-    config = config.with_section("Noise", {"method": "NoNoise"})
+    config = config.without_noise()
     if weight is None:
         return config
     return with_relaxation(config, weight, values_too=True)

@@ -18,7 +18,7 @@ from mdpo_rddl.bench.paper.cells import (
     open_played,
     save_trained,
 )
-from mdpo_rddl.bench.paper.exact import exact_problem, exact_returns, problem_of
+from mdpo_rddl.bench.paper.exact import exact_problem, iterate_returns, problem_of
 from mdpo_rddl.bench.paper.gradient import train_by_gradient
 from mdpo_rddl.bench.paper.iterates import kept_iterations
 from mdpo_rddl.bench.paper.methods import method_config
@@ -117,7 +117,7 @@ def _train(cell: Cell) -> Trained:
         training = train_by_gradient(problem, cell.method, config, key, kept)
     iterates = list(training)
     after_training = time.perf_counter()
-    returns = exact_returns(cell.setting, cell.size.rollouts, iterates)
+    returns = iterate_returns(cell.setting, cell.size.rollouts, iterates)
     sigmas = [i.sigma for i in iterates if i.sigma is not None and cell.method == ADAPTIVE]
     train_seconds = iterates[-1].seconds
     trained = Trained(

@@ -9,7 +9,7 @@ import numpy as np
 from jax import random
 
 from mdpo_rddl.bench.common.records import Records, mean_and_spread
-from mdpo_rddl.bench.paper.exact import exact_returns, problem_of
+from mdpo_rddl.bench.paper.exact import iterate_returns, problem_of
 from mdpo_rddl.bench.paper.gradient import DivergedError, train_by_gradient
 from mdpo_rddl.bench.paper.iterates import LAST, kept_iterations
 from mdpo_rddl.bench.paper.methods import method_config
@@ -104,7 +104,7 @@ def _last_returns(
     except DivergedError:
         return np.full(seeds, np.nan)
     activation = variant.value if variant.factor == ACTIVATION else None
-    return exact_returns(setting, rollouts, iterates, activation).mean(axis=(0, 2))
+    return iterate_returns(setting, rollouts, iterates, activation).mean(axis=(0, 2))
 
 
 def _changed(config: PlannerConfig, variant: Variant) -> PlannerConfig:

@@ -7,9 +7,11 @@ from pathlib import Path
 import jax
 
 from mdpo_rddl.bench.common.full_training import train_fully
+from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.records import Records, mean_and_spread
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.common.size import Size
+from mdpo_rddl.bench.paper.published import TABLE
 from mdpo_rddl.bench.presets.names import NOISES
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -24,15 +26,8 @@ logger = logging.getLogger(__name__)
 COLUMNS = ("setting", "noise", "seed", "last_return", "best_return", "train_seconds")
 KEYS = COLUMNS[:3]
 
-# (no noise, adaptive) means of Table 1 of arXiv 2605.07520
-PAPER = {
-    "hvac10": (-3268060.37, -1371468.0),
-    "hvac20": (-5799274.81, -2086875.93),
-    "powergen7": (-38565.41, 10076.0),
-    "powergen11": (-57528.37, 16890.15),
-    "reservoir15": (-683721.06, -246613.49),
-    "reservoir30": (-2219640.67, -815510.27),
-}
+# without noise and with adaptive noise
+_METHODS = ("deterministic", "adaptive")
 
 
 def run_paper_preset(
@@ -96,7 +91,8 @@ def paper_preset_table(records: Records) -> str:
         "| setting | seeds | none | paper's | adaptive | paper's | adaptive, best iterate |",
         "|---|---|---|---|---|---|---|",
     ]
-    for setting, (paper_none, paper_adaptive) in PAPER.items():
+    for setting in SETTINGS:
+        paper_none, paper_adaptive = (TABLE[setting, method].mean for method in _METHODS)
         last = {noise: _returns(records, setting, noise, "last_return") for noise in NOISES}
         if not any(last.values()):
             continue

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from mdpo_rddl.bench.common.markdown import escaped
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS, NOT_PLAYED, PLANNERS, Attempt, try_all
 from mdpo_rddl.errors import InputError
@@ -100,7 +101,7 @@ def compatibility_table(records: Records) -> str:
     lines += ["", f"JaxPlan trains and ours does not: {', '.join(worse) or 'none'}."]
     if numbers:
         lines += ["", "Causes:", ""]
-        lines += [f"{number}. {_escape(cause)}" for cause, number in numbers.items()]
+        lines += [f"{number}. {escaped(cause)}" for cause, number in numbers.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -135,7 +136,3 @@ def _trains(row: Mapping[str, str] | None) -> bool:
 def _total(records: Records, planner: str) -> str:
     rows = [row for row in records.rows if row["planner"] == planner]
     return f"{sum(map(_is_ok, rows))} of {len(rows)}"
-
-
-def _escape(text: str) -> str:
-    return text.replace("|", "\\|").replace("<", "\\<")

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from mdpo_rddl.bench.common.markdown import escaped
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.agreement import compare, steps_per_second
 from mdpo_rddl.bench.problems.compatibility import checked_problems, first_instance
@@ -91,6 +92,6 @@ def exactness_table(records: Records) -> str:
         speed = row["steps_per_second"] and f"{float(row['steps_per_second']) / 1e6:.3f}"
         cells = [row["problem"], row["instance"], row["horizon"], row["chance"]]
         illegal = f"{row['illegal']} of {row['steps']}" if row["steps"] else ""
-        cells += [result.replace("|", "\\|").replace("<", "\\<"), illegal, speed]
+        cells += [escaped(result), illegal, speed]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

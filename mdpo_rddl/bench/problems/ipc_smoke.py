@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from mdpo_rddl.bench.common.markdown import escaped
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS, Attempt, try_all
 from mdpo_rddl.machine.guarded import Limits
@@ -65,7 +66,7 @@ def ipc_smoke_table(records: Records) -> str:
         status = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['cause']}"
         cells = [
             *(row[key] for key in KEYS),
-            status.replace("|", "\\|"),
+            escaped(status),
             mean,
             row["illegal_actions"],
             row["fallback_actions"],

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from mdpo_rddl.bench.common.markdown import escaped
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.problems.agreement import make_planner, random_policies
 from mdpo_rddl.bench.problems.compatibility import checked_problems, first_instance
@@ -122,6 +123,6 @@ def legal_play_table(records: Records) -> str:
         if row["status"] == "ok" and row["refused"] == "0":
             continue
         result = row["status"] + (f": {row['cause']}" if row["cause"] else "")
-        cells = [row["problem"], row["instance"], result.replace("|", "\\|").replace("<", "\\<")]
+        cells = [row["problem"], row["instance"], escaped(result)]
         lines.append("| " + " | ".join([*cells, *(row[name] for name in _COUNTS)]) + " |")
     return "\n".join(lines) + "\n"

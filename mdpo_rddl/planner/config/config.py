@@ -14,7 +14,7 @@ from typing import Any
 from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import decoded, read_bounded
-from mdpo_rddl.noise import ActionNoise
+from mdpo_rddl.noise import ActionNoise, NoNoise
 from mdpo_rddl.planner.config.budgets import JAXPLAN_BATCH, JAXPLAN_EPOCHS, JAXPLAN_SECONDS, Budget
 from mdpo_rddl.planner.config.checks import (
     DEFAULT_COMPILER,
@@ -102,6 +102,10 @@ class PlannerConfig:
         """A copy in which some keys of one section are not given."""
         values = self.section(name)
         return self.with_section(name, {key: values[key] for key in values if key not in keys})
+
+    def without_noise(self) -> "PlannerConfig":
+        """The configuration of a planner without noise on the actions."""
+        return self.with_section("Noise", {"method": NoNoise.__name__})
 
     def with_policy_arguments(self, **values: Any) -> "PlannerConfig":
         """`with_values` for some arguments of the policy; the others stay."""

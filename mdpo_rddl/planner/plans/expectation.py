@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from functools import reduce
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from mdpo_rddl.planner.expressions import compiled_expression
 from mdpo_rddl.problem.chance import draws
 
 Fluents = Mapping[str, Any]
@@ -59,15 +59,8 @@ class Expectation:
         return {n: jnp.broadcast_to(each, self._shapes[n]) for n, each in found.items()}
 
     def _compiled(self, compiled: Any, part: Any) -> _Chance:
-        aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
-        one = compiled._jax(part, aux)
-
-        def value(fluents: Fluents) -> Array:
-            model, key = dict(aux["params"]), jax.random.PRNGKey(0)
-            found = one(fluents, self._nonfluents, model, key)[0]
-            return jnp.asarray(found, compiled.REAL)
-
-        return value
+        value = compiled_expression(compiled, part)
+        return lambda fluents: jnp.asarray(value(fluents, self._nonfluents), compiled.REAL)
 
 
 def _read(compile_one: Callable[[Any], _Chance], expression: Any) -> _Chance | None:

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from mdpo_rddl.planner.expressions import compiled_expression
 from mdpo_rddl.planner.plans.changes import Changes
 from mdpo_rddl.planner.plans.limits import choose_within_limits
 from mdpo_rddl.planner.plans.linear_limits import LinearLimits
@@ -248,15 +249,14 @@ def legal_policy(plan: Any, compiled: Any, limits: Sequence[GroupLimit]) -> Call
 
 def _compile_rule(compiled: Any, rule: Implication) -> Callable[[Any, Any], Array]:
     """A function of fluents and non-fluents: which components may be true [*action shape]."""
-    aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
-    compile_one = [compiled._jax(e, aux, dtype=jnp.bool_) for e in (*rule.given, rule.condition)]
-    model, unused = dict(aux["params"]), set(range(len(rule.sizes))) - set(rule.axes)
+    parts = (*rule.given, rule.condition)
+    values = [compiled_expression(compiled, part, jnp.bool_) for part in parts]
+    unused = set(range(len(rule.sizes))) - set(rule.axes)
     kept = sorted(rule.axes)
     order = [kept.index(axis) for axis in rule.axes]
 
     def holds(fluents: Any, nonfluents: Any) -> Array:
-        key = jax.random.PRNGKey(0)
-        *given, condition = (one(fluents, nonfluents, model, key)[0] for one in compile_one)
+        *given, condition = (value(fluents, nonfluents) for value in values)
         for value in given:
             condition = condition | ~value
         whole = jnp.broadcast_to(condition, rule.sizes)

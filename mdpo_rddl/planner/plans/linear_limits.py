@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from mdpo_rddl.planner.expressions import compiled_expression
 from mdpo_rddl.planner.plans.places import places_of
 from mdpo_rddl.planner.programs.quick import once_jit
 from mdpo_rddl.problem.implications import conjuncts
@@ -316,16 +317,13 @@ def _slacks_of(compiled: Any, variables: Mapping[str, str], expression: Any) -> 
     kind, operator = expression.etype
     if kind != "relational" or operator == "~=":
         return []
-    aux: dict[str, Any] = {"params": {}, "overriden": {}, "exact": set()}
-    sides = [compiled._jax(side, aux, dtype=compiled.REAL) for side in expression.args]
-    model = dict(aux["params"])
+    sides = [compiled_expression(compiled, side, compiled.REAL) for side in expression.args]
     nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)[1]
     least = _LEAST_SLACK if operator in ("<", ">") else 0.0
     sizes = [len(compiled.rddl.type_to_objects[kind]) for kind in variables.values()]
 
     def slack(sign: float, fluents: Any) -> Array:
-        key = jax.random.PRNGKey(0)
-        left, right = (side(fluents, nonfluents, model, key)[0] for side in sides)
+        left, right = (side(fluents, nonfluents) for side in sides)
         room = sign * (right - left) - least * (1.0 + jnp.abs(right))
         return jnp.ravel(jnp.broadcast_to(room, sizes))
 
