@@ -5,7 +5,7 @@ from helpers.mistakes import one_line
 from mdpo_rddl.bench.common.auto_variants import VARIANTS
 from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.settings import load_setting
-from mdpo_rddl.bench.paper.published import TABLE
+from mdpo_rddl.bench.common.table1 import TABLE
 from mdpo_rddl.bench.presets.names import VARIANT_NAMES
 
 

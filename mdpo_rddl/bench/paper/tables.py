@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.bench.common.names import SETTINGS
+from mdpo_rddl.bench.common.table1 import TABLE
 from mdpo_rddl.bench.paper.cells import Trained
 from mdpo_rddl.bench.paper.iterates import LAST
 from mdpo_rddl.bench.paper.names import ADAPTIVE, METHODS, PPO
-from mdpo_rddl.bench.paper.published import TABLE
 from mdpo_rddl.bench.paper.statistics import (
     Interval,
     bootstrap_interval,

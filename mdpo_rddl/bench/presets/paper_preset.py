@@ -11,7 +11,7 @@ from mdpo_rddl.bench.common.names import SETTINGS
 from mdpo_rddl.bench.common.records import Records, mean_and_spread
 from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.common.size import Size
-from mdpo_rddl.bench.paper.published import TABLE
+from mdpo_rddl.bench.common.table1 import TABLE
 from mdpo_rddl.bench.presets.names import NOISES
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig

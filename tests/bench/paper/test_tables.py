@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from mdpo_rddl.bench.common.table1 import TABLE
 from mdpo_rddl.bench.paper.cells import Trained
 from mdpo_rddl.bench.paper.iterates import kept_iterations
-from mdpo_rddl.bench.paper.published import TABLE
 from mdpo_rddl.bench.paper.tables import (
     Measured,
     as_csv,
