@@ -41,7 +41,7 @@ class EarlyRulesArm(ArenaArm):
         arena, probe = self._arena, self._arena.probe
         assert arena.probed is not None
         try:
-            found = arena.probed.best_rule(self.name, EARLY_RULE, arena.seed, until, self._clock)
+            found = arena.probed.best_rule((self.name, EARLY_RULE), arena.seed, until, self._clock)
         except Exception as error:  # the race goes on without it
             logger.info("no early rule: %s", one_line_cause(error))
             return

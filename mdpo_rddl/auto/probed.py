@@ -3,6 +3,7 @@
 import logging
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,11 +11,17 @@ from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.constants import Constants
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.population import PopulationReturns
-from mdpo_rddl.auto.search.rules import RULE_SIGMA, Drawing, random_rules
-from mdpo_rddl.auto.search.weights import simple_weights
+from mdpo_rddl.auto.search.rules import (
+    REFINING_SIGMA,
+    RULE_SIGMA,
+    Drawing,
+    random_rules,
+)
+from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
 from mdpo_rddl.auto.sizes import Size
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.problem.evaluation import mean_and_error
 
 logger = logging.getLogger(__name__)
@@ -24,7 +31,9 @@ _FEWEST_RULES, _FEWEST_BATCHES = 8, 8
 # of the time: for random rules before the best of them is adapted; of all of it, for batches that
 # tell which is better, of so many at most and by random numbers of their own
 _RANDOM_SHARE, _FRESH_SHARE, _FRESH_BATCHES, _FRESH = 0.5, 0.3, 32, 10**6
-_TOLD = "%d batches of %d rules by the program of the constants, %d more adapt the best one"
+# of what its adaptation has gained: a rule that gains less in a quarter of it is left
+_LEAST_GAIN = 1e-4
+_TOLD = "%d batches of %d rules by the program of the constants, %d and %d more adapt the best one"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,39 +54,86 @@ class Probed:
         least = _FEWEST_BATCHES * plays.seconds
         return plays.size.at_once >= _FEWEST_RULES and until - clock() > least
 
-    def best_rule(self, arm: str, label: str, seed: int, until: float, clock: Clock) -> Candidate:
+    def best_rule(
+        self,
+        named: tuple[str, str],
+        seed: int,
+        until: float,
+        clock: Clock,
+        begin: Params | None = None,
+    ) -> Candidate:
         """The best of random rules, or what its adaptation has led to.
 
         Args:
-          arm, label: of the candidate.
+          named: arm and label of the candidate.
           seed: of the rules and of their rollouts.
           until: when to end, by the clock; there must be time.
           clock: what is asked for the time.
+          begin: parameters of a rule to adapt in place of random ones.
 
         Returns:
           A candidate of its own planner, with mean and error in fresh rollouts.
         """
         plays = self.plays
-        plan = plays.planner.feedback_plan
-        weights = simple_weights(plan.noop(seed), plan)
         size = Size(plays.size.at_once, plays.size.rollouts, None)
         population = PopulationReturns(plays, size, seed)
         fresh = min(_FRESH_SHARE * (until - clock()), _FRESH_BATCHES * plays.seconds)
         search_until = until - max(fresh, 3.0 * plays.seconds)
-        random_until = clock() + _RANDOM_SHARE * (search_until - clock())
-        random = np.random.default_rng([seed, size.population])
-        drawn = random_rules(population, weights, random, Drawing(until=random_until, clock=clock))
-        start = drawn.kept[0].vector
-        adaptation = Adaptation(start, Sampling(RULE_SIGMA, size.population, seed + 1), clock)
-        adaptation.run(partial(population, weights), search_until)
-        logger.info(_TOLD, drawn.populations, size.population, adaptation.iterations)
-        both = [start, adaptation.mean]
-        batch = np.stack([both[number % 2] for number in range(size.population)])
+        weights = weights_of(begin or plays.planner.feedback_plan.noop(seed), ["shared"])
+        if begin is None:
+            found = self._searched(population, seed, search_until, clock)
+        else:
+            end = _Adapting(population, seed, search_until, clock)(weights, weights.start, True)
+            found = [weights.start, end.mean]
+        batch = np.stack([found[number % len(found)] for number in range(size.population)])
         means: list[np.ndarray] = []
         while len(means) < 2 or (len(means) < _FRESH_BATCHES and clock() + plays.seconds < until):
-            means.append(population(weights, _FRESH + len(means), batch)[:2])
+            means.append(population(weights, _FRESH + len(means), batch)[: len(found)])
         told_means = np.mean(means, axis=0)
         best = int(np.argmax(np.where(np.isfinite(told_means), told_means, -np.inf)))
         mean, error = mean_and_error(np.array(means)[:, best])
-        params = weights.to_params(both[best])
-        return Candidate(arm, label, self.config, plays.planner, params, mean=mean, error=error)
+        params = weights.to_params(found[best])
+        return Candidate(*named, self.config, plays.planner, params, mean=mean, error=error)
+
+    def _searched(
+        self, population: PopulationReturns, seed: int, until: float, clock: Clock
+    ) -> list[np.ndarray]:
+        """The best random rule, what its adaptation ends with, and the same with all weights.
+
+        Vectors of all shared weights. An adaptation ends where it gains no more.
+        """
+        plan = self.plays.planner.feedback_plan
+        noop, most = plan.noop(seed), population.population
+        simple, every = simple_weights(noop, plan), weights_of(noop, ["shared"])
+        random_until = clock() + _RANDOM_SHARE * (until - clock())
+        drawing = Drawing(until=random_until, clock=clock)
+        drawn = random_rules(population, simple, np.random.default_rng([seed, most]), drawing)
+        start = drawn.kept[0].vector
+        adapted = _Adapting(population, seed, until, clock)
+        rule = adapted(simple, start)
+        first, second = (_in_all(simple, vector) for vector in (start, rule.mean))
+        refined = adapted(every, second, refines=True)
+        logger.info(_TOLD, drawn.populations, most, rule.iterations, refined.iterations)
+        return [first, second, refined.mean]
+
+
+class _Adapting(NamedTuple):
+    """Adapts vectors of weights until they gain no more, or the time is over."""
+
+    population: PopulationReturns
+    seed: int
+    until: float
+    clock: Clock
+
+    def __call__(self, weights: Weights, begin: np.ndarray, refines: bool = False) -> Adaptation:
+        sigma = REFINING_SIGMA if refines else RULE_SIGMA
+        size = self.population.population
+        sampling = Sampling(sigma, size, self.seed + 1, least_gain=_LEAST_GAIN)
+        adaptation = Adaptation(begin, sampling, self.clock)
+        adaptation.run(partial(self.population, weights), self.until)
+        return adaptation
+
+
+def _in_all(simple: Weights, vector: np.ndarray) -> np.ndarray:
+    """A simple rule's vector among all shared weights."""
+    return weights_of(simple.to_params(vector), ["shared"]).start

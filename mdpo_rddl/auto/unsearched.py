@@ -10,6 +10,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate
 from mdpo_rddl.auto.probing import without_units
+from mdpo_rddl.planner.plans.feedback import Params
 
 logger = logging.getLogger(__name__)
 
@@ -64,12 +65,19 @@ def correct_by_probing(arena: Arena) -> None:
 def found_by_probing(arena: Arena) -> Iterator[Candidate]:
     """Rules, found by the program that has played the probing's constants, while there is time.
 
-    Each has been searched from others, and is told by rollouts of its own.
+    In turn one is searched from others, and the best so far goes on. Each is told by rollouts of
+    its own.
     """
     probed, deadline, clock, seed = arena.probed, arena.deadline, arena.clock, arena.seed
+    best: Candidate | None = None
+    begin: Params | None = None
     while probed is not None and probed.has_time(deadline, clock):
         arena.pulse()
-        yield probed.best_rule(SIMPLE, RANDOM_RULE, seed, deadline, clock)
+        found = probed.best_rule((SIMPLE, RANDOM_RULE), seed, deadline, clock, begin)
+        yield found
+        if best is None or found.known_mean > best.known_mean:
+            best = found
+        begin = best.params if begin is None else None
         seed = (seed + _APART) % 2**31
 
 

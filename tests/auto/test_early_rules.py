@@ -17,11 +17,11 @@ class Probed:
     def has_time(self, until, clock):
         return True
 
-    def best_rule(self, arm, label, seed, until, clock):
+    def best_rule(self, named, seed, until, clock):
         self.ends.append(until)
         if self.error is not None:
             raise self.error
-        return SimpleNamespace(label=label, known_mean=self.mean, error=0.3)
+        return SimpleNamespace(label=named[1], known_mean=self.mean, error=0.3)
 
 
 def arena(probed, seconds=60.0, raises=False):

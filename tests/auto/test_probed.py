@@ -51,7 +51,7 @@ def test_few_policies_of_a_batch_are_not_searched(lake, clock):
 
 
 def test_a_rule_returns_what_is_said_of_it(lake, plays, clock):
-    found = plays.best_rule("an arm", "a rule", 0, clock() + 2000.0, clock)
+    found = plays.best_rule(("an arm", "a rule"), 0, clock() + 2000.0, clock)
     assert (found.arm, found.label, found.config) == ("an arm", "a rule", plays.config)
     assert found.mean > NOOP_RETURN + 1000.0
     assert 0.0 < found.error < 100.0
@@ -61,7 +61,7 @@ def test_a_rule_returns_what_is_said_of_it(lake, plays, clock):
 
 
 def test_with_hardly_any_time_two_batches_tell_its_error(plays, clock):
-    found = plays.best_rule("an arm", "a rule", 0, clock(), clock)
+    found = plays.best_rule(("an arm", "a rule"), 0, clock(), clock)
     assert np.isfinite(found.error)
 
 
@@ -101,10 +101,10 @@ def test_where_a_search_would_have_little_time_nothing_more_is_compiled(lake, mo
     noop, constant, *rules = (judged.candidate for judged in outcome.judged)
     # more rollouts than those of the probing say what they return
     assert min(noop.error, constant.error) > 0.0
-    # searched from other rules each time
-    assert len(rules) > 1
-    first, second = (rule.params["shared"]["pump"] for rule in rules[:2])
-    assert not np.allclose(first, second)
+    # the second one goes on with the first, the third begins with others
+    assert len(rules) > 2
+    first, second, third = (rule.params["shared"]["pump"] for rule in rules[:3])
+    assert np.linalg.norm(second - first) < np.linalg.norm(third - first)
 
 
 def test_where_a_population_comes_too_late_rules_are_found_too(lake, monkeypatch, caplog):

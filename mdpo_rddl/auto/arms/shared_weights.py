@@ -7,13 +7,13 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, ArenaArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
-from mdpo_rddl.auto.search.rules import FEW_RULES, Drawing, random_rules
+from mdpo_rddl.auto.search.rules import FEW_RULES, REFINING_SIGMA, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
 from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.errors import Cancelled, note_heard
 
 SHARED_WEIGHTS = "shared weights"
-_SIGMA, _REFINING_SIGMA = 0.5, 0.1
+_SIGMA = 0.5
 # of a simple rule: what was gained by the quarter of its iterations before it is left
 _LEAST_GAIN = 0.01
 # of a slice: what the simple rules begin with, and their adaptations; of all weights, likewise
@@ -120,7 +120,7 @@ class SharedWeightsArm(ArenaArm):
         if vectors := self._every:
             if len(vectors) == 1 and not resumes:
                 self._adapting.restore(None)  # it was one of a simple rule
-            starts = (vectors[0], _REFINING_SIGMA), (every.start, _SIGMA)
+            starts = (vectors[0], REFINING_SIGMA), (every.start, _SIGMA)
             for start, sigma in starts[len(vectors) - 1 :]:
                 end = self._part(until, 3 - len(vectors))
                 vectors.append(self._adapted(every, start, self._sampling(sigma), end))

@@ -13,6 +13,8 @@ from mdpo_rddl.auto.timing import Clock
 
 RULE_SIGMA = 0.5
 """Deviation of a weight that is not zero."""
+REFINING_SIGMA = 0.1
+"""Deviation of a weight where a rule that was found goes on with all weights."""
 FEW_RULES = 512
 """Rules that say where a search may begin."""
 # every so many rules have all their weights times a power of ten, of an exponent in between: where
