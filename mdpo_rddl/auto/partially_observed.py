@@ -1,8 +1,9 @@
 """Planning where the state is observed in part only.
 
-The race looks for a policy that remembers. Then the underlying MDP is planned, and what a belief of
-the state elects by its policy is played in the same episodes as the race's policy; the better one
-is the result. The underlying policy stays with it, for thinking at the decision.
+The optimum of the underlying MDP is looked for, and what a belief of the state elects by it is
+compiled. Then the race looks for a policy that remembers; where there was no optimum, a second race
+is for the underlying MDP. The vote and the race's policy are played in the same episodes, and the
+better one is the result. The underlying policy stays with it, for thinking at the decision.
 """
 
 import dataclasses
@@ -19,8 +20,10 @@ from mdpo_rddl.auto.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.unjudged import ended_by, left_at, unjudged_outcome
 from mdpo_rddl.auto.voting_trial import ACTION_VOTING, VotingTrial
 from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
+from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
+from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.policy.file import SavedPlanRule, SavedPolicy, SavedTable
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
@@ -102,52 +105,71 @@ def _with_underlying(
             options.on_stage(_UNDERLYING)
             vote = VotingTrial(optimum, options)
             vote.compile_before(problem, config, seed, _VOTE_SHARE * (deadline - clock()))
+        trial = min(_TRIAL_SHARE * (deadline - clock()), _TRIAL_SECONDS)
+        if vote is not None and not vote.is_compiled:
+            trial = 0.0
+        # a race that goes on counts what was used before
+        left = used + deadline - clock() - trial
+        # with both judges' programs too late nothing at all would be found
+        latest = deadline if vote is None else -math.inf
+        patient = dataclasses.replace(options, at_the_latest=latest)
+        share = 1.0 if vote is not None else 1.0 - _RACE_SHARE
+        outcome = run_race(problem, _within(config, share * left), seed, patient)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
-        return _stopped(stop, problem, config, seed, options)
-    trial = min(_TRIAL_SHARE * (deadline - clock()), _TRIAL_SECONDS)
-    if vote is not None and not vote.is_compiled:
-        trial = 0.0
-    # a race that goes on counts what was used before
-    left = used + deadline - clock() - trial
-    # with both judges' programs too late nothing at all would be found
-    latest = deadline if vote is None else -math.inf
-    patient = dataclasses.replace(options, at_the_latest=latest)
-    share = 1.0 if vote is not None else 1.0 - _RACE_SHARE
-    outcome = run_race(problem, _within(config, share * left), seed, patient)
-    if outcome.interrupted or not isinstance(outcome.policy, Policy):
+        return _stopped(stop, (problem, config, seed), options, since)
+    if not isinstance(outcome.policy, Policy):
         return outcome
+    if outcome.interrupted:
+        return outcome if vote is None else vote.unplayed(outcome)
     try:
         left = deadline - trial - clock()
         if vote is None and left > 0.0:
             options.on_stage(_UNDERLYING)
             saved = _raced(underlying, _within(config, left), seed, options)
             vote = None if saved is None else VotingTrial(saved, options)
+        options.on_stage(_UNDERLYING)
         return outcome if vote is None else vote.played(outcome, since, deadline)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
+        outcome = outcome if vote is None else vote.unplayed(outcome)
         return dataclasses.replace(outcome, interrupted=True)
 
 
 def _stopped(
     stop: BaseException,
-    problem: Problem,
-    config: PlannerConfig,
-    seed: int,
+    planned: tuple[Problem, PlannerConfig, int],
     options: RaceOptions,
+    since: float,
 ) -> RaceOutcome:
-    """The outcome where there was no race yet: the no-op.
+    """The outcome where no race has found anything yet: the no-op.
+
+    Args:
+      stop: what has ended it.
+      planned: the problem, the configuration and the seed.
+      options: of the race.
+      since: when everything began, by the clock.
 
     Raises:
       BaseException: `stop`, if the no-op cannot be played in time, or an earlier race has left
         something better, which stays for the next one then.
     """
-    clock, earlier = options.clock, options.earlier
-    until, first = clock() + _STOPPED_SECONDS, None
-    if earlier is None:
-        first = first_policy(problem, config, seed, lambda: clock() < until)
-    left = left_at(stop, first, earlier, problem, seed)
-    outcome = unjudged_outcome(left, [], problem, seed, 0.0)
+    (problem, config, seed), clock = planned, options.clock
+    until, first = math.inf, None
+
+    def goes_on() -> bool:
+        nonlocal until
+        if math.isinf(until):  # its planner is built then, which nothing ends
+            until = clock() + _STOPPED_SECONDS
+        return clock() < until
+
+    if options.earlier is None:
+        with computing_on(fitting_device(problem)):
+            first = first_policy(problem, config, seed, goes_on)
+    left = left_at(stop, first, options.earlier, problem, seed)
+    outcome = unjudged_outcome(left, [], problem, seed, clock() - since)
+    for judged in outcome.judged:
+        options.on_judged(judged)
     return ended_by(outcome, stop)
 
 

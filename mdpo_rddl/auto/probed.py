@@ -17,7 +17,7 @@ from mdpo_rddl.auto.search.rules import (
     Drawing,
     random_rules,
 )
-from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
+from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -98,23 +98,21 @@ class Probed:
     def _searched(
         self, population: PopulationReturns, seed: int, until: float, clock: Clock
     ) -> list[np.ndarray]:
-        """The best random rule, what its adaptation ends with, and the same with all weights.
+        """The best random rule, what its adaptation ends with, and once more with small deviations.
 
-        Vectors of all shared weights. An adaptation ends where it gains no more.
+        An adaptation ends where it gains no more.
         """
-        plan = self.plays.planner.feedback_plan
-        noop, most = plan.noop(seed), population.population
-        simple, every = simple_weights(noop, plan), weights_of(noop, ["shared"])
+        most = population.population
+        weights = weights_of(self.plays.planner.feedback_plan.noop(seed), ["shared"])
         random_until = clock() + _RANDOM_SHARE * (until - clock())
         drawing = Drawing(until=random_until, clock=clock)
-        drawn = random_rules(population, simple, np.random.default_rng([seed, most]), drawing)
+        drawn = random_rules(population, weights, np.random.default_rng([seed, most]), drawing)
         start = drawn.kept[0].vector
         adapted = _Adapting(population, seed, until, clock)
-        rule = adapted(simple, start)
-        first, second = (_in_all(simple, vector) for vector in (start, rule.mean))
-        refined = adapted(every, second, refines=True)
+        rule = adapted(weights, start)
+        refined = adapted(weights, rule.mean, refines=True)
         logger.info(_TOLD, drawn.populations, most, rule.iterations, refined.iterations)
-        return [first, second, refined.mean]
+        return [start, rule.mean, refined.mean]
 
 
 class _Adapting(NamedTuple):
@@ -132,8 +130,3 @@ class _Adapting(NamedTuple):
         adaptation = Adaptation(begin, sampling, self.clock)
         adaptation.run(partial(self.population, weights), self.until)
         return adaptation
-
-
-def _in_all(simple: Weights, vector: np.ndarray) -> np.ndarray:
-    """A simple rule's vector among all shared weights."""
-    return weights_of(simple.to_params(vector), ["shared"]).start

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from mdpo_rddl.auto.arena import Arena
 from mdpo_rddl.auto.arms.simple import CONSTANT, RANDOM_RULE, SIMPLE
 from mdpo_rddl.auto.candidate import NOOP, Candidate
 from mdpo_rddl.auto.probing import without_units
+from mdpo_rddl.auto.search.weights import flat_vector
 from mdpo_rddl.planner.plans.feedback import Params
 
 logger = logging.getLogger(__name__)
@@ -74,11 +76,20 @@ def found_by_probing(arena: Arena) -> Iterator[Candidate]:
     while probed is not None and probed.has_time(deadline, clock):
         arena.pulse()
         found = probed.best_rule((SIMPLE, RANDOM_RULE), seed, deadline, clock, begin)
-        yield found
-        if best is None or found.known_mean > best.known_mean:
-            best = found
-        begin = best.params if begin is None else None
+        # a rule that was told before would only be told by other luck
+        if begin is None or not _are_alike(begin, found.params):
+            yield found
+            best = found if best is None else max(best, found, key=_known)
+        begin = best.params if begin is None and best is not None else None
         seed = (seed + _APART) % 2**31
+
+
+def _known(candidate: Candidate) -> float:
+    return candidate.known_mean if math.isfinite(candidate.known_mean) else -math.inf
+
+
+def _are_alike(one: Params, other: Params) -> bool:
+    return bool(np.array_equal(flat_vector(one), flat_vector(other)))
 
 
 def known_without_rollouts(arena: Arena, initial: Sequence[Candidate]) -> list[Candidate]:

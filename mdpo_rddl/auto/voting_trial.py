@@ -19,12 +19,13 @@ from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.probing import Probe
 from mdpo_rddl.auto.unjudged import noop_of
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH
 from mdpo_rddl.planner.device import fitting_device
+from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.policy.file import SavedPolicy, SavedTable
 from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, paired_returns
 from mdpo_rddl.policy.policy import Policy
@@ -77,7 +78,9 @@ class _Trial:
         known, error = self.raced.mean, self.raced.error
         # of a no-op that was hardly played nothing else is known
         spread = math.hypot(spread, error) if math.isfinite(error) else spread
-        return known is None or mean - known > ERRORS * spread
+        if known is None:
+            return bool(np.all(self.returns > LOST))
+        return mean - known > ERRORS * spread
 
     @property
     def _is_alone(self) -> bool:
@@ -101,6 +104,8 @@ class VotingTrial:
         self.log = ArmLog(ACTION_VOTING)
         self._saved, self._clock, self._on_judged = saved, options.clock, options.on_judged
         self._voting: Policy | None = None
+        # the race's policy, once it can be played
+        self._raced: Policy | None = None
 
     @property
     def is_compiled(self) -> bool:
@@ -139,17 +144,33 @@ class VotingTrial:
         alone = outcome.policy
         assert isinstance(alone, Policy)
         alone = dataclasses.replace(alone, saved_underlying=self._saved)
-        outcome = dataclasses.replace(outcome, policy=alone, arms=[*outcome.arms, self.log])
         if self.log.slices == 0:
             self._compile_beside(alone, outcome.probe, deadline)
-        began = self._clock()
+        began, trial = self._clock(), None
         try:
             trial = self._tried(alone, outcome.chosen, deadline)
+        except Exception as error:  # the race's result is there all the same
+            self._give_up(error)
         finally:
             self.log.seconds += self._clock() - began
-        compiled = outcome.compile_seconds + self.log.compile_seconds
-        outcome = dataclasses.replace(outcome, compile_seconds=compiled)
+        outcome = self.unplayed(outcome)
+        if self._raced is not None:
+            outcome = dataclasses.replace(outcome, policy=self._raced)
         return outcome if trial is None else self._told(outcome, trial, since)
+
+    def unplayed(self, outcome: RaceOutcome) -> RaceOutcome:
+        """The race's outcome with the underlying MDP's policy, and what was done for the vote."""
+        assert isinstance(outcome.policy, Policy)
+        return dataclasses.replace(
+            outcome,
+            policy=dataclasses.replace(outcome.policy, saved_underlying=self._saved),
+            arms=[*outcome.arms, self.log],
+            compile_seconds=outcome.compile_seconds + self.log.compile_seconds,
+        )
+
+    def _give_up(self, error: Exception) -> None:
+        logger.warning("no vote over the belief: %s", one_line_cause(error))
+        self.log.details = {"cause": one_line_cause(error)}
 
     def _compile_beside(self, alone: Policy, probe: Probe | None, deadline: float) -> None:
         """Compiles the vote with the race's policy, unless it is likely to be too late."""
@@ -175,9 +196,8 @@ class VotingTrial:
                 self._voting = compiled_within(seconds, compiled)
         except TooLateError:
             self.log.details = _NO_TIME
-        except InputError as error:
-            logger.warning("no vote over the belief: %s", one_line_cause(error))
-            self.log.details = {"cause": one_line_cause(error)}
+        except Exception as error:  # a race needs no vote
+            self._give_up(error)
         finally:
             self.log.compile_seconds = self.log.seconds = self._clock() - began
 
@@ -194,9 +214,11 @@ class VotingTrial:
             is_known = raced.mean is not None and math.isfinite(raced.error)
             if not is_known or began + _ALONE * self.log.compile_seconds < deadline:
                 with contextlib.suppress(TooLateError):
-                    wait = _WAITING * (deadline - began)
-                    compiled_within(wait, lambda: _play_steps(alone))
-                    policies.append(alone)
+                    # what is too late is played on by nobody else
+                    own = dataclasses.replace(alone)
+                    compiled_within(_WAITING * (deadline - began), lambda: _play_steps(own))
+                    self._raced = own
+                    policies.append(own)
             self.log.compile_seconds += clock() - began
             returns = paired_returns(alone.problem, policies, deadline, clock, _SEED + alone.seed)
         self.log.iterations = len(returns)

@@ -23,7 +23,9 @@ from mdpo_rddl.auto import (
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.voting_trial import VotingTrial
 from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.policy.file import SavedTable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
@@ -92,7 +94,7 @@ def test_the_vote_is_taken_where_it_returns_more(raced):
     # the underlying MDP's states are enumerated, and no race is for them
     # 15 s for the vote's episodes
     assert (found.asked, found.latest) == ([(True, 85.0)], [-np.inf])
-    assert found.stages == ["enumerating", "underlying MDP"]
+    assert found.stages == ["enumerating", "underlying MDP", "underlying MDP"]
     outcome = found.outcome
     assert outcome.policy.votes
     assert (outcome.chosen.arm, outcome.chosen.label) == ("action voting", "vote over the belief")
@@ -158,7 +160,52 @@ def test_an_interruption_of_the_second_race_keeps_the_first(raced, end):
 def test_an_interruption_of_the_first_race_ends_all(raced):
     found = raced(race_outcome(careless(), interrupted=True))
     assert found.outcome.interrupted
-    assert found.outcome.policy.saved_underlying is None
+    # what was planned before is kept for thinking
+    assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
+    (log,) = found.outcome.arms
+    assert (log.name, log.slices, log.iterations) == ("action voting", 1, 0)
+    assert not found.outcome.policy.votes
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), Cancelled()])
+def test_a_stop_before_the_race_has_anything_leaves_the_no_op(raced, monkeypatch, stop):
+    def stopped(*given):
+        raise stop
+
+    first = race_outcome(careless())
+    monkeypatch.setattr(VotingTrial, "compile_before", lambda *given: None)
+    monkeypatch.setattr(partially_observed, "run_race", stopped)
+    options = RaceOptions(clock=Stopped())
+    outcome = plan_automatically(first.policy.problem, LONG, 0, options)
+    assert (outcome.interrupted, outcome.chosen.label) == (True, "no-op")
+    assert outcome.noop_return == outcome.chosen.mean
+
+
+def test_a_trial_that_fails_costs_a_warning(raced, monkeypatch, caplog):
+    def failing(*given):
+        raise ZeroDivisionError("the simulator\nfails")
+
+    monkeypatch.setattr(voting_trial, "paired_returns", failing)
+    found = raced(race_outcome(careless()))
+    assert "no vote over the belief: the simulator fails" in caplog.text
+    assert (found.outcome.chosen.arm, found.outcome.policy.votes) == ("own weights", False)
+    assert found.outcome.arms[0].details == {"cause": "the simulator fails"}
+
+
+def test_a_vote_that_fails_in_play_is_not_taken_for_an_unknown_policy(raced, monkeypatch):
+    ready = []
+
+    def once(seconds, call):
+        if ready:
+            raise TooLateError
+        ready.append(seconds)
+        return call()
+
+    monkeypatch.setattr(voting_trial, "compiled_within", once)
+    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.array([[9.0], [LOST], [9]]))
+    first = race_outcome(careless())
+    chosen = dataclasses.replace(first.chosen, mean=None, error=np.inf)
+    assert not raced(dataclasses.replace(first, chosen=chosen)).outcome.policy.votes
 
 
 def test_the_vote_can_be_left_out(raced):

@@ -1,5 +1,7 @@
 """Rules by the program of the constants, where the judge's comes too late."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.clocks import Ticking
@@ -13,6 +15,7 @@ from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.outcome import policy_of
 from mdpo_rddl.auto.probed import Probed
 from mdpo_rddl.auto.probing import constants_for, probe
+from mdpo_rddl.auto.unsearched import found_by_probing
 from mdpo_rddl.planner.build import build_planner
 
 NOOP_RETURN = -2400.0
@@ -101,10 +104,29 @@ def test_where_a_search_would_have_little_time_nothing_more_is_compiled(lake, mo
     noop, constant, *rules = (judged.candidate for judged in outcome.judged)
     # more rollouts than those of the probing say what they return
     assert min(noop.error, constant.error) > 0.0
-    # the second one goes on with the first, the third begins with others
-    assert len(rules) > 2
-    first, second, third = (rule.params["shared"]["pump"] for rule in rules[:3])
-    assert np.linalg.norm(second - first) < np.linalg.norm(third - first)
+    # each is told once
+    pumps = [tuple(rule.params["shared"]["pump"]) for rule in rules]
+    assert len(set(pumps)) == len(pumps) > 1
+
+
+def test_the_best_rule_goes_on_between_others():
+    """The first search finds 2, the second nothing new, the third 3, the fourth no number."""
+
+    def rule(mean, weight):
+        return SimpleNamespace(known_mean=mean, params={"shared": np.array([weight])})
+
+    ends = iter([rule(2.0, 0.0), rule(9.0, 0.0), rule(3.0, 1.0), rule(np.nan, 2.0)])
+    begins, left = [], [True] * 5 + [False]
+
+    def best_rule(named, seed, until, clock, begin):
+        begins.append(begin and begin["shared"][0])
+        return next(ends, rule(1.0, 3.0))
+
+    searches = SimpleNamespace(best_rule=best_rule, has_time=lambda *_: left.pop(0))
+    arena = SimpleNamespace(probed=searches, deadline=9.0, clock=None, seed=0, pulse=lambda: None)
+    found = [candidate.params["shared"][0] for candidate in found_by_probing(arena)]
+    assert found == [0.0, 1.0, 2.0, 3.0]
+    assert begins == [None, 0.0, None, 1.0, None]
 
 
 def test_where_a_population_comes_too_late_rules_are_found_too(lake, monkeypatch, caplog):

@@ -97,11 +97,12 @@ class PopulationReturns:
         self._program, self._rollouts, self._avoids = program, size.rollouts, avoids
         self._by_parts = program if isinstance(program, ByParts) else None
         self._key = key_for(Draws.POPULATION, seed)
+        self._calls = 1
 
     @property
     def seconds(self) -> float:
-        """Of the latest population."""
-        return self._program.seconds
+        """Of the latest population, all of its rollouts."""
+        return self._calls * self._program.seconds
 
     @property
     def compile_seconds(self) -> float:
@@ -111,17 +112,18 @@ class PopulationReturns:
     def __call__(self, weights: Weights, iteration: int, vectors: np.ndarray) -> np.ndarray:
         """Mean returns [P] of vectors [P, D]; all candidates see the same random numbers."""
         key, batch = jax.random.fold_in(self._key, iteration), self._batch(weights, vectors)
-        returns = self._program(key, batch)
+        returns, self._calls = self._program(key, batch), 1
         # candidates that have lost nothing yet are told apart by how rarely they do
         while self._wants_more(returns):
             own_key = jax.random.fold_in(key, returns.shape[1])
             returns = np.concatenate([returns, self._program(own_key, batch)], axis=1)
+            self._calls += 1
         return np.mean(returns, axis=1)
 
     def _wants_more(self, returns: np.ndarray) -> bool:
         """Whether more rollouts than these [P, N] are worth their time."""
         count = returns.shape[1]
-        takes = self.seconds * (count // self._rollouts + 1)
+        takes = self._program.seconds * (self._calls + 1)
         if not self._avoids or count >= _MOST_AVOIDING or takes > _SLOW_SECONDS:
             return False
         return bool(np.mean(np.any(returns <= LOST, axis=1)) < _LOSING_SHARE)
@@ -151,9 +153,10 @@ class PopulationReturns:
         places = [number % len(vectors) for number in range(self.population)]
         batch = np.stack([vectors[place] for place in places])
         batches = min(_FINAL_BATCHES, math.ceil(_FINAL_ROLLOUTS / self._rollouts))
-        batches = 1 if self.seconds > _SLOW_SECONDS else batches
+        seconds = self._program.seconds
+        batches = 1 if seconds > _SLOW_SECONDS else batches
         while self._avoids and batches * self._rollouts < _MOST_AVOIDING:
-            if (batches + 1) * self.seconds > _SLOW_SECONDS:
+            if (batches + 1) * seconds > _SLOW_SECONDS:
                 break
             batches += 1
         params = self._batch(weights, batch)
@@ -202,7 +205,7 @@ def compile_population(
         if rollouts > min(rollouts_tried) and least > too_long:
             continue
         program = _compiled(planner, tried, clock, deadline)
-        population = PopulationReturns(program, tried, seed, avoids)
+        population = PopulationReturns(program, tried, seed, avoids and not wanted.deterministic)
         population(shared, 0, zeros)
         if size.side_by_side is None:
             population(shared, 0, zeros)  # the first call compiled

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from mdpo_rddl.bench.common.names import SETTINGS
-
 
 class Published(NamedTuple):
     """One cell of the paper's table."""
@@ -12,6 +10,7 @@ class Published(NamedTuple):
     std: float
 
 
+_SETTINGS = ("hvac10", "hvac20", "powergen7", "powergen11", "reservoir15", "reservoir30")
 _MEANS_AND_STDS = {
     "ppo": (
         (-4706559.94, -5799263.08, -119950.01, -120000.00, -1567404.88, -3821075.16),
@@ -41,6 +40,6 @@ _MEANS_AND_STDS = {
 TABLE: dict[tuple[str, str], Published] = {
     (setting, method): Published(mean, std)
     for method, (means, stds) in _MEANS_AND_STDS.items()
-    for setting, mean, std in zip(SETTINGS, means, stds, strict=True)
+    for setting, mean, std in zip(_SETTINGS, means, stds, strict=True)
 }
 """By setting and method."""
