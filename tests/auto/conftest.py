@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from helpers.hidden_races import told_races
 from helpers.lakes import preset, write_lake
 from helpers.problems import write_corridor
 from helpers.races import CLOCK
@@ -73,3 +74,9 @@ def in_one_arena(compiled, monkeypatch):
         return arena
 
     monkeypatch.setattr(race, "_arena", as_new)
+
+
+@pytest.fixture
+def raced(monkeypatch):
+    """Plans where the state is hidden, with races that give what they are told to."""
+    return told_races(monkeypatch)

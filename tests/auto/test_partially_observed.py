@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.clocks import Stopped
+from helpers.hidden_races import LONG, race_outcome
 from helpers.lakes import preset
 from helpers.levers import NONE, lever_policy
 from helpers.tiger import listener
@@ -15,68 +16,15 @@ from helpers.umbrella import careless, voting
 
 from mdpo_rddl.auto import (
     RaceOptions,
-    RaceOutcome,
     partially_observed,
     plan_automatically,
-    voting_trial,
 )
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.auto.voting_trial import VotingTrial
 from mdpo_rddl.errors import Cancelled, InputError
-from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.policy.file import SavedTable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
-
-LONG = preset(100.0)
-
-
-def race_outcome(policy, interrupted=False):
-    """Of a race that found the policy in a second."""
-    candidate = Candidate("own weights", "own weights", LONG, None, {}, mean=1.0)
-    rest = {"noop_return": None, "random_return": None, "compile_seconds": 0.25}
-    probe = SimpleNamespace(compile_seconds=0.25)
-    ended = {"seconds": 1.0, "interrupted": interrupted}
-    return RaceOutcome(policy, candidate, (), [], probe=probe, **ended, **rest)
-
-
-@pytest.fixture
-def raced(monkeypatch):
-    """Plans with races of which the seconds are noted, and which give what they are told to."""
-
-    def use(first, second=None, without=(), enumerates=True, clock=None, takes=0.0, earlier=None):
-        asked, lefts, latest, ends = [], [], [], iter((first, second))
-
-        def run(problem, config, seed, options):
-            asked.append((bool(problem.model.observ_fluents), config.budget().seconds))
-            lefts.append(config.section("Search")["without"])
-            latest.append(options.at_the_latest)
-            if clock is not None:
-                clock.now = max(clock.now + takes, options.at_the_latest)
-            end = next(ends)
-            if isinstance(end, BaseException):
-                raise end
-            return end
-
-        monkeypatch.setattr(partially_observed, "run_race", run)
-        if not enumerates:
-            monkeypatch.setattr(partially_observed, "is_discrete", lambda problem: False)
-        stages, judged = [], []
-        options = RaceOptions(
-            on_stage=stages.append,
-            on_judged=judged.append,
-            clock=clock or Stopped(),
-            earlier=earlier,
-        )
-        problem = first.policy.problem
-        config = LONG.with_values("Search", without=[*without])
-        outcome = plan_automatically(problem, config, 0, options)
-        told = {"outcome": outcome, "stages": stages, "judged": judged}
-        return SimpleNamespace(asked=asked, lefts=lefts, latest=latest, **told)
-
-    return use
 
 
 def test_an_observed_state_needs_one_race(monkeypatch):
@@ -181,33 +129,6 @@ def test_a_stop_before_the_race_has_anything_leaves_the_no_op(raced, monkeypatch
     assert outcome.noop_return == outcome.chosen.mean
 
 
-def test_a_trial_that_fails_costs_a_warning(raced, monkeypatch, caplog):
-    def failing(*given):
-        raise ZeroDivisionError("the simulator\nfails")
-
-    monkeypatch.setattr(voting_trial, "paired_returns", failing)
-    found = raced(race_outcome(careless()))
-    assert "no vote over the belief: the simulator fails" in caplog.text
-    assert (found.outcome.chosen.arm, found.outcome.policy.votes) == ("own weights", False)
-    assert found.outcome.arms[0].details == {"cause": "the simulator fails"}
-
-
-def test_a_vote_that_fails_in_play_is_not_taken_for_an_unknown_policy(raced, monkeypatch):
-    ready = []
-
-    def once(seconds, call):
-        if ready:
-            raise TooLateError
-        ready.append(seconds)
-        return call()
-
-    monkeypatch.setattr(voting_trial, "compiled_within", once)
-    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.array([[9.0], [LOST], [9]]))
-    first = race_outcome(careless())
-    chosen = dataclasses.replace(first.chosen, mean=None, error=np.inf)
-    assert not raced(dataclasses.replace(first, chosen=chosen)).outcome.policy.votes
-
-
 def test_the_vote_can_be_left_out(raced):
     found = raced(race_outcome(careless()), without=["action voting"])
     assert (found.asked, found.stages) == ([(True, 100.0)], [])
@@ -240,111 +161,6 @@ def test_without_an_underlying_mdp_all_of_the_time_is_the_races(raced, monkeypat
     assert "no underlying MDP: it is no problem without what is observed" in caplog.text
 
 
-def test_without_time_for_three_episodes_the_policy_plays_alone(raced, monkeypatch):
-    two = np.array([[9.0, 1.0], [8.0, 1.0]])
-    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: two)
-    found = raced(race_outcome(careless()))
-    (log,) = found.outcome.arms
-    assert not found.outcome.policy.votes
-    assert (log.iterations, log.best_return, found.judged) == (2, None, [])
-    assert log.details == {"cause": "no time"}
-    # what can think with it has it
-    assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
-
-
-@pytest.mark.parametrize(
-    # what the vote returns in three episodes beside what the race says, 1 with an error
-    ("returns", "error", "pays"),
-    [
-        ([3.0, 2.0, 3.0], 0.1, True),
-        ([1.3, 1.0, 1.15], 0.1, True),
-        ([1.3, 1.0, 1.15], 0.3, False),
-        ([0.0, 5.0, -1.0], 0.1, False),
-        ([0.9, 0.8, 0.9], 0.1, False),
-    ],
-)
-def test_a_vote_that_takes_long_to_compile_is_compared_with_what_the_race_says(
-    raced, monkeypatch, returns, error, pays
-):
-    clock = Stopped()
-    played = []
-
-    def compiled(policy):
-        clock.now += 30.0
-
-    def alone(problem, policies, *_):
-        played.extend(policy.votes for policy in policies)
-        return np.array(returns)[:, np.newaxis]
-
-    monkeypatch.setattr(voting_trial, "_play_steps", compiled)
-    monkeypatch.setattr(voting_trial, "paired_returns", alone)
-    first = race_outcome(careless())
-    first = dataclasses.replace(first, chosen=dataclasses.replace(first.chosen, error=error))
-    found = raced(first, clock=clock, takes=55.0)
-    (log,) = found.outcome.arms
-    assert played == [True]
-    assert found.outcome.policy.votes == pays
-    assert (log.details, log.compile_seconds) == ({"race_return": 1.0}, 30.0)
-
-
-@pytest.mark.parametrize(
-    # what the probing's program took; None where that was not compiled in time
-    "probe",
-    [SimpleNamespace(compile_seconds=1000.0), None],
-)
-def test_nothing_is_compiled_that_would_end_late(raced, probe):
-    slow = dataclasses.replace(race_outcome(careless()), probe=probe)
-    second = race_outcome(voting().underlying)
-    (log,) = raced(slow, second, enumerates=False).outcome.arms
-    assert (log.slices, log.details) == (0, {"cause": "no time"})
-
-
-@pytest.fixture
-def too_late(monkeypatch):
-    """No vote is compiled in its time."""
-
-    def late(seconds, call):
-        raise TooLateError
-
-    monkeypatch.setattr(voting_trial, "compiled_within", late)
-
-
-def test_where_the_vote_of_an_optimum_is_too_late_the_race_has_what_is_left(raced, too_late):
-    found = raced(race_outcome(careless()))
-    assert found.asked == [(True, 100.0)]
-    (log,) = found.outcome.arms
-    assert (log.slices, log.details) == (1, {"cause": "no time"})
-    assert not found.outcome.policy.votes
-    assert isinstance(found.outcome.policy.saved_underlying, SavedTable)
-
-
-@pytest.mark.parametrize(
-    # what the no-op's episode on the environment says, if there was one; the vote returns 2
-    ("mean", "pays"),
-    [(1.0, True), (1.9, True), (2.1, False), (None, True)],
-)
-def test_a_vote_is_compared_with_whatever_is_known_of_a_no_op_that_cannot_be_played_in_time(
-    raced, monkeypatch, mean, pays
-):
-    ready = []
-
-    def once(seconds, call):
-        if ready:
-            raise TooLateError
-        ready.append(seconds)
-        return call()
-
-    monkeypatch.setattr(voting_trial, "compiled_within", once)
-    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.full((3, 1), 2.0))
-    first = race_outcome(careless())
-    chosen = dataclasses.replace(first.chosen, mean=mean, error=np.inf)
-    found = raced(dataclasses.replace(first, chosen=chosen))
-    assert found.outcome.policy.votes == pays
-    assert found.outcome.arms[0].details == {"race_return": mean}
-    # nine tenths of the time are waited for it
-    assert ready == [90.0]
-
-
 @pytest.mark.parametrize("stop", [KeyboardInterrupt(), Cancelled()])
 def test_a_stop_before_the_race_leaves_the_no_op(raced, monkeypatch, stop):
     def stopped(*given):
@@ -364,16 +180,6 @@ def test_a_stop_before_the_race_that_goes_on_leaves_it_to_the_next_one(raced, mo
     earlier = SimpleNamespace(seconds=1.0)
     with pytest.raises(KeyboardInterrupt):
         raced(race_outcome(careless()), earlier=earlier)
-
-
-def test_a_vote_that_cannot_be_made_is_told_in_one_line(raced, monkeypatch, caplog):
-    def refused(*given):
-        raise InputError("it reads\nmore than the state")
-
-    monkeypatch.setattr("mdpo_rddl.policy.policy.ActionVoting", refused)
-    (log,) = raced(race_outcome(careless())).outcome.arms
-    assert "no vote over the belief: it reads more than the state" in caplog.text
-    assert log.details == {"cause": "it reads more than the state"}
 
 
 @pytest.mark.long
