@@ -11,12 +11,7 @@ from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.constants import Constants
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.population import PopulationReturns
-from mdpo_rddl.auto.search.rules import (
-    REFINING_SIGMA,
-    RULE_SIGMA,
-    Drawing,
-    random_rules,
-)
+from mdpo_rddl.auto.search.rules import REFINING_SIGMA, RULE_SIGMA, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, weights_of
 from mdpo_rddl.auto.sizes import Size
 from mdpo_rddl.auto.timing import Clock

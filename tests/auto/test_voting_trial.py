@@ -9,13 +9,26 @@ from helpers.clocks import Stopped
 from helpers.hidden_races import race_outcome
 from helpers.umbrella import careless, voting
 
-from mdpo_rddl.auto import (
-    voting_trial,
-)
+from mdpo_rddl.auto import voting_trial
 from mdpo_rddl.auto.compilations import TooLateError
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.exact import LOST
 from mdpo_rddl.policy.file import SavedTable
+
+
+@pytest.fixture
+def ready(monkeypatch):
+    """How long the vote is waited for; no other policy can be played in time."""
+    waited = []
+
+    def once(seconds, call):
+        if waited:
+            raise TooLateError
+        waited.append(seconds)
+        return call()
+
+    monkeypatch.setattr(voting_trial, "compiled_within", once)
+    return waited
 
 
 def test_a_trial_that_fails_costs_a_warning(raced, monkeypatch, caplog):
@@ -29,16 +42,8 @@ def test_a_trial_that_fails_costs_a_warning(raced, monkeypatch, caplog):
     assert found.outcome.arms[0].details == {"cause": "the simulator fails"}
 
 
+@pytest.mark.usefixtures("ready")
 def test_a_vote_that_fails_in_play_is_not_taken_for_an_unknown_policy(raced, monkeypatch):
-    ready = []
-
-    def once(seconds, call):
-        if ready:
-            raise TooLateError
-        ready.append(seconds)
-        return call()
-
-    monkeypatch.setattr(voting_trial, "compiled_within", once)
     monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.array([[9.0], [LOST], [9]]))
     first = race_outcome(careless())
     chosen = dataclasses.replace(first.chosen, mean=None, error=np.inf)
@@ -129,17 +134,8 @@ def test_where_the_vote_of_an_optimum_is_too_late_the_race_has_what_is_left(race
     [(1.0, True), (1.9, True), (2.1, False), (None, True)],
 )
 def test_a_vote_is_compared_with_whatever_is_known_of_a_no_op_that_cannot_be_played_in_time(
-    raced, monkeypatch, mean, pays
+    raced, ready, monkeypatch, mean, pays
 ):
-    ready = []
-
-    def once(seconds, call):
-        if ready:
-            raise TooLateError
-        ready.append(seconds)
-        return call()
-
-    monkeypatch.setattr(voting_trial, "compiled_within", once)
     monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.full((3, 1), 2.0))
     first = race_outcome(careless())
     chosen = dataclasses.replace(first.chosen, mean=mean, error=np.inf)
