@@ -128,8 +128,10 @@ def _with_underlying(
             options.on_stage(_UNDERLYING)
             saved = _raced(underlying, _within(config, left), seed, options)
             vote = None if saved is None else VotingTrial(saved, options)
+        if vote is None:
+            return outcome
         options.on_stage(_UNDERLYING)
-        return outcome if vote is None else vote.played(outcome, since, deadline)
+        return vote.played(outcome, since, deadline)
     except (KeyboardInterrupt, Cancelled) as stop:
         note_heard(stop)
         outcome = outcome if vote is None else vote.unplayed(outcome)
