@@ -1,4 +1,8 @@
-"""The arms that work on the ground model, before anything is compiled."""
+"""The arms that work on the ground model, before anything is compiled.
+
+There are none where the environment raises errors: a ground model has no laws but those on which a
+reward or a state depends.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -63,7 +67,7 @@ class GroundSlices:
         self.arms = GroundArms()
         self._problem, self._config, self._seed = problem, config, seed
         self._options, self._shares, self._clock = options, shares, options.clock
-        if shares.optimum_until > 0.0 and is_discrete(problem):
+        if shares.optimum_until > 0.0 and is_discrete(problem) and not problem.raises:
             self.arms.exact = DynamicProgrammingArm(problem, config, self._clock)
 
     def enumerate(self, resumption: Resumption, deadline: float) -> None:
@@ -103,7 +107,7 @@ class GroundSlices:
         assert exact is not None
         given = self._config, self._seed, self._clock
         opened, model = exact.grounded.opened, exact.grounded.model
-        if opened is not None and self._may_plan:
+        if opened is not None and RELAXED_PLANS not in without:
             on_stage("searching")
             self.arms.plans = RelaxedPlansArm(*given, opened, self._options.on_pulse)
             resumption.enter(self.arms.plans)
@@ -123,12 +127,8 @@ class GroundSlices:
     def _plans_go_on(self, resumption: Resumption) -> bool:
         """Whether there are relaxed plans to be tried in a race that goes on."""
         is_over = resumption.marks.is_over(RELAXED_PLANS)
-        return self._may_plan and (not is_over or resumption.goes_on(RELAXED_PLANS))
-
-    @property
-    def _may_plan(self) -> bool:
-        """Whether relaxed plans take part: they do not know where the environment raises errors."""
-        return RELAXED_PLANS not in self._shares.without and not self._problem.raises
+        may_plan = RELAXED_PLANS not in self._shares.without
+        return may_plan and (not is_over or resumption.goes_on(RELAXED_PLANS))
 
     def _begin(self, trials: TrialsArm, deadline: float) -> None:
         """Two slices, of which the second is given only to what promises something.

@@ -10,13 +10,14 @@ import dataclasses
 import logging
 import math
 
-from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING, DynamicProgrammingArm
+from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
 from mdpo_rddl.auto.race import run_race
 from mdpo_rddl.auto.raising import RAISING_SHARE, watched
+from mdpo_rddl.auto.underlying_optimum import underlying_optimum
 from mdpo_rddl.auto.unjudged import ended_by, left_at, unjudged_outcome
 from mdpo_rddl.auto.voting_trial import ACTION_VOTING, VotingTrial
 from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
@@ -26,7 +27,6 @@ from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.policy.file import SavedPlanRule, SavedPolicy, SavedTable
 from mdpo_rddl.policy.policy import Policy
-from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.underlying import underlying_mdp
 
@@ -34,9 +34,8 @@ logger = logging.getLogger(__name__)
 
 _UNDERLYING = "underlying MDP"
 
-# of the time, the enumeration of the underlying MDP; where that fails, a race for it, of what is
-# then left beside the vote's trial
-_OPTIMUM_SHARE, _RACE_SHARE = 0.25, 0.6
+# where there is no optimum, a race for the underlying MDP, of what is left beside the vote's trial
+_RACE_SHARE = 0.6
 # of what is left, how long it is waited for the vote of an optimum: an abandoned compilation would
 # go on beside the race
 _VOTE_SHARE = 0.9
@@ -53,7 +52,7 @@ def plan_partially_observed(
 ) -> RaceOutcome:
     """Finds a policy as `run_race` does, and whether a vote over the belief is a better one.
 
-    Where the environment raises an error for some actions, the race has all of the time.
+    Where the environment raises an error for some actions, only the vote of an optimum is tried.
 
     Args:
       problem: whose state is observed in part only.
@@ -71,8 +70,7 @@ def plan_partially_observed(
     search = read_search(config.sections)
     watched_until = began + RAISING_SHARE * seconds
     problem = watched(problem, lambda: clock() < watched_until)
-    # a vote meets in play what no rollout of the judge's has shown
-    is_left_out = problem.raises or (search is not None and ACTION_VOTING in search.without)
+    is_left_out = search is not None and ACTION_VOTING in search.without
     underlying = None if is_left_out else _underlying(problem)
     if underlying is None:
         left = seconds - (clock() - began)
@@ -100,7 +98,11 @@ def _with_underlying(
     used = 0.0 if options.earlier is None else options.earlier.seconds
     deadline = since + config.budget().seconds
     try:
-        optimum = _optimum(underlying, config, seed, options, deadline)
+        given = config, seed, options, deadline
+        optimum = underlying_optimum(problem, underlying, *given)
+        if optimum is None and problem.raises:
+            # a vote that does not know what errors cost meets in play what no rollout has shown
+            return run_race(problem, _within(config, used + deadline - clock()), seed, options)
         if optimum is not None:
             options.on_stage(_UNDERLYING)
             vote = VotingTrial(optimum, options)
@@ -181,21 +183,6 @@ def _underlying(problem: Problem) -> Problem | None:
     except InputError as error:
         logger.warning("no underlying MDP: %s", one_line_cause(error))
         return None
-
-
-def _optimum(
-    underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions, deadline: float
-) -> SavedTable | None:
-    """The optimum, if the states can be enumerated in a small part of the time.
-
-    The deadline is that of everything, by the clock.
-    """
-    if not is_discrete(underlying):
-        return None
-    options.on_stage("enumerating")
-    exact = DynamicProgrammingArm(underlying, config, options.clock, keeps_values=True)
-    exact.work(min(options.clock() + _OPTIMUM_SHARE * config.budget().seconds, deadline))
-    return None if exact.solution is None else exact.solution.policy(seed).to_saved()
 
 
 def _raced(

@@ -19,7 +19,6 @@ from mdpo_rddl.auto import (
     partially_observed,
     plan_automatically,
 )
-from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.voting_trial import VotingTrial
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.policy.file import SavedTable
@@ -134,21 +133,29 @@ def test_the_vote_can_be_left_out(raced):
     assert (found.asked, found.stages) == ([(True, 100.0)], [])
 
 
-@pytest.mark.parametrize(("deadline", "until"), [(500.0, 25.0), (5.0, 5.0)])
-def test_the_optimum_has_a_share_of_the_time_that_is_left(monkeypatch, deadline, until):
-    asked = []
-    monkeypatch.setattr(DynamicProgrammingArm, "work", lambda arm, until: asked.append(until))
-    options, underlying = RaceOptions(clock=Stopped()), voting().underlying.problem
-    found = partially_observed._optimum(underlying, LONG, 0, options, deadline)
-    assert (found, asked) == (None, [until])
-
-
 def test_where_the_environment_fails_all_of_the_time_is_the_races(raced, monkeypatch):
     monkeypatch.setattr(
         partially_observed, "watched", lambda problem, _: dataclasses.replace(problem, raises=True)
     )
+    # what an error costs is not known there
     found = raced(race_outcome(careless()))
-    assert (found.asked, found.stages) == ([(True, 100.0)], [])
+    assert (found.asked, found.stages) == ([(True, 100.0)], ["enumerating"])
+    assert not found.outcome.policy.votes
+
+
+def test_a_vote_that_knows_what_an_error_costs_may_be_taken(raced, monkeypatch):
+    seen, saved = [], voting().saved_underlying
+    monkeypatch.setattr(
+        partially_observed, "watched", lambda problem, _: dataclasses.replace(problem, raises=True)
+    )
+    monkeypatch.setattr(
+        partially_observed,
+        "underlying_optimum",
+        lambda problem, *_: seen.append(problem.raises) or saved,
+    )
+    found = raced(race_outcome(careless()))
+    assert (seen, found.asked) == ([True], [(True, 85.0)])
+    assert found.outcome.policy.votes
 
 
 def test_without_an_underlying_mdp_all_of_the_time_is_the_races(raced, monkeypatch, caplog):
@@ -166,7 +173,7 @@ def test_a_stop_before_the_race_leaves_the_no_op(raced, monkeypatch, stop):
     def stopped(*given):
         raise stop
 
-    monkeypatch.setattr(partially_observed, "_optimum", stopped)
+    monkeypatch.setattr(partially_observed, "underlying_optimum", stopped)
     found = raced(race_outcome(careless()))
     assert (found.asked, found.outcome.interrupted) == ([], True)
     assert (found.outcome.chosen.label, found.outcome.policy.votes) == ("no-op", False)
@@ -176,7 +183,7 @@ def test_a_stop_before_the_race_that_goes_on_leaves_it_to_the_next_one(raced, mo
     def stopped(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(partially_observed, "_optimum", stopped)
+    monkeypatch.setattr(partially_observed, "underlying_optimum", stopped)
     earlier = SimpleNamespace(seconds=1.0)
     with pytest.raises(KeyboardInterrupt):
         raced(race_outcome(careless()), earlier=earlier)

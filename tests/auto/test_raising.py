@@ -6,6 +6,7 @@ import logging
 import jax
 import numpy as np
 import pytest
+from helpers.boiler import boiler
 from helpers.lakes import preset
 from helpers.toys import toy
 
@@ -17,6 +18,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact import LOST, compile_exact_returns
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.underlying import underlying_mdp
 
 
 def always() -> bool:
@@ -87,3 +89,16 @@ def test_another_error_is_left_to_whoever_plays(kettle, monkeypatch):
 
     monkeypatch.setattr("pyRDDLGym.core.env.RDDLEnv.step", step)
     assert watched(kettle, always) is kettle
+
+
+def test_no_arm_that_does_not_know_the_errors_takes_part(caplog):
+    caplog.set_level(logging.WARNING)
+    # whoever proves the optimum of its ground model lets the pressure rise
+    problem = underlying_mdp(boiler())
+    outcome = plan_automatically(problem, preset(5.0), 0)
+    arms = {log.name for log in outcome.arms}
+    assert "constants and rules" in arms
+    assert not arms & {"dynamic programming", "trials", "relaxed plans", "greedy"}
+    assert "policies must avoid it" in caplog.text
+    env = make_environment(problem)
+    evaluate(env, outcome.policy, episodes=3, seed=0)  # raises if one does

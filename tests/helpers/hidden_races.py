@@ -9,6 +9,7 @@ from mdpo_rddl.auto import (
     RaceOutcome,
     partially_observed,
     plan_automatically,
+    underlying_optimum,
 )
 from mdpo_rddl.auto.candidate import Candidate
 
@@ -43,7 +44,7 @@ def told_races(monkeypatch):
 
         monkeypatch.setattr(partially_observed, "run_race", run)
         if not enumerates:
-            monkeypatch.setattr(partially_observed, "is_discrete", lambda problem: False)
+            monkeypatch.setattr(underlying_optimum, "is_discrete", lambda problem: False)
         stages, judged = [], []
         options = RaceOptions(
             on_stage=stages.append,
