@@ -11,7 +11,6 @@ import logging
 import math
 
 from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
-from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
@@ -25,7 +24,7 @@ from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
 from mdpo_rddl.planner.device import fitting_device
-from mdpo_rddl.policy.file import SavedPlanRule, SavedPolicy, SavedTable
+from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.underlying import underlying_mdp
@@ -128,8 +127,8 @@ def _with_underlying(
         left = deadline - trial - clock()
         if vote is None and left > 0.0:
             options.on_stage(_UNDERLYING)
-            saved = _raced(underlying, _within(config, left), seed, options)
-            vote = None if saved is None else VotingTrial(saved, options)
+            found = _raced(underlying, _within(config, left), seed, options)
+            vote = None if found is None else VotingTrial(found, options)
         if vote is None:
             return outcome
         options.on_stage(_UNDERLYING)
@@ -187,15 +186,14 @@ def _underlying(problem: Problem) -> Problem | None:
 
 def _raced(
     underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions
-) -> SavedPolicy | SavedTable | None:
+) -> AnyPolicy | None:
     """What a race for the underlying MDP finds, whose states are not enumerated once more.
 
     Raises:
       KeyboardInterrupt: if it was interrupted.
     """
     search = read_search(config.sections)
-    # particles follow what is compiled, or looked up
-    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING, RELAXED_PLANS]
+    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING]
     config = config.with_values(SEARCH, without=without)
     second = RaceOptions(
         options.traced_cache, clock=options.clock, most_iterations=options.most_iterations
@@ -207,9 +205,7 @@ def _raced(
         return None
     if found.interrupted:
         raise KeyboardInterrupt
-    saved = found.policy.to_saved()
-    assert not isinstance(saved, SavedPlanRule)
-    return saved
+    return found.policy
 
 
 def _within(config: PlannerConfig, seconds: float) -> PlannerConfig:

@@ -9,7 +9,7 @@ from mdpo_rddl.auto.optimum import Solution
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.policy.file import SavedTable
+from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.errors_in_play import NoConditionError
 from mdpo_rddl.problem.load import Problem
@@ -31,7 +31,7 @@ def underlying_optimum(
     seed: int,
     options: RaceOptions,
     deadline: float,
-) -> SavedTable | None:
+) -> TablePolicy | None:
     """What an optimal policy plays that sees the state; None if it is not found in time.
 
     Where the environment raises an error for some actions, an error costs the return of many
@@ -59,7 +59,7 @@ def underlying_optimum(
     found = solution(underlying)
     if found is not None and problem.raises:
         found = _charged(problem, found, solution)
-    return None if found is None else found.policy(seed).to_saved()
+    return None if found is None else found.policy(seed)
 
 
 def _charged(

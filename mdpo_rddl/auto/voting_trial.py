@@ -26,9 +26,10 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.exact import LOST
-from mdpo_rddl.policy.file import SavedPolicy, SavedTable
+from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, paired_returns
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -94,15 +95,16 @@ class VotingTrial:
       log: what it was given and did.
     """
 
-    def __init__(self, saved: SavedPolicy | SavedTable, options: RaceOptions) -> None:
+    def __init__(self, underlying: AnyPolicy, options: RaceOptions) -> None:
         """Compiles nothing yet.
 
         Args:
-          saved: a policy of the underlying MDP.
+          underlying: a policy of the underlying MDP.
           options: of the race.
         """
         self.log = ArmLog(ACTION_VOTING)
-        self._saved, self._clock, self._on_judged = saved, options.clock, options.on_judged
+        self._underlying = underlying
+        self._clock, self._on_judged = options.clock, options.on_judged
         self._voting: Policy | None = None
         # the race's policy, once it can be played
         self._raced: Policy | None = None
@@ -143,7 +145,7 @@ class VotingTrial:
         """
         alone = outcome.policy
         assert isinstance(alone, Policy)
-        alone = dataclasses.replace(alone, saved_underlying=self._saved)
+        alone = self._knowing(alone)
         if self.log.slices == 0:
             self._compile_beside(alone, outcome.probe, deadline)
         began, trial = self._clock(), None
@@ -163,10 +165,16 @@ class VotingTrial:
         assert isinstance(outcome.policy, Policy)
         return dataclasses.replace(
             outcome,
-            policy=dataclasses.replace(outcome.policy, saved_underlying=self._saved),
+            policy=self._knowing(outcome.policy),
             arms=[*outcome.arms, self.log],
             compile_seconds=outcome.compile_seconds + self.log.compile_seconds,
         )
+
+    def _knowing(self, policy: Policy) -> Policy:
+        """The race's policy with the underlying MDP's, if it can think with that."""
+        if isinstance(self._underlying, RelaxedPlanPolicy):
+            return policy
+        return dataclasses.replace(policy, saved_underlying=self._underlying.to_saved())
 
     def _give_up(self, error: Exception) -> None:
         logger.warning("no vote over the belief: %s", one_line_cause(error))
@@ -187,7 +195,7 @@ class VotingTrial:
         self.log.slices = 1
 
         def compiled() -> Policy:
-            voting = dataclasses.replace(policy(), saved_underlying=self._saved, votes=True)
+            voting = policy().voting_with(self._underlying)
             _play_steps(voting)
             return voting
 

@@ -1,6 +1,7 @@
 """Playing a partially observed problem by a vote over the belief of the state.
 
-The particles of a filter elect the action (`mdpo_rddl.policy.electing`), which takes milliseconds.
+The particles of a filter elect the action, in compiled code (`mdpo_rddl.policy.electing`) or by
+relaxed plans (`mdpo_rddl.policy.electing_by_plans`).
 """
 
 import math
@@ -11,7 +12,8 @@ import numpy as np
 
 from mdpo_rddl.planner.filtering import ParticleFilter
 from mdpo_rddl.policy.electing import compiled_election
-from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, Vote
+from mdpo_rddl.policy.electing_by_plans import election_by_plans
+from mdpo_rddl.policy.lookahead.base import ByPlans, Prepared, Tabled, Vote
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.playable import step_keys
 from mdpo_rddl.policy.recall import require_count
@@ -30,7 +32,7 @@ class ActionVoting:
       vote: for who thinks on from what is elected.
     """
 
-    def __init__(self, policy: Prepared, underlying: Prepared | Tabled) -> None:
+    def __init__(self, policy: Prepared, underlying: Prepared | Tabled | ByPlans) -> None:
         """Compiles nothing yet.
 
         Args:
@@ -47,8 +49,11 @@ class ActionVoting:
         self._many: list[Believer] = []
         self._step = -1
         self._keys = step_keys(policy.planner, policy.seed)
-        with policy.planner.computing():
-            self._elect = compiled_election(policy.planner, underlying)
+        if isinstance(underlying, ByPlans):
+            self._elect = election_by_plans(underlying)
+        else:
+            with policy.planner.computing():
+                self._elect = compiled_election(policy.planner, underlying)
         self._noop = {
             name: np.asarray(policy.planner.test_compiled.init_values[name])
             for name in policy.planner.rddl.action_fluents

@@ -66,7 +66,7 @@ class SavedPolicy:
     seed: int
     source: ProblemSource | None = None
     candidates: tuple[Mapping[str, Any], ...] = ()
-    underlying: "SavedPolicy | SavedTable | None" = None
+    underlying: "AnySaved | None" = None
     votes: bool = False
 
 
@@ -228,7 +228,7 @@ def _parameters(metadata: Metadata, tensors: Tensors) -> SavedPolicy:
     )
 
 
-def _underlying(tensors: Tensors) -> SavedPolicy | SavedTable | None:
+def _underlying(tensors: Tensors) -> AnySaved | None:
     """The policy of the underlying MDP; raises ValueError if it cannot be one."""
     if _UNDERLYING not in tensors:
         return None
@@ -238,10 +238,7 @@ def _underlying(tensors: Tensors) -> SavedPolicy | SavedTable | None:
     except InputError as error:
         raise ValueError(str(error)) from error
     _require(_UNDERLYING not in own, "policy of the underlying MDP")
-    found = _READERS[metadata["format"]](metadata, own)
-    if isinstance(found, SavedPlanRule):
-        raise ValueError("its policy of the underlying MDP is none that particles can follow")
-    return found
+    return _READERS[metadata["format"]](metadata, own)
 
 
 def _votes(metadata: Metadata, tensors: Tensors) -> bool:

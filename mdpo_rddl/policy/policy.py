@@ -22,6 +22,8 @@ from mdpo_rddl.planner.start import with_preprocessor
 from mdpo_rddl.policy.action_voting import ActionVoting
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import (
+    AnySaved,
+    SavedPlanRule,
     SavedPolicy,
     SavedTable,
     problem_identity,
@@ -33,6 +35,7 @@ from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.lookahead.base import Vote
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
@@ -70,7 +73,7 @@ class Policy(PolicyAgent):
     policy_hyperparams: Mapping[str, Any]
     seed: int
     candidates: tuple[Mapping[str, Any], ...] = ()
-    saved_underlying: SavedPolicy | SavedTable | None = None
+    saved_underlying: AnySaved | None = None
     votes: bool = False
 
     @classmethod
@@ -131,7 +134,7 @@ class Policy(PolicyAgent):
         return plan.rollout_policy if isinstance(plan, GreedyPlan) else self.planner.legal_policy
 
     @cached_property
-    def underlying(self) -> "Policy | TablePolicy | None":
+    def underlying(self) -> "Policy | TablePolicy | RelaxedPlanPolicy | None":
         """The policy of the underlying MDP, compiled when it is first asked for.
 
         Raises:
@@ -143,6 +146,8 @@ class Policy(PolicyAgent):
         problem, source = underlying_mdp(self.problem), "the underlying MDP's policy"
         if isinstance(saved, SavedTable):
             return TablePolicy.from_saved(saved, problem, source)
+        if isinstance(saved, SavedPlanRule):
+            return RelaxedPlanPolicy.from_saved(saved, problem, source)
         return Policy.from_saved(saved, problem, source)
 
     @property
@@ -158,6 +163,18 @@ class Policy(PolicyAgent):
     def with_candidates(self, candidates: Sequence[Mapping[str, Any]]) -> "Policy":
         """The policy with what else planning judged; what was compiled for its play is kept."""
         return dataclasses.replace(self, candidates=tuple(candidates))._compiled_as(self)
+
+    def voting_with(self, underlying: "Policy | TablePolicy | RelaxedPlanPolicy") -> "Policy":
+        """The policy, played by a vote of what another one does.
+
+        Args:
+          underlying: of the underlying MDP.
+        """
+        saved = underlying.to_saved()
+        voting = dataclasses.replace(self, saved_underlying=saved, votes=True)
+        # it need not be compiled, or grounded, once more
+        voting.__dict__["underlying"] = underlying
+        return voting
 
     def voting_as(self, other: "Policy") -> "Policy":
         """The policy, played by another one's vote, which does not hang on the parameters.

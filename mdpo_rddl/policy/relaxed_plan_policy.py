@@ -104,19 +104,32 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
         }
         return html_table(f"Policy for {self.problem.label}", rows)
 
-    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+    def actions_in(self, step: int, states: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What is played at a step in each of N states.
+
+        Args:
+          step: number of decisions before.
+          states: per state fluent [N, *shape].
+
+        Returns:
+          Per action fluent [N, *shape].
+        """
         plans, model = self._plans, self._plans.model
-        state = [
-            numbers_of(observation[name], model.objects.get(kind, ()))
+        rows = [
+            numbers_of(states[name], model.objects.get(kind, ())).reshape(len(states[name]), -1)
             for name, kind in self._fluents.items()
         ]
         uniform = plans.uniform(self.seed, step, self.plan_rule)
-        states = np.concatenate(state)[:, np.newaxis]
-        found = plans.actions.by_fluent(plans.decide(states, step, self.plan_rule, uniform)[:, 0])
+        decided = plans.decide(np.concatenate(rows, axis=1).T, step, self.plan_rule, uniform)
+        found = [plans.actions.by_fluent(action) for action in decided.T]
         return {
-            name: found[name].astype(like.dtype).reshape(like.shape)[()]
+            name: np.stack([each[name].astype(like.dtype).reshape(like.shape) for each in found])
             for name, like in self._noop.items()
         }
+
+    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        state = {name: np.asarray(observation[name])[np.newaxis] for name in self._fluents}
+        return {name: each[0][()] for name, each in self.actions_in(step, state).items()}
 
     @cached_property
     def _fluents(self) -> dict[str, str]:

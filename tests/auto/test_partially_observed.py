@@ -77,7 +77,7 @@ def test_where_states_cannot_be_enumerated_a_second_race_is_for_who_sees_them(ra
     found = raced(race_outcome(careless()), second, enumerates=False)
     # 15 s for the vote, six tenths of the rest for the second race; the stopped clock leaves it all
     assert found.asked == [(True, 34.0), (False, 85.0)]
-    assert found.lefts == [[], ["dynamic programming", "relaxed plans"]]
+    assert found.lefts == [[], ["dynamic programming"]]
     assert found.latest == [100.0, -np.inf]
     assert found.outcome.policy.votes
 
@@ -144,14 +144,14 @@ def test_where_the_environment_fails_all_of_the_time_is_the_races(raced, monkeyp
 
 
 def test_a_vote_that_knows_what_an_error_costs_may_be_taken(raced, monkeypatch):
-    seen, saved = [], voting().saved_underlying
+    seen, optimum = [], voting().underlying
     monkeypatch.setattr(
         partially_observed, "watched", lambda problem, _: dataclasses.replace(problem, raises=True)
     )
     monkeypatch.setattr(
         partially_observed,
         "underlying_optimum",
-        lambda problem, *_: seen.append(problem.raises) or saved,
+        lambda problem, *_: seen.append(problem.raises) or optimum,
     )
     found = raced(race_outcome(careless()))
     assert (seen, found.asked) == ([True], [(True, 85.0)])

@@ -12,7 +12,6 @@ from helpers.umbrella import voting
 from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.underlying_optimum import underlying_optimum
-from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.underlying import underlying_mdp
@@ -42,13 +41,12 @@ def test_errors_of_the_environment_are_avoided_if_it_raises_any():
     underlying = underlying_mdp(problem)
     free = found(boiler(raises=False), underlying, stages)
     # 0 + 1 + 2 + 3 + 3 + 3, and 0 + 1 + 2 twice
-    assert (free.claim.value, stages) == (12.0, ["enumerating"])
+    assert (free.optimum.value, stages) == (12.0, ["enumerating"])
     careful = found(problem, underlying)
-    assert careful.claim.value == 6.0
-    policy = TablePolicy.from_saved(careful, underlying, "the optimum")
-    assert policy.seed == 3
+    assert (careful.optimum.value, careful.seed) == (6.0, 3)
+    assert careful.problem is underlying
     env = make_environment(underlying)
-    assert list(evaluate(env, policy, episodes=2, seed=0).returns) == [6.0, 6.0]
+    assert list(evaluate(env, careful, episodes=2, seed=0).returns) == [6.0, 6.0]
 
 
 @pytest.mark.parametrize(

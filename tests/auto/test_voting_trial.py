@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.clocks import Stopped
+from helpers.hidden_courier import idle, planning
 from helpers.hidden_races import race_outcome
 from helpers.umbrella import careless, voting
 
@@ -154,3 +155,16 @@ def test_a_vote_that_cannot_be_made_is_told_in_one_line(raced, monkeypatch, capl
     (log,) = raced(race_outcome(careless())).outcome.arms
     assert "no vote over the belief: it reads more than the state" in caplog.text
     assert log.details == {"cause": "it reads more than the state"}
+
+
+def test_relaxed_plans_may_vote_too(raced):
+    found = raced(race_outcome(idle()), race_outcome(planning()), enumerates=False)
+    policy = found.outcome.policy
+    assert policy.votes
+    assert policy.saved_underlying == planning().to_saved()
+
+
+def test_nobody_who_does_not_vote_is_given_relaxed_plans(raced, monkeypatch):
+    monkeypatch.setattr(voting_trial, "paired_returns", lambda *_: np.array([[0.0, 1.0]] * 3))
+    found = raced(race_outcome(idle()), race_outcome(planning()), enumerates=False)
+    assert (found.outcome.policy.votes, found.outcome.policy.saved_underlying) == (False, None)

@@ -1,6 +1,7 @@
 """Toys for plans: what must be done before something else, together, or undone again."""
 
 from helpers.toys import problem_from
+from mdpo_rddl.problem.load import Problem
 
 _COURIER = """domain courier {
     types { place : object; };
@@ -138,3 +139,11 @@ def tower(ends=False):
     wanted = "forall_{?b : block, ?c : block} [WANTED(?b, ?c) => on(?b, ?c)]"
     end = f"    termination {{ {wanted}; }};\n    action-pre"
     return problem_from(_TOWER.replace("    action-pre", end))
+
+
+def hidden_courier() -> Problem:
+    """The courier who does not see the parcel: what is felt is wrong now and then."""
+    felt = "        felt : { observ-fluent, bool };\n        go : { action"
+    text = _COURIER.replace("        go : { action", felt)
+    law = "felt = if (holding') then Bernoulli(0.95) else Bernoulli(0.05);"
+    return problem_from(text.replace("    };\n    reward", f"        {law}\n    }};\n    reward"))

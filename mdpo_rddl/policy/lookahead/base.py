@@ -46,7 +46,7 @@ class Prepared(Protocol):
         """Of whatever is drawn."""
 
     @property
-    def underlying(self) -> "Prepared | Tabled | None":
+    def underlying(self) -> "Prepared | Tabled | ByPlans | None":
         """A policy of the underlying MDP, where the state is observed in part only, if any."""
 
     @property
@@ -118,6 +118,9 @@ class ByPlans(Protocol):
     @property
     def problem(self) -> Problem:
         """What is played."""
+
+    def actions_in(self, step: int, states: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        """The actions per fluent [N, *shape] at a step in states per fluent [N, *shape]."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from mdpo_rddl.planner.continuations import HiddenRoot
 from mdpo_rddl.planner.filtering import Filtered, ParticleFilter, Particles
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
-from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, Vote
+from mdpo_rddl.policy.lookahead.base import ByPlans, Prepared, Tabled, Vote
 from mdpo_rddl.policy.playable import decision_key, step_keys
 from mdpo_rddl.policy.recall import Recall
 from mdpo_rddl.problem.episode import tell_played
@@ -128,7 +128,7 @@ class Believer:
         return self._continuing.policy_hyperparams
 
     @property
-    def underlying(self) -> Prepared | Tabled | None:
+    def underlying(self) -> Prepared | Tabled | ByPlans | None:
         """The policy's of the underlying MDP, if it has one."""
         return self.policy.underlying
 

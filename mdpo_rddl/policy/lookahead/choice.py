@@ -242,6 +242,8 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
         return RAISES  # scenarios do not know where it does
     if isinstance(policy, Tabled):
         return "" if policy.optimum is None else OPTIMAL
+    if policy.vote is not None and isinstance(policy.underlying, ByPlans):
+        return PLANS
     if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.policy.lookahead.base import Method, Prepared, Tabled
+from mdpo_rddl.policy.lookahead.base import ByPlans, Method, Prepared, Tabled
 from mdpo_rddl.policy.lookahead.belief import Believer, known_at
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.simulator import WIDE, Simulator
@@ -86,6 +86,8 @@ def _knowing(believer: Believer) -> Prepared | None:
     """The policy of the underlying MDP, ready for rollouts; None if there is none."""
     try:
         underlying = believer.underlying
+        if isinstance(underlying, ByPlans):
+            return None  # no compiled rollout can follow it
         return TableBase(underlying) if isinstance(underlying, Tabled) else underlying
     except (InputError, ValueError) as error:
         logger.warning("no policy of the underlying MDP: %s", one_line_cause(error))

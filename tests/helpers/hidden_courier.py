@@ -1,0 +1,31 @@
+"""Policies of the courier who does not see the parcel: the no-op, and relaxed plans."""
+
+import functools
+
+from helpers.couriers import hidden_courier
+from helpers.lakes import preset
+from mdpo_rddl.auto.outcome import policy_of
+from mdpo_rddl.auto.unjudged import noop_of
+from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
+from mdpo_rddl.problem.underlying import underlying_mdp
+
+
+@functools.cache
+def idle() -> Policy:
+    """Does nothing."""
+    problem = hidden_courier()
+    config = preset(1.0).without_section("Search").with_policy_arguments(topology=[], plan=False)
+    planner = build_planner(problem, config).planner
+    policy = policy_of(noop_of(planner, config, 0), problem, 0)
+    assert isinstance(policy, Policy)
+    return policy
+
+
+@functools.cache
+def planning() -> RelaxedPlanPolicy:
+    """Plans where the parcel is seen."""
+    claim = Simulated(9.0, 0.5, 16)
+    return RelaxedPlanPolicy(underlying_mdp(idle().problem), PlanRule(), claim, seed=3)
