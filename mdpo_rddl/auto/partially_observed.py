@@ -3,7 +3,8 @@
 The optimum of the underlying MDP is looked for, and what a belief of the state elects by it is
 compiled. Then the race looks for a policy that remembers; where there was no optimum, a second race
 is for the underlying MDP. The vote and the race's policy are played in the same episodes, and the
-better one is the result. The underlying policy stays with it, for thinking at the decision.
+better one is the result. The underlying policy stays with it for thinking at the decision, unless
+it makes relaxed plans. Where the environment raises errors there is no second race.
 """
 
 import dataclasses

@@ -49,6 +49,7 @@ from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.planner.device import fitting_device
 from mdpo_rddl.planner.programs.quick import jit_for
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -88,7 +89,8 @@ def run_race(
             options.on_stage("enumerating")
         first = None
         # a race that goes on has something better already
-        if exact is not None and earlier is None:
+        is_ground = exact is not None or (problem.raises and is_discrete(problem))
+        if is_ground and earlier is None:
             until = clock() + _FIRST_SHARE * seconds
             first = first_policy(problem, config, seed, lambda: clock() < until)
         if first is not None:

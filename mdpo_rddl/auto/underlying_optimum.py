@@ -1,6 +1,5 @@
 """The optimum of the underlying MDP, where its states can be enumerated in a part of the time."""
 
-import dataclasses
 import logging
 from collections.abc import Callable
 
@@ -11,7 +10,7 @@ from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
-from mdpo_rddl.problem.errors_in_play import NoConditionError
+from mdpo_rddl.problem.errors_in_play import NoConditionError, error_condition
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.underlying import underlying_mdp
 
@@ -19,8 +18,8 @@ logger = logging.getLogger(__name__)
 
 # of the time
 _SHARE = 0.25
-# what an error costs at a step, in the returns of as many optimal episodes in which none costs
-# anything: one ends the evaluation of a policy
+# what an error costs at a step, in the returns of as many optimal episodes: an error ends not only
+# its episode, but whatever is made of episodes, as a mean return
 _ERROR_EPISODES = 100.0
 
 
@@ -47,6 +46,8 @@ def underlying_optimum(
     """
     if not is_discrete(underlying):
         return None
+    if problem.raises and not _is_known(problem):
+        return None
     options.on_stage("enumerating")
     clock = options.clock
     until = min(clock() + _SHARE * config.budget().seconds, deadline)
@@ -58,27 +59,37 @@ def underlying_optimum(
 
     found = solution(underlying)
     if found is not None and problem.raises:
-        found = _charged(problem, found, solution)
+        found = _charged(problem, found.value, solution)
     return None if found is None else found.policy(seed)
 
 
+def _is_known(problem: Problem) -> bool:
+    """Whether it is known when the environment raises an error."""
+    try:
+        error_condition(problem.model)
+    except NoConditionError as error:
+        logger.info("what an error costs is not known: %s", error)
+        return False
+    return True
+
+
 def _charged(
-    problem: Problem, free: Solution, solution: Callable[[Problem], Solution | None]
+    problem: Problem, value: float, solution: Callable[[Problem], Solution | None]
 ) -> Solution | None:
-    """What is optimal where errors have their cost, as a solution of the problem without it.
+    """What is optimal in the underlying MDP where errors have their cost.
 
     Args:
       problem: whose state is observed in part only.
-      free: of its underlying MDP, in which errors cost nothing.
-      solution: finds the optimum of another one.
+      value: of the optimum where errors cost nothing.
+      solution: finds the optimum of a problem.
     """
-    cost = _ERROR_EPISODES * abs(free.value)
-    if not cost:
+    if value == 0.0:
+        logger.info("what an error costs is not known: the optimum returns 0 without it")
         return None
     try:
-        found = solution(underlying_mdp(problem, cost))
-    except (InputError, NoConditionError) as error:
-        logger.info("what an error costs is not known: %s", one_line_cause(error))
+        found = solution(underlying_mdp(problem, _ERROR_EPISODES * abs(value)))
+    except InputError as error:
+        logger.info("no underlying MDP with the costs of errors: %s", one_line_cause(error))
         return None
-    # the states and the actions are the same
-    return None if found is None else dataclasses.replace(found, problem=free.problem)
+    # without values a majority of particles would vote, whatever an error costs the others
+    return None if found is None or found.table.values is None else found

@@ -136,7 +136,7 @@ class VotingTrial:
         self._compile(problem, noop, seconds)
 
     def played(self, outcome: RaceOutcome, since: float, deadline: float) -> RaceOutcome:
-        """The race's outcome with the underlying MDP's policy, and the vote if that is better.
+        """The race's outcome, able to think with the underlying MDP's policy; the vote if better.
 
         Args:
           outcome: of a race that was not interrupted.
@@ -161,7 +161,7 @@ class VotingTrial:
         return outcome if trial is None else self._told(outcome, trial, since)
 
     def unplayed(self, outcome: RaceOutcome) -> RaceOutcome:
-        """The race's outcome with the underlying MDP's policy, and what was done for the vote."""
+        """The race's outcome, able to think with the underlying policy, and the vote's log."""
         assert isinstance(outcome.policy, Policy)
         return dataclasses.replace(
             outcome,

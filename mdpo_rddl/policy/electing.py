@@ -27,6 +27,7 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.start import initial_values
+from mdpo_rddl.planner.upstream import INVALID_PARAMETERS
 from mdpo_rddl.policy.lookahead.base import Prepared, Tabled, rollout_params
 from mdpo_rddl.policy.lookahead.table_lookup import TableArrays, TableLookup
 from mdpo_rddl.problem.limits import group_limits
@@ -61,7 +62,8 @@ def compiled_election(planner: MDPOPlanner, underlying: Prepared | Tabled) -> El
             raise InputError(f"the underlying MDP's policy cannot be played: {error}") from error
         voted = _voted(lookup.policy, {}, {}, is_joint)
         has_values = lookup.arrays.values is not None
-        elect = _worth_most(planner, lookup) if has_values else voted
+        cost = underlying.problem.error_cost
+        elect = _worth_most(planner, lookup, cost) if has_values else voted
         return _jitted(elect, lookup.arrays)
     own = underlying.planner
     if own.plan.history_dependent or own.preprocessor is not None:
@@ -124,12 +126,15 @@ def _gaining_most(plan: GreedyPlan, is_joint: bool) -> Callable[..., Mapping[str
     return elect
 
 
-def _worth_most(planner: MDPOPlanner, lookup: TableLookup) -> Callable[..., Mapping[str, Array]]:
+def _worth_most(
+    planner: MDPOPlanner, lookup: TableLookup, error_cost: float
+) -> Callable[..., Mapping[str, Array]]:
     """The table's action of the largest Q on average, in as many particles as there is time for.
 
     Of many actions those are tried that some particles would play, and the no-op. An action that is
     illegal in a particle's state is worth there what the no-op is, or, where that is illegal, too,
-    the worst legal one; one that is illegal in all of them is not played.
+    the worst legal one; one that is illegal in all of them is not played. Where errors of the
+    environment cost something in the table's problem, they do at the step at hand as well.
     """
     exact = planner.test_compiled
     fluents, nonfluents = exact.split_fluent_nonfluent(exact.init_values)
@@ -142,7 +147,10 @@ def _worth_most(planner: MDPOPlanner, lookup: TableLookup) -> Callable[..., Mapp
         after, log, _ = transition(key, action, before, nonfluents, model)
         ended = log["termination"] | ~log["invariant"]
         later = jnp.where(ended, 0.0, lookup.value(arrays, step + 1, after))
-        return log["reward"] + discount * later
+        reward = log["reward"]
+        if error_cost:
+            reward -= error_cost * ((log["error"] & INVALID_PARAMETERS) != 0)
+        return reward + discount * later
 
     def elect(key: Array, params: Any, step: Any, particles: dict[str, Array]) -> Tree:
         actions = {name: jnp.asarray(each) for name, each in params.actions.items()}

@@ -14,7 +14,7 @@ from jax import Array
 from mdpo_rddl.policy.electing import Elect
 from mdpo_rddl.policy.lookahead.base import ByPlans
 
-_MOST_STATES = 8
+_MOST_STATES, _SEED = 8, 0
 
 
 def election_by_plans(underlying: ByPlans) -> Elect:
@@ -28,7 +28,9 @@ def election_by_plans(underlying: ByPlans) -> Elect:
         del key  # what plans draw depends on the step alone
         states = {name: np.asarray(each) for name, each in particles.items()}
         _, first, counts = np.unique(_rows(states), axis=0, return_index=True, return_counts=True)
-        likely = np.argsort(-counts, kind="stable")[:_MOST_STATES]
+        # states come in the order of their values, which says nothing where many are as likely
+        shuffled = np.random.default_rng(_SEED).permutation(len(counts))
+        likely = shuffled[np.argsort(-counts[shuffled], kind="stable")][:_MOST_STATES]
         tried = {name: each[first[likely]] for name, each in states.items()}
         actions = underlying.actions_in(int(step), tried)
         _, place, same = np.unique(_rows(actions), axis=0, return_index=True, return_inverse=True)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,7 +112,9 @@ AnySaved = SavedPolicy | SavedTable | SavedPlanRule
 
 def problem_identity(problem: Problem) -> dict[str, Any]:
     """What tells one problem from another."""
+    charged = {"error_cost": problem.error_cost} if problem.error_cost else {}
     return {
+        **charged,
         "domain": problem.domain_name,
         "instance": problem.instance_name,
         "label": problem.label,
@@ -255,6 +258,8 @@ def _identity(metadata: Metadata) -> dict[str, Any]:
     _require(_is_count(identity.get("horizon", 1)), "horizon")
     for name in ("domain", "instance", "label", "digest"):
         _require(isinstance(identity.get(name, ""), str), name)
+    cost = identity.get("error_cost", 0.0)
+    _require(isinstance(cost, float) and 0.0 <= cost < math.inf, "error_cost")
     shown = {"domain", "instance", "label"} & identity.keys()
     return {**identity, **{name: printable(identity[name]) for name in shown}}
 

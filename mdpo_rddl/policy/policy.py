@@ -61,8 +61,8 @@ class Policy(PolicyAgent):
       candidates: what planning judged on the way, in its order: `seconds` since it began, `arm`,
         `candidate` (a label), `mean_return` and `error` on the exact model, `became_incumbent`.
         One that was loaded does not know the seconds.
-      saved_underlying: a policy of the underlying MDP, with which it thinks where the state is
-        observed in part only; None if there is none.
+      saved_underlying: a policy of the underlying MDP, with which it votes or thinks where the
+        state is observed in part only; None if there is none.
       votes: whether it is played by a vote over its belief of the state, of what that policy does.
     """
 
@@ -143,7 +143,8 @@ class Policy(PolicyAgent):
         saved = self.saved_underlying
         if saved is None:
             return None
-        problem, source = underlying_mdp(self.problem), "the underlying MDP's policy"
+        cost, source = saved.problem.get("error_cost", 0.0), "the underlying MDP's policy"
+        problem = underlying_mdp(self.problem, cost)
         if isinstance(saved, SavedTable):
             return TablePolicy.from_saved(saved, problem, source)
         if isinstance(saved, SavedPlanRule):

@@ -8,13 +8,16 @@ from typing import Any
 
 from pyRDDLGym.core.debug.decompiler import RDDLDecompiler
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem.chance import draws
 
 _text = RDDLDecompiler().decompile_expr
 
 # of laws by their names: what each parameter may not be; those of other laws are not looked at
 _NONE = ""
-_NEGATIVE, _NOT_POSITIVE, _NO_PROBABILITY = "{0} < 0", "{0} <= 0", "({0} < 0) | ({0} > 1)"
+# each is true of NaN
+_NEGATIVE, _NOT_POSITIVE = "~({0} >= 0)", "~({0} > 0)"
+_NO_PROBABILITY = "~(({0} >= 0) ^ ({0} <= 1))"
 _REFUSED = {
     "KronDelta": (_NONE,),
     "DiracDelta": (_NONE,),
@@ -31,7 +34,7 @@ _IF = "{0}", "~({0})"
 _TOLERANCE = "0.00001"
 
 
-class NoConditionError(Exception):
+class NoConditionError(InputError):
     """It is not known: a law is another one, or a reward may not read its parameters."""
 
 
@@ -39,7 +42,8 @@ def error_condition(model: Any) -> str:
     """A bool in RDDL that is true at the steps at which the environment raises an error.
 
     A law counts where its branch is taken; the environment may look at another one, too, where some
-    objects take each.
+    objects take each. It counts where the rest of a product or a conjunction is 0, at which the
+    environment may not look at it.
 
     Args:
       model: pyRDDLGym's lifted model.
@@ -52,7 +56,7 @@ def error_condition(model: Any) -> str:
         its range.
     """
     found = []
-    for parameters, law in model.cpfs.values():
+    for parameters, law in [*model.cpfs.values(), ([], model.reward)]:
         found += [_for_some(parameters, each) for each in _conditions(law)]
     if not found:
         raise NoConditionError("no law has a parameter that can leave its range")
@@ -103,12 +107,14 @@ def _switched(cases: list[Any]) -> Iterator[tuple[str, Any]]:
 
 def _of_law(law: Any) -> Iterator[str]:
     _, name = law.etype
+    if all(getattr(each, "etype", "?")[0] == "constant" for each in law.args):
+        return
     if name in ("Discrete", "UnnormDiscrete"):
         chances = [chance for _, (_, chance) in law.args[1:]]
         refused = [(_NEGATIVE, [chance]) for chance in chances]
-        if name == "Discrete":
-            total = " + ".join(f"{{{place}}}" for place in range(len(chances)))
-            refused.append((f"abs[{total} - 1] > {_TOLERANCE}", chances))
+        total = " + ".join(f"{{{place}}}" for place in range(len(chances)))
+        is_one = f"~(abs[{total} - 1] <= {_TOLERANCE})"
+        refused.append((is_one if name == "Discrete" else f"~({total} > 0)", chances))
     elif name in _REFUSED:
         pairs = zip(_REFUSED[name], law.args, strict=True)
         refused = [(template, [parameter]) for template, parameter in pairs if template != _NONE]
@@ -128,6 +134,4 @@ def _read(template: str, expressions: list[Any]) -> str:
     texts = [_text(each) for each in expressions]
     if any(map(draws, expressions)):
         raise NoConditionError(f"{texts[0]} is drawn")
-    if any("'" in text for text in texts):
-        raise NoConditionError(f"{texts[0]} is of the next step")
     return template.format(*(f"({text})" for text in texts))

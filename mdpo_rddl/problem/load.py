@@ -45,7 +45,9 @@ class Problem:
     `label` is a short name for folders and tables: the stem of the instance file, or
     '<Domain>-<instance>' for a problem of rddlrepository. The texts are those of the two files,
     with Unix line ends, and `digest` is the sha256 (hex) of one followed by the other. `raises`
-    says that the environment was seen to raise an error in play, which policies must avoid.
+    says that the environment was seen to raise an error in play, which policies must avoid;
+    `error_cost` is what its reward has less at each step at which it would
+    (`mdpo_rddl.problem.underlying`).
     """
 
     model: RDDLLiftedModel = field(repr=False)
@@ -58,6 +60,7 @@ class Problem:
     instance_text: str = field(repr=False)
     digest: str
     raises: bool = False
+    error_cost: float = 0.0
 
     @property
     def horizon(self) -> int:

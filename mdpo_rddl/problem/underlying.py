@@ -3,6 +3,8 @@
 import dataclasses
 import re
 
+import numpy as np
+
 from mdpo_rddl.problem.errors_in_play import error_condition
 from mdpo_rddl.problem.files import COMMENT
 from mdpo_rddl.problem.load import Problem
@@ -27,10 +29,12 @@ def underlying_mdp(problem: Problem, error_cost: float = 0.0) -> Problem:
         text = re.sub(head + r":\s*\{\s*observ-fluent[^}]*\}\s*;", "", text)
         text = re.sub(head + r"=(?![=>])[^;]*;", "", text)
     if error_cost:
-        charge = f"{error_cost:f} * ({error_condition(problem.model)})"
+        cost = np.format_float_positional(error_cost, trim="0")
+        charge = f"{cost} * ({error_condition(problem.model)})"
         text = re.sub(
             r"(?<![\w'-])reward\s*=(?![=>])([^;]*);",
             lambda found: f"reward = ({found[1]}) - {charge};",
             text,
         )
-    return dataclasses.replace(ProblemSource.of(problem), domain_text=text).load()
+    loaded = dataclasses.replace(ProblemSource.of(problem), domain_text=text).load()
+    return dataclasses.replace(loaded, error_cost=error_cost)

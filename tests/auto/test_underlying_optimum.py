@@ -44,7 +44,7 @@ def test_errors_of_the_environment_are_avoided_if_it_raises_any():
     assert (free.optimum.value, stages) == (12.0, ["enumerating"])
     careful = found(problem, underlying)
     assert (careful.optimum.value, careful.seed) == (6.0, 3)
-    assert careful.problem is underlying
+    assert careful.problem.error_cost == 1200.0
     env = make_environment(underlying)
     assert list(evaluate(env, careful, episodes=2, seed=0).returns) == [6.0, 6.0]
 
@@ -52,12 +52,21 @@ def test_errors_of_the_environment_are_avoided_if_it_raises_any():
 @pytest.mark.parametrize(
     "problem",
     [
-        # nobody knows when it is raised, and what it may cost
-        boiler(hiss="Bernoulli(0.5 * (sum_{?p : pressure} [at'(?p)]))"),
+        boiler(hiss="Binomial(Bernoulli(0.5), 0.5) > 0"),
         dataclasses.replace(toy("umbrella"), raises=True),
         boiler(reward="0.0"),
     ],
-    ids=["next step", "no law", "no reward"],
+    ids=["unknown", "no law", "no reward"],
 )
 def test_nothing_is_found_where_errors_have_no_cost(problem):
-    assert found(problem, underlying_mdp(problem)) is None
+    stages = []
+    assert found(problem, underlying_mdp(problem), stages) is None
+    # no time is spent where it is known beforehand
+    is_known = problem.domain_name == "boiler" and "Binomial" not in problem.domain_text
+    assert stages == (["enumerating"] if is_known else [])
+
+
+def test_the_next_state_may_be_what_an_observation_fails_by():
+    problem = boiler(hiss="Bernoulli(0.5 * (sum_{?p : pressure} [VALUE(?p) * at'(?p)]))")
+    # the gauge fails one step later
+    assert found(problem, underlying_mdp(problem)).optimum.value == 6.0

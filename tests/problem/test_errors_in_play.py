@@ -32,7 +32,7 @@ DOMAIN = """domain odds {
     };
     reward = REWARD;
 }
-non-fluents nf { domain = odds; objects { item : {a, b}; }; }
+non-fluents nf { domain = odds; objects { item : {a, b}; }; non-fluents { SHARE(b) = 1.5; }; }
 instance i { domain = odds; non-fluents = nf; max-nondef-actions = 1; horizon = 2; discount = 1.0; }
 """
 QUIET = {"rings(?i)": "false", "drawn": "0.0", "pick": "@low", "total": "0.0"}
@@ -52,6 +52,11 @@ LAWS = {
     "sum to 1": ("pick", "Discrete(way, @low : 0.25, @mid : 0.25, @high : 0.5 * (height + 1))"),
     "each": ("total", "sum_{?i : item} [ Exponential(SHARE(?i) + height) ]"),
     "within": ("total", "max[Geometric(0.5 * (height + 1)), exp[Bernoulli(0.5)]]"),
+    "not normed": (
+        "pick",
+        "UnnormDiscrete(way, @low : 1 - height, @mid : 1 - height, @high : 0.0)",
+    ),
+    "no number": ("drawn", "Normal(0, sqrt[height])"),
     "certain": ("total", "DiracDelta(height) + Exponential(height + 1)"),
 }
 
@@ -72,7 +77,7 @@ def reward_of_a_step(problem) -> float:
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_it_is_true_where_the_environment_raises_an_error(law):
     name, expression = law
-    condition = error_condition(odds({name: expression}).model)
+    condition = error_condition(odds({name: expression}, height=0).model)
     seen = set()
     # pyRDDLGym looks at all cases of a `switch` where the third one is taken
     states = itertools.product(range(-2, 5), ("@low", "@mid"), (False, True))
@@ -89,7 +94,9 @@ def test_it_is_true_where_the_environment_raises_an_error(law):
     assert seen == {False, True}
 
 
-@pytest.mark.parametrize("law", ["Bernoulli(0.25)", "KronDelta(height > 1)", "height > 1"])
+@pytest.mark.parametrize(
+    "law", ["Bernoulli(0.25)", "KronDelta(height > 1)", "Weibull(1.0, 2.0) > 1", "height > 1"]
+)
 def test_where_no_law_can_leave_its_range_nothing_is_known(law):
     with pytest.raises(NoConditionError, match="no law"):
         error_condition(odds({"rings(?i)": law}).model)
@@ -108,24 +115,32 @@ def test_where_a_reward_may_not_read_it_nothing_is_known(law, cause):
         error_condition(odds(dict([law])).model)
 
 
-def test_where_an_observation_reads_the_next_state_nothing_is_known():
+def test_a_law_of_an_observation_may_read_the_next_state():
     text = DOMAIN.replace("interm-fluent, bool", "observ-fluent, bool").replace(
         "LAWS", "rings(?i) = Bernoulli(height' * SHARE(?i)); drawn = 0; pick = @low; total = 0;"
     )
-    for word, value in {"HEIGHT": "1", "MODE": "@low", "OPEN": "true", "REWARD": "height"}.items():
+    for word, value in {"HEIGHT": "0", "MODE": "@low", "OPEN": "true", "REWARD": "height"}.items():
         text = text.replace(word, value)
-    with pytest.raises(NoConditionError, match="of the next step"):
-        error_condition(problem_from(text).model)
+    condition = error_condition(problem_from(text).model)
+    told = [reward_of_a_step(odds({}, condition, height=height)) for height in (0, 1, 2)]
+    # 1.5 and 3 are the chances of one of the two
+    assert told == [0.0, 1.0, 1.0]
+
+
+def test_a_law_of_the_reward_counts_too():
+    problem = odds({}, reward="Bernoulli(0.5 * height)")
+    condition = error_condition(problem.model)
+    assert [reward_of_a_step(odds({}, condition, height=h)) for h in (0, 2, 3)] == [0.0, 0.0, 1.0]
 
 
 def test_an_error_costs_what_it_is_told_to_in_the_underlying_mdp():
     law = {"rings(?i)": "Bernoulli(SHARE(?i) * height)"}
-    problem = odds(law, reward="if (height > 1) then height else 2 * height", height=1)
+    problem = odds(law, reward="if (height > 1) then height else 2 - height", height=0)
     assert reward_of_a_step(problem) == reward_of_a_step(underlying_mdp(problem)) == 2.0
     charged = underlying_mdp(problem, error_cost=7.5)
     assert reward_of_a_step(charged) == 2.0
     # the environment raises the error before there is a reward
     text = charged.domain_text.replace("Bernoulli(SHARE(?i) * height)", "false")
-    for height, reward in {1: 2.0, 2: 2.0, 3: 3.0 - 7.5}.items():
-        own = text.replace("default = 1", f"default = {height}")
+    for height, reward in {0: 2.0, 1: 1.0 - 7.5, 2: 2.0 - 7.5, -1: 3.0 - 7.5}.items():
+        own = text.replace("int, default = 0", f"int, default = {height}")
         assert reward_of_a_step(problem_from(own + charged.instance_text)) == reward

@@ -242,8 +242,6 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
         return RAISES  # scenarios do not know where it does
     if isinstance(policy, Tabled):
         return "" if policy.optimum is None else OPTIMAL
-    if policy.vote is not None and isinstance(policy.underlying, ByPlans):
-        return PLANS
     if policy.planner.memory.initial and not policy.planner.rddl.observ_fluents:
         return "the policy remembers"
     if policy.planner.plan.history_dependent:
@@ -252,7 +250,14 @@ def _unsuitable(policy: Prepared | Tabled) -> str:
         return "the policy reads preprocessed states"
     if fluent_bytes(policy.planner) > _MOST_FLUENT_BYTES:
         return LARGE
-    return ""
+    return "" if policy.vote is None else _unsuitable_vote(policy.underlying)
+
+
+def _unsuitable_vote(underlying: Prepared | Tabled | ByPlans | None) -> str:
+    """The same of who votes by what is played in the underlying MDP."""
+    if isinstance(underlying, ByPlans):
+        return PLANS
+    return RAISES if underlying is not None and underlying.problem.error_cost else ""
 
 
 def _lasting(seconds: float, clock: Callable[[], float]) -> Callable[[], bool]:
