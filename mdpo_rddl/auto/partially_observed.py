@@ -10,8 +10,10 @@ it makes relaxed plans. Where the environment raises errors there is no second r
 import dataclasses
 import logging
 import math
+from collections.abc import Sequence
 
 from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
+from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS
 from mdpo_rddl.auto.first_policy import first_policy
 from mdpo_rddl.auto.options import RaceOptions
 from mdpo_rddl.auto.outcome import RaceOutcome
@@ -45,6 +47,9 @@ _TRIAL_SHARE, _TRIAL_SECONDS = 0.3, 15.0
 _LEAST_SECONDS = 0.1
 # for the no-op's episodes, where a stop comes before the race
 _STOPPED_SECONDS = 1.0
+# for a second race with relaxed plans: with less, the trial of their vote, which plays slowly, is
+# too short
+_PLANS_SECONDS = 20.0
 
 
 def plan_partially_observed(
@@ -128,7 +133,9 @@ def _with_underlying(
         left = deadline - trial - clock()
         if vote is None and left > 0.0:
             options.on_stage(_UNDERLYING)
-            found = _raced(underlying, _within(config, left), seed, options)
+            has_time = left >= _PLANS_SECONDS
+            less = [] if has_time and _found_nothing(outcome) else [RELAXED_PLANS]
+            found = _raced(underlying, _within(config, left), seed, options, less)
             vote = None if found is None else VotingTrial(found, options)
         if vote is None:
             return outcome
@@ -185,16 +192,33 @@ def _underlying(problem: Problem) -> Problem | None:
         return None
 
 
+def _found_nothing(outcome: RaceOutcome) -> bool:
+    """Whether the result returns no more than the no-op."""
+    found, noop = outcome.chosen.mean, outcome.noop_return
+    return found is not None and noop is not None and found <= noop
+
+
 def _raced(
-    underlying: Problem, config: PlannerConfig, seed: int, options: RaceOptions
+    underlying: Problem,
+    config: PlannerConfig,
+    seed: int,
+    options: RaceOptions,
+    less: Sequence[str],
 ) -> AnyPolicy | None:
     """What a race for the underlying MDP finds, whose states are not enumerated once more.
+
+    Args:
+      underlying: the underlying MDP.
+      config: with its time.
+      seed: of everything that is drawn.
+      options: of the race.
+      less: arms that take no part.
 
     Raises:
       KeyboardInterrupt: if it was interrupted.
     """
     search = read_search(config.sections)
-    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING]
+    without = [*(search.without if search else ()), DYNAMIC_PROGRAMMING, *less]
     config = config.with_values(SEARCH, without=without)
     second = RaceOptions(
         options.traced_cache, clock=options.clock, most_iterations=options.most_iterations

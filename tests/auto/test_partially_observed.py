@@ -77,9 +77,23 @@ def test_where_states_cannot_be_enumerated_a_second_race_is_for_who_sees_them(ra
     found = raced(race_outcome(careless()), second, enumerates=False)
     # 15 s for the vote, six tenths of the rest for the second race; the stopped clock leaves it all
     assert found.asked == [(True, 34.0), (False, 85.0)]
-    assert found.lefts == [[], ["dynamic programming"]]
+    assert found.lefts == [[], ["dynamic programming", "relaxed plans"]]
     assert found.latest == [100.0, -np.inf]
     assert found.outcome.policy.votes
+
+
+@pytest.mark.parametrize(("noop", "plans"), [(0.5, False), (1.0, True), (2.0, True)])
+def test_relaxed_plans_are_for_where_nothing_else_was_found(raced, noop, plans):
+    first = dataclasses.replace(race_outcome(careless()), noop_return=noop)
+    found = raced(first, race_outcome(voting().underlying), enumerates=False)
+    assert ("relaxed plans" not in found.lefts[1]) == plans
+
+
+def test_relaxed_plans_are_left_out_where_their_vote_would_be_too_late(raced, monkeypatch):
+    monkeypatch.setattr(partially_observed, "_PLANS_SECONDS", 85.5)
+    first = dataclasses.replace(race_outcome(careless()), noop_return=2.0)
+    found = raced(first, race_outcome(voting().underlying), enumerates=False)
+    assert "relaxed plans" in found.lefts[1]
 
 
 def test_a_first_race_that_takes_all_of_the_time_is_the_only_one(raced):
