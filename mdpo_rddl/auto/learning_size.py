@@ -6,8 +6,9 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
-# of an iteration; fewer where decisions try more than so many actions, half where by more samples
-_ROLLOUTS, _FEW_ROLLOUTS, _MANY_TRIED = 256, 64, 64
+# of an iteration; half where actions are tried by more samples, and no more, down to the fewest,
+# than make so many steps of the model at one step of theirs
+_ROLLOUTS, _FEWEST_ROLLOUTS, _MOST_STEPS = 256, 32, 2048
 # of the time that its steps of the model would take in other rollouts, in which policies are more
 # than these steps: a guess, so low that what is refused could hardly have been in time
 _LEAST_SHARE = 0.2
@@ -19,8 +20,10 @@ def learning_rollouts(plan: GreedyPlan) -> int:
     Args:
       plan: compiled.
     """
-    most = _ROLLOUTS if plan.tried <= _MANY_TRIED else _FEW_ROLLOUTS
-    return most if plan.rollout_samples == 1 else most // 2
+    most = _ROLLOUTS if plan.rollout_samples == 1 else _ROLLOUTS // 2
+    fitting = _MOST_STEPS // (plan.tried * plan.rollout_samples)
+    # a power of two
+    return min(most, max(_FEWEST_ROLLOUTS, 2 ** (max(1, fitting).bit_length() - 1)))
 
 
 def least_seconds(plan: GreedyPlan, batch_seconds: float) -> float:

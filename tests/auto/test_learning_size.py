@@ -14,7 +14,7 @@ def plan(tried: int, samples: int = 1) -> SimpleNamespace:
 
 @pytest.mark.parametrize(
     ("tried", "samples", "rollouts"),
-    [(1, 1, 256), (64, 1, 256), (65, 1, 64), (64, 4, 128), (65, 4, 32)],
+    [(1, 1, 256), (8, 1, 256), (9, 1, 128), (4000, 1, 32), (1, 4, 128), (4, 4, 128), (5, 4, 64)],
 )
 def test_it_has_fewer_rollouts_where_a_decision_makes_many_steps(tried, samples, rollouts):
     assert learning_rollouts(plan(tried, samples)) == rollouts

@@ -169,9 +169,8 @@ class RelaxedPlansArm(Arm):
         limits = EnumerationLimits(_MAKING_SHARE * seconds, clock=self._clock)
         plans = self._plans = RelaxedPlans(self._model, limits)
         first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
-        if not plans.reaches_something(first):
-            raise NotEnumerableError("no reward that is a step or more away")
-        few = np.repeat(first, _FEWEST_EPISODES, axis=1)
+        decided = self._reaching(plans, first)
+        few = np.repeat(decided, _FEWEST_EPISODES, axis=1)
         self._seconds_of(plans, few, _RULES[0])  # what is done once is done now
         self._few_seconds = self._seconds_of(plans, few, _RULES[0])
         rules: Sequence[PlanRule] = _RULES
@@ -182,6 +181,28 @@ class RelaxedPlansArm(Arm):
         fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
         starts = np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1)
         return self._tried(plans, starts, rules)
+
+    def _reaching(self, plans: RelaxedPlans, first: np.ndarray) -> np.ndarray:
+        """The first state [V, 1] of an episode of the no-op in which a reward is steps away.
+
+        Args:
+          plans: of the problem.
+          first: the initial state [V, 1].
+
+        Raises:
+          NotEnumerableError: if there is none: what must be reached may come by chance later.
+        """
+        sampler, states = plans.sampler, first
+        generator = np.random.default_rng([self._seed, 0, _STREAM])
+        for _ in range(self._model.horizon):
+            if plans.reaches_something(states):
+                return states
+            drawn = generator.random((sampler.draws, 1))
+            stepped = sampler.step(states, plans.noop[:, np.newaxis], drawn)
+            if stepped.ends.all():
+                break
+            states = stepped.states
+        raise NotEnumerableError("no reward that is a step or more away")
 
     def _seconds_of(self, plans: RelaxedPlans, states: np.ndarray, rule: PlanRule) -> float:
         """What episodes take that begin in states [V, N], by one decision."""

@@ -262,6 +262,8 @@ class Costs:
             return circuit.constant(chance_cost(1.0 - float(graph.values[node])))
         if operator == "*":
             return circuit.least(map(self.fails, arguments))
+        if operator == "+":  # chances of what excludes each other
+            return circuit.total(map(self.fails, arguments))
         if operator == "-" and arguments[0] == graph.one:
             return self.happens(arguments[1])
         if operator == "if":

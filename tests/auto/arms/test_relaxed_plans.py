@@ -3,10 +3,12 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from helpers.clocks import Stopped, Ticking
 from helpers.couriers import courier
 from helpers.lakes import preset
+from helpers.toys import problem_from
 
 from mdpo_rddl.auto.arms import relaxed_plans
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
@@ -22,6 +24,28 @@ from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import open_model
 
 LIMITS = EnumerationLimits(1e9)
+
+
+def fires():
+    return problem_from(
+        """domain fires {
+    pvariables {
+        burning : { state-fluent, bool, default = false };
+        filled : { state-fluent, bool, default = false };
+        fill : { action-fluent, bool, default = false };
+        pour : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        filled' = (filled ^ ~pour) | fill;
+        burning' = (burning ^ ~(pour ^ filled)) | Bernoulli(0.3);
+    };
+    reward = -1.0 * burning - 0.1 * fill;
+}
+non-fluents none { domain = fires; }
+instance inst {
+    domain = fires; non-fluents = none; max-nondef-actions = 1; horizon = 12; discount = 1.0;
+}"""
+    )
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +129,15 @@ def test_it_gives_up_where_every_reward_can_be_had_at_once():
     arm.work(1000.0)
     assert arm.is_exhausted
     assert arm.log.details["cause"] == "no reward that is a step or more away"
+
+
+def test_it_plans_for_what_comes_up_by_chance_later():
+    # a fire, which is put out where there is water
+    model = open_model(fires(), LIMITS)
+    arm = RelaxedPlansArm(preset(10.0), 0, Ticking(0.001), model)
+    arm.work(1000.0)
+    (candidate,) = arm.take_candidates()
+    assert candidate.mean > np.mean(arm._returns[None]) + 1.0
 
 
 def test_it_waits_for_a_slice_in_which_a_rule_can_be_played(problem, monkeypatch):

@@ -283,3 +283,12 @@ def test_it_takes_no_longer_than_it_may():
 def test_a_decay_is_between_0_and_1(decay):
     with pytest.raises(ValueError, match="decay"):
         Prices(decay)
+
+
+def test_what_chance_may_cause_as_well_must_neither_be_caused_nor_come_by_chance():
+    cpfs = "x' = x | a; y' = (y ^ ~x) | Bernoulli(0.2); z' = z;"
+    found = Distances(relaxed(open_model(domain("-1.0 * y", cpfs), LIMITS), LIMITS))
+    luck = -math.log(0.8)
+    assert cost(found, (0, 0, 0)) == 0.0
+    assert cost(found, (1, 1, 0)) == pytest.approx(STEP + luck, rel=1e-5)
+    assert cost(found, (0, 1, 0)) == pytest.approx(2 * STEP + luck, rel=1e-5)
