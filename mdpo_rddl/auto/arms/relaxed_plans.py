@@ -36,13 +36,15 @@ _RULES = (
 )
 # that return no more than the no-op, after which it is given up
 _PATIENCE = 2
-# side by side, for each rule: as many as take so much of the first slice, by what two take; twice
-# as many take 1.5 times as long
-_EPISODES, _FEWEST_EPISODES, _RULE_SHARE, _GROWTH = (16, 8, 4), 2, 0.25, 0.6
+# side by side, for each rule: as many as take so much of the first slice and of the race, by what
+# two take; twice as many take 1.5 times as long
+_EPISODES, _FEWEST_EPISODES, _GROWTH = (16, 8, 4), 2, 0.6
+_RULE_SHARE, _RULE_RACE_SHARE = 0.25, 0.05
 # of what may follow a decision, where they would take longer
 _FEW_SAMPLES = 2
-# of the best rule, other ones that tell what it returns, so many times as many
-_FRESH = 8
+# of the best rule, other ones that tell what it returns: at most so many times as many; where they
+# take long, until the error is so small a share of what it returns over the no-op, but not of fewer
+_FRESH, _CLEAR, _FEWEST_FRESH = 8, 0.02, 8
 # makes random numbers of episodes none of those of decisions
 _STREAM = 1
 # of a slice: where the relaxation takes longer, so do its decisions; what both take then at least
@@ -169,40 +171,47 @@ class RelaxedPlansArm(Arm):
         limits = EnumerationLimits(_MAKING_SHARE * seconds, clock=self._clock)
         plans = self._plans = RelaxedPlans(self._model, limits)
         first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
-        decided = self._reaching(plans, first)
-        few = np.repeat(decided, _FEWEST_EPISODES, axis=1)
+        few = np.repeat(self._usual(plans, first), _FEWEST_EPISODES, axis=1)
         self._seconds_of(plans, few, _RULES[0])  # what is done once is done now
         self._few_seconds = self._seconds_of(plans, few, _RULES[0])
         rules: Sequence[PlanRule] = _RULES
-        if self._few_seconds > _RULE_SHARE * seconds and plans.sampler.is_random:
+        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * self._config.budget().seconds)
+        if self._few_seconds > for_rule and plans.sampler.is_random:
             rules = [replace(rule, samples=_FEW_SAMPLES) for rule in _RULES]
             self._few_seconds = self._seconds_of(plans, few, rules[0])
-        affordable = _RULE_SHARE * seconds / self._few_seconds
+        affordable = for_rule / self._few_seconds
         fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
         starts = np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1)
         return self._tried(plans, starts, rules)
 
-    def _reaching(self, plans: RelaxedPlans, first: np.ndarray) -> np.ndarray:
-        """The first state [V, 1] of an episode of the no-op in which a reward is steps away.
+    def _usual(self, plans: RelaxedPlans, first: np.ndarray) -> np.ndarray:
+        """A state [V, 1] in which a reward is steps away: the initial one, if it is one there.
+
+        Elsewhere what must be reached comes up by chance: it is the middle one of those in an
+        episode of the no-op.
 
         Args:
           plans: of the problem.
           first: the initial state [V, 1].
 
         Raises:
-          NotEnumerableError: if there is none: what must be reached may come by chance later.
+          NotEnumerableError: if there is none.
         """
-        sampler, states = plans.sampler, first
+        if plans.reaches_something(first):
+            return first
+        sampler, states, found = plans.sampler, first, list[np.ndarray]()
         generator = np.random.default_rng([self._seed, 0, _STREAM])
-        for _ in range(self._model.horizon):
-            if plans.reaches_something(states):
-                return states
+        for _ in range(self._model.horizon - 1):
             drawn = generator.random((sampler.draws, 1))
             stepped = sampler.step(states, plans.noop[:, np.newaxis], drawn)
             if stepped.ends.all():
                 break
             states = stepped.states
-        raise NotEnumerableError("no reward that is a step or more away")
+            if plans.reaches_something(states):
+                found.append(states)
+        if not found:
+            raise NotEnumerableError("no reward that is a step or more away")
+        return found[len(found) // 2]
 
     def _seconds_of(self, plans: RelaxedPlans, states: np.ndarray, rule: PlanRule) -> float:
         """What episodes take that begin in states [V, N], by one decision."""
@@ -229,6 +238,16 @@ class RelaxedPlansArm(Arm):
             returns.append((yield from self._episodes(plans, starts, best, stream)))
             # those that it was chosen by were kind to it
             self._fresh = best, returns
+            if starts.shape[1] < _EPISODES[0] and self._is_clear(np.concatenate(returns)):
+                break
+
+    def _is_clear(self, returns: np.ndarray) -> bool:
+        """Whether it is clear what the best rule gains over the no-op, by its returns [N]."""
+        noop = self._returns.get(None)
+        if noop is None or len(returns) < _FEWEST_FRESH:
+            return False
+        mean, error = mean_and_error(returns)
+        return error <= _CLEAR * (mean - float(np.mean(noop)))
 
     def _played(
         self, plans: RelaxedPlans, starts: np.ndarray, rule: PlanRule | None

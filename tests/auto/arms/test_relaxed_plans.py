@@ -53,9 +53,9 @@ def problem():
     return courier()
 
 
-def made(problem, clock=None, pulse=lambda: None):
+def made(problem, clock=None, pulse=lambda: None, seconds=10.0):
     model = open_model(problem, LIMITS)
-    return RelaxedPlansArm(preset(10.0), 0, clock or Ticking(0.001), model, pulse)
+    return RelaxedPlansArm(preset(seconds), 0, clock or Ticking(0.001), model, pulse)
 
 
 def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
@@ -74,8 +74,9 @@ def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
     assert (policy.plan_rule, policy.seed) == (rule, 7)
 
 
-def test_it_offers_what_is_best_when_it_is_asked_and_what_more_episodes_say(problem):
-    arm = made(problem, Ticking(1.0))
+def test_it_offers_what_is_best_when_it_is_asked_and_what_more_episodes_say(problem, monkeypatch):
+    monkeypatch.setattr(relaxed_plans, "_EPISODES", (4,))
+    arm = made(problem, Ticking(1.0), seconds=1000.0)
     end = 25.0
     assert arm.leading == -math.inf
     assert arm.take_candidates() == []
@@ -169,15 +170,35 @@ def test_where_episodes_take_long_few_samples_stand_for_what_may_follow(problem,
         return decide(self, states, step, rule, uniform)
 
     monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
-    arm = made(problem, lambda: now[0])
+    arm = made(problem, lambda: now[0], seconds=1000.0)
     # eight steps with eight samples would take 32 s, with two 8 s
     arm.work(40.0)
     (candidate,) = arm.take_candidates()
     assert candidate.plans[0].samples == 2
-    longer = made(problem, lambda: now[0])
+    longer = made(problem, lambda: now[0], seconds=1000.0)
     longer.work(now[0] + 200.0)
     (candidate,) = longer.take_candidates()
     assert candidate.plans[0].samples == 8
+
+
+def test_where_episodes_take_long_a_clear_gain_is_enough(problem, monkeypatch):
+    now, decide = [0.0], relaxed_plans.RelaxedPlans.decide
+
+    def slow(*args):
+        now[0] += 1.0
+        return decide(*args)
+
+    monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
+    # eight decisions of two episodes take 8 s, as many as a rule may have of the race
+    arm = made(problem, lambda: now[0], seconds=160.0)
+    arm.work(1000.0)
+    assert arm.is_exhausted
+    assert len(arm._returns[None]) == relaxed_plans._FEWEST_EPISODES
+    (candidate,) = arm.take_candidates()
+    simulated = candidate.plans[1]
+    gain = simulated.value - arm._returns[None].mean()
+    assert relaxed_plans._FEWEST_FRESH <= simulated.episodes < 8 * relaxed_plans._FEWEST_EPISODES
+    assert 0.0 <= simulated.error <= 0.02 * gain
 
 
 def test_it_gives_up_where_no_action_is_legal(problem):
