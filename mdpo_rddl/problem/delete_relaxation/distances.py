@@ -111,10 +111,10 @@ class Distances:
     def _evaluate(self, costs: np.ndarray) -> None:
         """Fills in the sums and the minima of costs [R, N] whose literals are given."""
         for part, one, other, start, stop in self._layered.layers:
-            if part is Part.TOTAL:
-                np.add(costs[one], costs[other], out=costs[start:stop])
-            else:
-                np.minimum(costs[one], costs[other], out=costs[start:stop])
+            joined = np.add if part is Part.TOTAL else np.minimum
+            # several times as fast as costs[one] for few columns
+            pair = (costs.take(rows, axis=0, mode="clip") for rows in (one, other))
+            joined(*pair, out=costs[start:stop])
 
     def to_goals(self, costs: np.ndarray) -> np.ndarray:
         """The costs of the goals [G, N], `FAR` or more where one is out of reach."""
