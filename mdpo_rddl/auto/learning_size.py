@@ -6,8 +6,8 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
-# of an iteration; half where actions are tried by more samples, and no more, down to the fewest,
-# than make so many steps of the model at one step of theirs
+# of an iteration; half of them where actions are tried by several samples. On a CPU, the most that
+# make so many steps of the model at each step to find their actions, but not fewer than the fewest
 _ROLLOUTS, _FEWEST_ROLLOUTS, _MOST_STEPS = 256, 32, 2048
 # of the time that its steps of the model would take in other rollouts, in which policies are more
 # than these steps: a guess, so low that what is refused could hardly have been in time
@@ -21,9 +21,11 @@ def learning_rollouts(plan: GreedyPlan) -> int:
       plan: compiled.
     """
     most = _ROLLOUTS if plan.rollout_samples == 1 else _ROLLOUTS // 2
-    fitting = _MOST_STEPS // (plan.tried * plan.rollout_samples)
-    # a power of two
-    return min(most, max(_FEWEST_ROLLOUTS, 2 ** (max(1, fitting).bit_length() - 1)))
+    if not is_on_cpu():
+        return most
+    fitting = max(1, _MOST_STEPS // max(1, plan.tried * plan.rollout_samples))
+    power_of_two: int = 2 ** (fitting.bit_length() - 1)
+    return min(most, max(_FEWEST_ROLLOUTS, power_of_two))
 
 
 def least_seconds(plan: GreedyPlan, batch_seconds: float) -> float:

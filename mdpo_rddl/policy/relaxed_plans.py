@@ -67,11 +67,11 @@ class RelaxedPlans:
         samples = rule.samples if self.sampler.is_random else 1
         return generator.random((self.sampler.draws, samples))
 
-    def reaches_something(self, states: np.ndarray) -> bool:
-        """Whether some goal is a step or more away, and in reach, in states [V, N]."""
+    def reach_something(self, states: np.ndarray) -> np.ndarray:
+        """Of states [V, N], whether some goal is a step or more away, and in reach [N]."""
         distances = self._distances
         costs = distances.to_goals(distances(states, Prices()))
-        return bool(np.any((costs >= Prices().step) & (costs < FAR)))
+        return np.any((costs >= Prices().step) & (costs < FAR), axis=0)
 
     def decide(
         self, states: np.ndarray, step: int, rule: PlanRule, uniform: np.ndarray

@@ -14,10 +14,19 @@ def plan(tried: int, samples: int = 1) -> SimpleNamespace:
 
 @pytest.mark.parametrize(
     ("tried", "samples", "rollouts"),
-    [(1, 1, 256), (8, 1, 256), (9, 1, 128), (4000, 1, 32), (1, 4, 128), (4, 4, 128), (5, 4, 64)],
+    [
+        *((1, 1, 256), (8, 1, 256), (9, 1, 128), (32, 1, 64), (33, 1, 32), (4000, 1, 32)),
+        *((1, 4, 128), (4, 4, 128), (5, 4, 64)),
+    ],
 )
 def test_it_has_fewer_rollouts_where_a_decision_makes_many_steps(tried, samples, rollouts):
     assert learning_rollouts(plan(tried, samples)) == rollouts
+
+
+@pytest.mark.parametrize(("samples", "rollouts"), [(1, 256), (4, 128)])
+def test_an_accelerator_makes_many_steps_at_once(monkeypatch, samples, rollouts):
+    monkeypatch.setattr(learning_size, "is_on_cpu", lambda: False)
+    assert learning_rollouts(plan(4000, samples)) == rollouts
 
 
 def test_an_iteration_may_take_a_fiftieth_of_the_race():

@@ -147,3 +147,35 @@ def hidden_courier() -> Problem:
     text = _COURIER.replace("        go : { action", felt)
     law = "felt = if (holding') then Bernoulli(0.95) else Bernoulli(0.05);"
     return problem_from(text.replace("    };\n    reward", f"        {law}\n    }};\n    reward"))
+
+
+def fires(legal: str = "") -> Problem:
+    """A fire, which comes up by chance, and is put out where there is water.
+
+    Args:
+      legal: preconditions.
+    """
+    return problem_from(
+        f"""domain fires {{
+    pvariables {{
+        burning : {{ state-fluent, bool, default = false }};
+        filled : {{ state-fluent, bool, default = false }};
+        fill : {{ action-fluent, bool, default = false }};
+        pour : {{ action-fluent, bool, default = false }};
+    }};
+    cpfs {{
+        filled' = (filled ^ ~pour) | fill;
+        burning' = (burning ^ ~(pour ^ filled)) | Bernoulli(0.3);
+    }};
+    reward = -1.0 * burning - 0.1 * fill;
+    action-preconditions {{ {legal} }};
+}}
+non-fluents none {{ domain = fires; }}
+instance inst {{
+    domain = fires;
+    non-fluents = none;
+    max-nondef-actions = 1;
+    horizon = 12;
+    discount = 1.0;
+}}"""
+    )

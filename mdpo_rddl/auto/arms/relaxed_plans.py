@@ -43,8 +43,10 @@ _RULE_SHARE, _RULE_RACE_SHARE = 0.25, 0.05
 # of what may follow a decision, where they would take longer
 _FEW_SAMPLES = 2
 # of the best rule, other ones that tell what it returns: at most so many times as many; where they
-# take long, until the error is so small a share of what it returns over the no-op, but not of fewer
+# take long, until the error is so small a share of what it returns over the no-op; the fewest
 _FRESH, _CLEAR, _FEWEST_FRESH = 8, 0.02, 8
+# by which a state is looked for in which a reward is steps away
+_NOOP_EPISODES = 8
 # makes random numbers of episodes none of those of decisions
 _STREAM = 1
 # of a slice: where the relaxation takes longer, so do its decisions; what both take then at least
@@ -170,48 +172,59 @@ class RelaxedPlansArm(Arm):
         seconds = max(0.0, until - self._clock())
         limits = EnumerationLimits(_MAKING_SHARE * seconds, clock=self._clock)
         plans = self._plans = RelaxedPlans(self._model, limits)
-        first = np.array([int(value) for value in self._model.first])[:, np.newaxis]
-        few = np.repeat(self._usual(plans, first), _FEWEST_EPISODES, axis=1)
+        few = np.repeat(self._timing_state(plans, limits), _FEWEST_EPISODES, axis=1)
         self._seconds_of(plans, few, _RULES[0])  # what is done once is done now
         self._few_seconds = self._seconds_of(plans, few, _RULES[0])
         rules: Sequence[PlanRule] = _RULES
-        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * self._config.budget().seconds)
-        if self._few_seconds > for_rule and plans.sampler.is_random:
+        if self._few_seconds > _RULE_SHARE * seconds and plans.sampler.is_random:
             rules = [replace(rule, samples=_FEW_SAMPLES) for rule in _RULES]
             self._few_seconds = self._seconds_of(plans, few, rules[0])
+        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * self._config.budget().seconds)
         affordable = for_rule / self._few_seconds
         fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
-        starts = np.repeat(first, next(fitting, _FEWEST_EPISODES), axis=1)
+        starts = np.repeat(self._first, next(fitting, _FEWEST_EPISODES), axis=1)
         return self._tried(plans, starts, rules)
 
-    def _usual(self, plans: RelaxedPlans, first: np.ndarray) -> np.ndarray:
+    def _timing_state(self, plans: RelaxedPlans, limits: EnumerationLimits) -> np.ndarray:
         """A state [V, 1] in which a reward is steps away: the initial one, if it is one there.
 
-        Elsewhere what must be reached comes up by chance: it is the middle one of those in an
-        episode of the no-op.
+        Elsewhere what must be reached comes up by chance: it is the middle one of those in a few
+        episodes of the no-op.
 
         Args:
           plans: of the problem.
-          first: the initial state [V, 1].
+          limits: for the time.
 
         Raises:
           NotEnumerableError: if there is none.
+          OutOfTimeError: if it is not found in time.
         """
-        if plans.reaches_something(first):
-            return first
-        sampler, states, found = plans.sampler, first, list[np.ndarray]()
+        model, sampler, states = self._model, plans.sampler, self._first
+        if plans.reach_something(states).any():
+            return states
+        found = list[np.ndarray]()
         generator = np.random.default_rng([self._seed, 0, _STREAM])
-        for _ in range(self._model.horizon - 1):
-            drawn = generator.random((sampler.draws, 1))
-            stepped = sampler.step(states, plans.noop[:, np.newaxis], drawn)
-            if stepped.ends.all():
+        states = np.repeat(states, _NOOP_EPISODES, axis=1)
+        # in the last state but one there is no time left to reach anything
+        for _ in range(model.horizon - 2):
+            self._pulse()
+            limits.check_time()
+            actions = np.repeat(plans.noop[:, np.newaxis], states.shape[1], axis=1)
+            is_legal = sampler.legal(states, actions)
+            drawn = generator.random((sampler.draws, states.shape[1]))
+            stepped = sampler.step(states, actions, drawn)
+            states = stepped.states[:, is_legal & ~stepped.ends]
+            if not states.size:
                 break
-            states = stepped.states
-            if plans.reaches_something(states):
-                found.append(states)
+            found += [state[:, np.newaxis] for state in states[:, plans.reach_something(states)].T]
         if not found:
             raise NotEnumerableError("no reward that is a step or more away")
         return found[len(found) // 2]
+
+    @property
+    def _first(self) -> np.ndarray:
+        """The initial state [V, 1]."""
+        return np.array([int(value) for value in self._model.first])[:, np.newaxis]
 
     def _seconds_of(self, plans: RelaxedPlans, states: np.ndarray, rule: PlanRule) -> float:
         """What episodes take that begin in states [V, N], by one decision."""
@@ -247,7 +260,10 @@ class RelaxedPlansArm(Arm):
         if noop is None or len(returns) < _FEWEST_FRESH:
             return False
         mean, error = mean_and_error(returns)
-        return error <= _CLEAR * (mean - float(np.mean(noop)))
+        noop_mean, noop_error = mean_and_error(noop)
+        # that a few are equal may be chance
+        is_told = error > 0.0 or len(returns) >= 2 * _FEWEST_FRESH
+        return is_told and math.hypot(error, noop_error) <= _CLEAR * (mean - noop_mean)
 
     def _played(
         self, plans: RelaxedPlans, starts: np.ndarray, rule: PlanRule | None

@@ -262,10 +262,21 @@ class Costs:
             return circuit.constant(chance_cost(1.0 - float(graph.values[node])))
         if operator == "*":
             return circuit.least(map(self.fails, arguments))
-        if operator == "+":  # chances of what excludes each other
+        # each must fail: (1 - p) (1 - q) >= 1 - (p + q) is never too dear where none is below 0
+        if operator == "+" and all(map(self._is_chance, arguments)):
             return circuit.total(map(self.fails, arguments))
         if operator == "-" and arguments[0] == graph.one:
             return self.happens(arguments[1])
         if operator == "if":
             return self._chosen(arguments, self.fails)
         return circuit.free
+
+    def _is_chance(self, node: int) -> bool:
+        """Whether a part of a probability is seen to be never below 0, as 1 - p is not."""
+        graph = self._graph
+        operator, arguments = graph.operators[node], graph.arguments[node]
+        if operator == "-" and arguments[0] == graph.one:
+            return self._is_chance(arguments[1])
+        if operator == "*":
+            return all(map(self._is_chance, arguments))
+        return self._is_positive_or_0(node)

@@ -113,8 +113,8 @@ class Distances:
         for part, one, other, start, stop in self._layered.layers:
             joined = np.add if part is Part.TOTAL else np.minimum
             # several times as fast as costs[one] for few columns
-            pair = (costs.take(rows, axis=0, mode="clip") for rows in (one, other))
-            joined(*pair, out=costs[start:stop])
+            first = costs.take(one, axis=0, mode="clip")
+            joined(first, costs.take(other, axis=0, mode="clip"), out=costs[start:stop])
 
     def to_goals(self, costs: np.ndarray) -> np.ndarray:
         """The costs of the goals [G, N], `FAR` or more where one is out of reach."""

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.clocks import Stopped, Ticking
-from helpers.couriers import courier
+from helpers.couriers import courier, fires
 from helpers.lakes import preset
-from helpers.toys import problem_from
 
 from mdpo_rddl.auto.arms import relaxed_plans
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
@@ -20,32 +19,11 @@ from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.config.search_section import Search
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import open_model
 
 LIMITS = EnumerationLimits(1e9)
-
-
-def fires():
-    return problem_from(
-        """domain fires {
-    pvariables {
-        burning : { state-fluent, bool, default = false };
-        filled : { state-fluent, bool, default = false };
-        fill : { action-fluent, bool, default = false };
-        pour : { action-fluent, bool, default = false };
-    };
-    cpfs {
-        filled' = (filled ^ ~pour) | fill;
-        burning' = (burning ^ ~(pour ^ filled)) | Bernoulli(0.3);
-    };
-    reward = -1.0 * burning - 0.1 * fill;
-}
-non-fluents none { domain = fires; }
-instance inst {
-    domain = fires; non-fluents = none; max-nondef-actions = 1; horizon = 12; discount = 1.0;
-}"""
-    )
 
 
 @pytest.fixture(scope="module")
@@ -189,16 +167,68 @@ def test_where_episodes_take_long_a_clear_gain_is_enough(problem, monkeypatch):
         return decide(*args)
 
     monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
-    # eight decisions of two episodes take 8 s, as many as a rule may have of the race
-    arm = made(problem, lambda: now[0], seconds=160.0)
+    # eight decisions of two episodes take 8 s, those of four 12 s: what a rule may have of the race
+    arm = made(problem, lambda: now[0], seconds=250.0)
     arm.work(1000.0)
     assert arm.is_exhausted
-    assert len(arm._returns[None]) == relaxed_plans._FEWEST_EPISODES
+    assert len(arm._returns[None]) == 4
     (candidate,) = arm.take_candidates()
     simulated = candidate.plans[1]
     gain = simulated.value - arm._returns[None].mean()
-    assert relaxed_plans._FEWEST_FRESH <= simulated.episodes < 8 * relaxed_plans._FEWEST_EPISODES
+    assert relaxed_plans._FEWEST_FRESH <= simulated.episodes < 8 * 4
     assert 0.0 <= simulated.error <= 0.02 * gain
+
+
+@pytest.mark.parametrize(
+    ("returns", "noop", "is_clear"),
+    [
+        ([10.0] * 16, [0.0, 0.0], True),
+        # eight that are equal may be so by chance
+        ([10.0] * 8, [0.0, 0.0], False),
+        ([9.9, 10.1] * 4, [0.0, 0.0], True),
+        ([9.9, 10.1] * 3, [0.0, 0.0], False),
+        ([5.0, 15.0] * 4, [0.0, 0.0], False),
+        # the no-op's error counts, too
+        ([9.9, 10.1] * 4, [-1.0, 1.0], False),
+        ([9.9, 10.1] * 4, [10.0, 10.0], False),
+        ([9.9, 10.1] * 4, [20.0, 20.0], False),
+        # nothing to compare with, where the no-op is illegal
+        ([9.9, 10.1] * 4, None, False),
+    ],
+)
+def test_a_gain_is_clear_beyond_its_error(problem, returns, noop, is_clear):
+    arm = made(problem)
+    if noop is not None:
+        arm._returns[None] = np.array(noop)
+    assert arm._is_clear(np.array(returns)) == is_clear
+
+
+def timing_state(model):
+    arm = RelaxedPlansArm(preset(10.0), 0, Ticking(0.001), model)
+    return arm._timing_state(RelaxedPlans(model, LIMITS), LIMITS)[:, 0].tolist()
+
+
+def test_the_initial_state_tells_how_long_it_takes_if_something_must_be_reached(problem):
+    model = open_model(problem, LIMITS)
+    assert timing_state(model) == [int(value) for value in model.first]
+
+
+def test_elsewhere_one_that_comes_up_by_chance():
+    # the fire burns, and no water is there
+    assert timing_state(open_model(fires(), LIMITS)) == [1, 0]
+
+
+@pytest.mark.parametrize("horizon", [1, 2])
+def test_nothing_can_come_up_in_a_short_episode(horizon):
+    model = replace(open_model(fires(), LIMITS), horizon=horizon)
+    with pytest.raises(NotEnumerableError, match="a step or more away"):
+        timing_state(model)
+
+
+def test_no_state_counts_after_an_illegal_no_op():
+    model = open_model(fires("fill | pour;"), LIMITS)
+    with pytest.raises(NotEnumerableError, match="a step or more away"):
+        timing_state(model)
 
 
 def test_it_gives_up_where_no_action_is_legal(problem):

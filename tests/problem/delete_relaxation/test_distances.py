@@ -292,3 +292,19 @@ def test_what_chance_may_cause_as_well_must_neither_be_caused_nor_come_by_chance
     assert cost(found, (0, 0, 0)) == 0.0
     assert cost(found, (1, 1, 0)) == pytest.approx(STEP + luck, rel=1e-5)
     assert cost(found, (0, 1, 0)) == pytest.approx(2 * STEP + luck, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "chance", ["1.0 + -0.5 * x", "1.0 + -0.3 * x + -0.2 * z", "1.0 * y + -0.6 * x"]
+)
+def test_what_fails_by_a_summand_below_0_is_in_reach(chance):
+    cpfs = f"x' = x | a; y' = Bernoulli({chance}); z' = z | b;"
+    found = Distances(relaxed(open_model(domain("-1.0 * y", cpfs), LIMITS), LIMITS))
+    assert cost(found, (1, 1, 0)) < FAR
+
+
+def test_the_complement_of_a_chance_is_one():
+    cpfs = "x' = x | a; y' = Bernoulli(0.2) | ~Bernoulli(0.5 * (y ^ ~x)); z' = z;"
+    found = Distances(relaxed(open_model(domain("-1.0 * y", cpfs), LIMITS), LIMITS))
+    # the law is a sum over both draws, of which each part must fail
+    assert STEP - math.log(0.5) < cost(found, (0, 1, 0)) < FAR
