@@ -1,4 +1,4 @@
-"""The planner against hand-written rules, on problems that nothing was tuned on.
+"""The planner against hand-written rules.
 
     python tools/against_rules.py ROWS SECONDS SEED NAME...
 

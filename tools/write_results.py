@@ -128,6 +128,14 @@ def linear_quadratic() -> str:
     return markdown(with_source(table, "linear_quadratic"))
 
 
+def rules() -> str:
+    """Mean returns of the race, of a rule by hand and of the no-op, a problem a row."""
+    names = ["problem", "policy", "rule", "noop", "lead", "lead_error"]
+    rows = read_csv(RESULTS / "rules" / "rows.csv")
+    table = [names, *([row[name] for name in names] for row in rows)]
+    return markdown(with_source(table, "rules"))
+
+
 def better_of_two() -> str:
     """The score of JaxPlan's better plan on each instance."""
     found = json.loads((RESULTS / "ipc2023" / "scores.json").read_text(encoding="utf-8"))
@@ -176,6 +184,7 @@ PIECES: dict[str, Callable[[], str]] = {
     "ipc2023": competition,
     "better-of-two": better_of_two,
     "linear_quadratic": linear_quadratic,
+    "rules": rules,
     "auto": plain("auto"),
     "auto_jaxplan": auto_jaxplan,
     "paper": paper,

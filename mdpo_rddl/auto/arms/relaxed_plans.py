@@ -42,9 +42,10 @@ _EPISODES, _FEWEST_EPISODES, _GROWTH = (16, 8, 4), 2, 0.6
 _RULE_SHARE, _RULE_RACE_SHARE = 0.25, 0.05
 # of what may follow a decision, where they would take longer
 _FEW_SAMPLES = 2
-# of the best rule, other ones that tell what it returns: at most so many times as many; where they
-# take long, until the error is so small a share of what it returns over the no-op; the fewest
-_FRESH, _CLEAR, _FEWEST_FRESH = 8, 0.02, 8
+# of the best rule, other ones that tell what it returns: at most so many times as many; where as
+# many take such a share of the race, until the error is so small a share of what is gained over
+# the no-op; the fewest then
+_FRESH, _LONG_SHARE, _CLEAR, _FEWEST_FRESH = 8, 0.01, 0.02, 8
 # by which a state is looked for in which a reward is steps away
 _NOOP_EPISODES = 8
 # makes random numbers of episodes none of those of decisions
@@ -84,8 +85,8 @@ class RelaxedPlansArm(Arm):
         super().__init__(RELAXED_PLANS, clock)
         self._config, self._seed, self._model, self._pulse = config, seed, model, pulse
         self._plans: RelaxedPlans | None = None
-        # what the fewest episodes of a rule take
-        self._few_seconds = 0.0
+        # what the fewest episodes of a rule take, and whether as many as are played take long
+        self._few_seconds, self._takes_long = 0.0, False
         self._steps: Iterator[None] | None = None
         # returns of the rules, and in the same episodes of the no-op, under None, if it is legal
         self._returns: dict[PlanRule | None, np.ndarray] = {}
@@ -179,10 +180,12 @@ class RelaxedPlansArm(Arm):
         if self._few_seconds > _RULE_SHARE * seconds and plans.sampler.is_random:
             rules = [replace(rule, samples=_FEW_SAMPLES) for rule in _RULES]
             self._few_seconds = self._seconds_of(plans, few, rules[0])
-        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * self._config.budget().seconds)
-        affordable = for_rule / self._few_seconds
-        fitting = (n for n in _EPISODES if (n / _FEWEST_EPISODES) ** _GROWTH <= affordable)
-        starts = np.repeat(self._first, next(fitting, _FEWEST_EPISODES), axis=1)
+        race_seconds = self._config.budget().seconds
+        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * race_seconds)
+        fitting = (n for n in _EPISODES if self._seconds_of_many(n) <= for_rule)
+        count = next(fitting, _FEWEST_EPISODES)
+        self._takes_long = self._seconds_of_many(count) > _LONG_SHARE * race_seconds
+        starts = np.repeat(self._first, count, axis=1)
         return self._tried(plans, starts, rules)
 
     def _timing_state(self, plans: RelaxedPlans, limits: EnumerationLimits) -> np.ndarray:
@@ -226,6 +229,10 @@ class RelaxedPlansArm(Arm):
         """The initial state [V, 1]."""
         return np.array([int(value) for value in self._model.first])[:, np.newaxis]
 
+    def _seconds_of_many(self, count: int) -> float:
+        """What so many episodes of a rule take, by what the fewest do."""
+        return self._few_seconds * (count / _FEWEST_EPISODES) ** _GROWTH
+
     def _seconds_of(self, plans: RelaxedPlans, states: np.ndarray, rule: PlanRule) -> float:
         """What episodes take that begin in states [V, N], by one decision."""
         started = self._clock()
@@ -251,7 +258,7 @@ class RelaxedPlansArm(Arm):
             returns.append((yield from self._episodes(plans, starts, best, stream)))
             # those that it was chosen by were kind to it
             self._fresh = best, returns
-            if starts.shape[1] < _EPISODES[0] and self._is_clear(np.concatenate(returns)):
+            if self._takes_long and self._is_clear(np.concatenate(returns)):
                 break
 
     def _is_clear(self, returns: np.ndarray) -> bool:
@@ -263,7 +270,7 @@ class RelaxedPlansArm(Arm):
         noop_mean, noop_error = mean_and_error(noop)
         # that a few are equal may be chance
         is_told = error > 0.0 or len(returns) >= 2 * _FEWEST_FRESH
-        return is_told and math.hypot(error, noop_error) <= _CLEAR * (mean - noop_mean)
+        return is_told and error <= _CLEAR * (mean - noop_mean - noop_error)
 
     def _played(
         self, plans: RelaxedPlans, starts: np.ndarray, rule: PlanRule | None

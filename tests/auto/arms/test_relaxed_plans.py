@@ -54,7 +54,7 @@ def test_it_offers_the_best_rule_with_its_return_in_fresh_episodes(problem):
 
 def test_it_offers_what_is_best_when_it_is_asked_and_what_more_episodes_say(problem, monkeypatch):
     monkeypatch.setattr(relaxed_plans, "_EPISODES", (4,))
-    arm = made(problem, Ticking(1.0), seconds=1000.0)
+    arm = made(problem, Ticking(1.0), seconds=10_000.0)
     end = 25.0
     assert arm.leading == -math.inf
     assert arm.take_candidates() == []
@@ -189,7 +189,8 @@ def test_where_episodes_take_long_a_clear_gain_is_enough(problem, monkeypatch):
         ([9.9, 10.1] * 3, [0.0, 0.0], False),
         ([5.0, 15.0] * 4, [0.0, 0.0], False),
         # the no-op's error counts, too
-        ([9.9, 10.1] * 4, [-1.0, 1.0], False),
+        ([9.9, 10.1] * 4, [-1.0, 1.0], True),
+        ([9.9, 10.1] * 4, [-10.0, 10.0], False),
         ([9.9, 10.1] * 4, [10.0, 10.0], False),
         ([9.9, 10.1] * 4, [20.0, 20.0], False),
         # nothing to compare with, where the no-op is illegal
