@@ -7,8 +7,10 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 # of the race: an iteration that takes longer leaves too few
 _LONGEST_SHARE = 0.02
 # of an iteration; half of them where actions are tried by several samples. On a CPU, the most that
-# make so many steps of the model at each step to find their actions, but not fewer than the fewest
+# make so many steps of the model at each step to find their actions, but not fewer than the fewest;
+# on an accelerator, a part of them where decisions try more than so many actions
 _ROLLOUTS, _FEWEST_ROLLOUTS, _MOST_STEPS = 256, 32, 2048
+_MANY_TRIED, _PART = 64, 4
 # of the time that its steps of the model would take in other rollouts, in which policies are more
 # than these steps: a guess, so low that what is refused could hardly have been in time
 _LEAST_SHARE = 0.2
@@ -22,7 +24,7 @@ def learning_rollouts(plan: GreedyPlan) -> int:
     """
     most = _ROLLOUTS if plan.rollout_samples == 1 else _ROLLOUTS // 2
     if not is_on_cpu():
-        return most
+        return most if plan.tried <= _MANY_TRIED else most // _PART
     fitting = max(1, _MOST_STEPS // max(1, plan.tried * plan.rollout_samples))
     power_of_two: int = 2 ** (fitting.bit_length() - 1)
     return min(most, max(_FEWEST_ROLLOUTS, power_of_two))

@@ -23,10 +23,12 @@ def test_it_has_fewer_rollouts_where_a_decision_makes_many_steps(tried, samples,
     assert learning_rollouts(plan(tried, samples)) == rollouts
 
 
-@pytest.mark.parametrize(("samples", "rollouts"), [(1, 256), (4, 128)])
-def test_an_accelerator_makes_many_steps_at_once(monkeypatch, samples, rollouts):
+@pytest.mark.parametrize(
+    ("tried", "samples", "rollouts"), [(64, 1, 256), (65, 1, 64), (64, 4, 128), (65, 4, 32)]
+)
+def test_an_accelerator_makes_many_steps_at_once(monkeypatch, tried, samples, rollouts):
     monkeypatch.setattr(learning_size, "is_on_cpu", lambda: False)
-    assert learning_rollouts(plan(4000, samples)) == rollouts
+    assert learning_rollouts(plan(tried, samples)) == rollouts
 
 
 def test_an_iteration_may_take_a_fiftieth_of_the_race():
