@@ -5,6 +5,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
+import pyRDDLGym
 import pytest
 
 from mdpo_rddl.problem.load import load_problem
@@ -34,6 +35,17 @@ class Idle:
 
     def sample_action(self, state):
         return {}
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in (TOOLS / "rules").iterdir()))
+def test_a_rule_acts_in_its_problem(tool, name):
+    load_problem(*tool.files_of(name))
+    env = pyRDDLGym.make(*tool.files_of(name), vectorized=False, enforce_action_constraints=True)
+    state, _ = env.reset(seed=1)
+    rule = tool.rule_of(name)
+    for step in range(3):
+        # an action that is illegal, or none of the problem's, raises an error
+        state, *_ = env.step(rule(state, step))
 
 
 @pytest.mark.parametrize("name", ["fishery", "jobshop"])

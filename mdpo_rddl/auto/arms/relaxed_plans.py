@@ -85,8 +85,8 @@ class RelaxedPlansArm(Arm):
         super().__init__(RELAXED_PLANS, clock)
         self._config, self._seed, self._model, self._pulse = config, seed, model, pulse
         self._plans: RelaxedPlans | None = None
-        # what the fewest episodes of a rule take, and whether as many as are played take long
-        self._few_seconds, self._takes_long = 0.0, False
+        # what the fewest episodes of a rule take
+        self._few_seconds = 0.0
         self._steps: Iterator[None] | None = None
         # returns of the rules, and in the same episodes of the no-op, under None, if it is legal
         self._returns: dict[PlanRule | None, np.ndarray] = {}
@@ -180,12 +180,9 @@ class RelaxedPlansArm(Arm):
         if self._few_seconds > _RULE_SHARE * seconds and plans.sampler.is_random:
             rules = [replace(rule, samples=_FEW_SAMPLES) for rule in _RULES]
             self._few_seconds = self._seconds_of(plans, few, rules[0])
-        race_seconds = self._config.budget().seconds
-        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * race_seconds)
+        for_rule = min(_RULE_SHARE * seconds, _RULE_RACE_SHARE * self._config.budget().seconds)
         fitting = (n for n in _EPISODES if self._seconds_of_many(n) <= for_rule)
-        count = next(fitting, _FEWEST_EPISODES)
-        self._takes_long = self._seconds_of_many(count) > _LONG_SHARE * race_seconds
-        starts = np.repeat(self._first, count, axis=1)
+        starts = np.repeat(self._first, next(fitting, _FEWEST_EPISODES), axis=1)
         return self._tried(plans, starts, rules)
 
     def _timing_state(self, plans: RelaxedPlans, limits: EnumerationLimits) -> np.ndarray:
@@ -233,6 +230,10 @@ class RelaxedPlansArm(Arm):
         """What so many episodes of a rule take, by what the fewest do."""
         return self._few_seconds * (count / _FEWEST_EPISODES) ** _GROWTH
 
+    def _take_long(self, count: int) -> bool:
+        """Whether so many episodes of a rule take a share of the race that matters."""
+        return self._seconds_of_many(count) > _LONG_SHARE * self._config.budget().seconds
+
     def _seconds_of(self, plans: RelaxedPlans, states: np.ndarray, rule: PlanRule) -> float:
         """What episodes take that begin in states [V, N], by one decision."""
         started = self._clock()
@@ -254,11 +255,12 @@ class RelaxedPlansArm(Arm):
                 raise NotEnumerableError("its plans return no more than the no-op")
         best, returns = self._best, list[np.ndarray]()
         assert best is not None
+        few_are_enough = self._take_long(starts.shape[1])
         for stream in range(1, _FRESH + 1):
             returns.append((yield from self._episodes(plans, starts, best, stream)))
             # those that it was chosen by were kind to it
             self._fresh = best, returns
-            if self._takes_long and self._is_clear(np.concatenate(returns)):
+            if few_are_enough and self._is_clear(np.concatenate(returns)):
                 break
 
     def _is_clear(self, returns: np.ndarray) -> bool:
