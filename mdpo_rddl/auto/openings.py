@@ -32,7 +32,10 @@ _MARGIN = 2.0
 # of the time left, that others' programs may take where one of these leads: where greedy does, and
 # where it does among numbers; where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _AMONG_NUMBERS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.6, 0.5, 0.15
-_STALLED = "plan stalled"
+_STALLED, _FAR_AHEAD = "plan stalled", "greedy is far ahead"
+# times what all others have gained over the no-op, that greedy has among numbers: then these are
+# unlikely to come as far, and all the time is better spent on it
+_FAR = 2.0
 # of the time left, at most, for relaxed plans that may lead, and where no constant beats the no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
 _MORE_PLANS = "more relaxed plans"
@@ -145,25 +148,46 @@ class Openings(Slices):
         return may_be_greedy(share) and not may_be_greedy(share, later)
 
     def _open_alone(self) -> bool:
-        """Their slices; whether one leads and there is too little time for others' programs."""
+        """Their slices; whether one leads by far, or with too little time for others' programs."""
         self._learn_value(self._greedy_share)
         self._climb()
         leader, affording = self._best.arm, self._affording
         if leader == GREEDY:
             has_numbers = self._entrants.has_numbers
             share = _AMONG_NUMBERS_SHARE if has_numbers else _GREEDY_LEADS_SHARE
-            return not affording.others(share)
+            return self._is_greedy_far_ahead() or not affording.others(share)
         explores = affording.parameter_exploration(EXPLORING_FIRST)
         return leader == SHOOTING and not explores and not affording.others(self._others_share())
 
-    def _learn_first(self) -> None:
-        """Slices for what learns from exact rollouts, before all others but the judge's."""
+    def _is_greedy_far_ahead(self) -> bool:
+        """Whether no other arm is likely to come as far as greedy has among numbers.
+
+        Where all actions and states are bools it has most of the time in any case.
+        """
+
+        def is_far_ahead() -> bool:
+            if self._best.arm != GREEDY or not self._entrants.has_numbers:
+                return False
+            judged = (each.candidate for each in self._judge.judged)
+            others = max(each.known_mean for each in judged if each.arm != GREEDY)
+            noop = self._arena.noop_return.mean
+            return 0.0 < _FAR * (others - noop) < self._judge.best_mean - noop
+
+        return bool(self._marks.decided(_FAR_AHEAD, is_far_ahead))
+
+    def _learn_first(self) -> bool:
+        """Slices for what learns from exact rollouts, before all others but the judge's.
+
+        Returns:
+          Whether it leads by far.
+        """
         if GREEDY in {arm.name for arm in self.arms}:
-            return
+            return False
         if not self._marks.decided("learns first", self._finds_reward):
             self._learn_value(LESS_GREEDY_SHARE, is_rare=True)
         else:
             self._learn_value(self._greedy_share)
+        return self._is_greedy_far_ahead()
 
     def _climb_first(self) -> None:
         """Slices for straight-line plans, where a constant is better than the no-op."""

@@ -129,7 +129,9 @@ class Schedule(Openings):
         """Everything that needs a population of rollouts."""
         arena = self._arena
         # before the population, whose program takes longer
-        self._learn_first()
+        if self._learn_first():
+            self._finish()
+            return
         self._climb_first()
         until = self._end("all", self._shares.rounds_until)
         # where it leads already, the exploration begins with what comes last

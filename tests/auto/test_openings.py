@@ -216,3 +216,24 @@ def test_the_searches_in_turn_keep_some_time_beside_an_early_gradient(openings, 
     now = openings._arena.clock()
     found = openings._affording.early_patience(60.0, now + 100.0)
     assert found == pytest.approx(now + 80.0, abs=3.0)
+
+
+@pytest.mark.parametrize(
+    # what greedy has gained over the no-op, times the gain of the best constant
+    ("times", "has_numbers", "expected"),
+    [(2.1, True, True), (1.9, True, False), (2.1, False, False)],
+)
+def test_greedy_that_leads_by_far_among_numbers_has_all_the_time(
+    openings, times, has_numbers, expected
+):
+    assert openings._knows_by_probing()
+    openings._entrants.has_numbers = has_numbers
+    noop, constant = openings._arena.noop_return.mean, openings._best
+    mean = noop + times * (constant.mean - noop)
+    openings._affording = SimpleNamespace(others=lambda share: True)
+    openings._judge.record(replace(constant, arm=GREEDY, mean=mean))
+    assert openings._best.arm == GREEDY
+    assert openings._open_alone() is expected
+    # it stays so in a race that goes on
+    openings._judge.record(replace(constant, arm="shared weights", mean=mean - 1e-3))
+    assert openings._is_greedy_far_ahead() is expected
