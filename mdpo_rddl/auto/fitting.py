@@ -34,10 +34,12 @@ def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
     # a centre is as exact as its scale makes a difference
     scales = {
         name: [float(np.round(center / scale, 3) * _short(scale)), _short(scale)]
-        for name, (center, scale) in probe.state_scales.items()
+        for name, (center, scale) in {**probe.state_scales, **probe.lookup_scales}.items()
     }
     units = {name: _short(value) for name, value in probe.units.items()}
-    return config.with_policy_arguments(state_scales=scales, units=units)
+    config = config.with_policy_arguments(state_scales=scales, units=units)
+    lookups = list(probe.lookup_scales)
+    return config.with_policy_arguments(lookups=lookups) if lookups else config
 
 
 def with_single_rollouts(config: PlannerConfig) -> PlannerConfig:

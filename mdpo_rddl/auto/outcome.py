@@ -108,6 +108,7 @@ class RaceOutcome:
             "candidates": list(self.curve),
             "units": probe.units if probe else {},
             "state_scales": _lists(probe.state_scales) if probe else {},
+            "lookup_scales": _lists(probe.lookup_scales) if probe else {},
         }
 
 

@@ -10,15 +10,18 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mdpo_rddl.auto.constants import Constant, Constants
+from mdpo_rddl.auto.lookup_scales import lookup_scales
 from mdpo_rddl.auto.sizes import Batches, fitting_batches, is_large, judge_rollouts
 from mdpo_rddl.auto.state import State
 from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import box_width
+from mdpo_rddl.planner.plans.lookups import lookups
 from mdpo_rddl.planner.update.action_scales import SIZES, answering_size
 from mdpo_rddl.problem.chance import has_draws
 
@@ -56,6 +59,7 @@ class Probe:
       policy_seconds: that one policy takes where the problem is large; None elsewhere.
       compile_seconds: that a program for rollouts is likely to take, by what plays constants.
       batch_seconds: that 128 of their rollouts take; 0 if one batch was played only.
+      lookup_scales: as `state_scales`, of what a policy reads at the objects that the state names.
     """
 
     units: dict[str, float]
@@ -68,6 +72,7 @@ class Probe:
     policy_seconds: float | None
     compile_seconds: float = 0.0
     batch_seconds: float = 0.0
+    lookup_scales: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
 
     def judge_rollouts(self, most: int, left: float) -> int:
         """Rollouts of each candidate that is judged.
@@ -98,10 +103,7 @@ class Probe:
         seconds = values["policy_seconds"]
         found = cls(
             units={str(name): float(unit) for name, unit in values["units"].items()},
-            state_scales={
-                str(name): (float(center), float(scale))
-                for name, (center, scale) in values["state_scales"].items()
-            },
+            state_scales=_scales_of(values["state_scales"]),
             noop_return=float(values["noop_return"]),
             start={name: state.array(name, values.shape) for name, values in state.tensors.items()},
             start_return=float(values["start_return"]),
@@ -110,9 +112,12 @@ class Probe:
             policy_seconds=None if seconds is None else float(seconds),
             compile_seconds=float(values["compile_seconds"]),
             batch_seconds=float(values["batch_seconds"]),
+            # a race of an earlier version looks nothing up
+            lookup_scales=_scales_of(values.get("lookup_scales", {})),
         )
-        sizes = [*found.units.values(), *(scale for _, scale in found.state_scales.values())]
-        centers = [center for center, _ in found.state_scales.values()]
+        scales = [*found.state_scales.values(), *found.lookup_scales.values()]
+        sizes = [*found.units.values(), *(scale for _, scale in scales)]
+        centers = [center for center, _ in scales]
         for value in sizes:
             if not 0.0 < value < np.inf:
                 raise ValueError(f"a unit is {value}, and not between 0 and infinity")
@@ -131,7 +136,12 @@ class Probe:
         starts = {name: values.shape for name, values in self.start.items()}
         seen = planner.rddl.observ_fluents or planner.rddl.state_fluents
         is_of_the_states = set(self.state_scales) == set(seen)
+        is_of_the_states &= set(self.lookup_scales) <= set(lookups(planner.rddl))
         return starts == shapes and set(self.units) <= set(shapes) and is_of_the_states
+
+
+def _scales_of(values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    return {str(name): (float(center), float(scale)) for name, (center, scale) in values.items()}
 
 
 def constants_for(
@@ -208,6 +218,7 @@ def probe(plays: Constants, seed: int) -> Probe:
         policy_seconds=seconds if large else None,
         compile_seconds=plays.usual_seconds,
         batch_seconds=plays.batch_seconds * _STARTS * _ROLLOUTS / (size.at_once * size.rollouts),
+        lookup_scales={} if large else lookup_scales(planner, states),
     )
     if found.deterministic or large:
         return found

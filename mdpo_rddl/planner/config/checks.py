@@ -52,6 +52,7 @@ _OPTIONAL = ("batch_size_test", "rollout_horizon", "clip_grad")
 _MAX_KEY = 2**31 - 1
 # of a feedback policy's shape: what is looked at before there is a problem
 _OF_SHAPE = ("squares", "distant", "lifted", "pairs", "plan", "state_scales", "cut_feedback")
+_OF_SHAPE += ("lookups",)
 
 
 def check_sections(sections: Mapping[str, Mapping[str, Any]], source: str) -> None:

@@ -62,7 +62,7 @@ def action_features(
     values: Mapping[str, Any],
     action: str,
     distant: bool = False,
-    remembered: Mapping[str, Sequence[str]] | None = None,
+    others: Mapping[str, Sequence[str]] | None = None,
 ) -> ActionFeatures:
     """Finds the features of an action fluent.
 
@@ -76,7 +76,7 @@ def action_features(
       values: per fluent and non-fluent, an array of its shape; read for the non-fluents.
       action: the action fluent's name.
       distant: whether those of `distant_neighbours` are features, too.
-      remembered: the types of what the policy remembers, which is read as fluents are.
+      others: the types of what the policy remembers or looks up, which is read as fluents are.
     """
     types = list(rddl.variable_params[action])
     shape = tuple(np.shape(values[action]))
@@ -84,7 +84,7 @@ def action_features(
     readable = {name: list(rddl.variable_params[name]) for name in observed_fluents(rddl)}
     # fluents of the same types have the same neighbours, whose means are taken together
     known: dict[tuple[str, ...], list[Neighbours]] = {}
-    for fluent, own in {**readable, **(remembered or {})}.items():
+    for fluent, own in {**readable, **(others or {})}.items():
         if len(own) == 1:
             features.extend(_at_each_end(fluent, fluent, own[0], types, shape))
         else:

@@ -11,6 +11,7 @@ from jax import Array, lax, random
 from mdpo_rddl.planner.plans.feature_values import feature_values, weighted_sum
 from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, observed_fluents
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
+from mdpo_rddl.planner.plans.lookups import Lookups
 from mdpo_rddl.planner.plans.memory import Memory, MemoryShape
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 
@@ -41,7 +42,7 @@ class Feedback:
     shared by all objects, b and k are each object's own, K is that of each pair of objects, p is an
     open-loop plan, the net sees the whole state.
 
-    A memory's entries are read as fluents are.
+    A memory's entries are read as fluents are, and so are fluents at objects that the state names.
 
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
     "gain on " + fluent: [*shape], "gains of pairs on " + fluent: [*shape, *fluent's shape]}},
@@ -51,7 +52,8 @@ class Feedback:
     out, other than the biases, count as zero, and nothing is computed for them.
 
     Attributes:
-      fluents: what the policy reads: observed fluents, then the entries of its memory.
+      seen: what the policy is given: observed fluents, then the entries of its memory.
+      fluents: all that it reads: these, and what is looked up by them.
       shapes: of each of them.
       action_shapes: of each action fluent.
       features: of each action fluent.
@@ -73,23 +75,29 @@ class Feedback:
           shape: what the policy is made of.
           horizon: number of steps H.
           dtype: floating type of the model.
+
+        Raises:
+          ValueError: for a name of what is looked up that is none.
         """
         self.shape, self.horizon, self.dtype = shape, horizon, dtype
         self._scales = dict(shape.state_scales or {})
-        seen = observed_fluents(rddl)
-        self._memory = Memory(rddl, seen, MemoryShape.of(shape.memory))
-        self.fluents = [*seen, *self._memory.entries]
+        observed = observed_fluents(rddl)
+        self._lookups = Lookups(rddl, values, shape.lookups)
+        self._memory = Memory(rddl, observed, MemoryShape.of(shape.memory))
+        self.seen = [*observed, *self._memory.entries]
+        types = self._memory.types | self._lookups.types
+        self.fluents = [*observed, *types]
         self.action_shapes = {name: tuple(np.shape(values[name])) for name in rddl.action_fluents}
         self.features: dict[str, ActionFeatures] = {}
         self._own: dict[str, list[str]] = {}
-        remembered = self._memory.types
-        params = {**rddl.variable_params, **remembered}
+        params = {**rddl.variable_params, **types}
         for name in self.action_shapes:
-            found = action_features(rddl, values, name, shape.distant, remembered)
+            found = action_features(rddl, values, name, shape.distant, types)
             self.features[name] = found
             self._own[name] = [f for f in self.fluents if params[f] == params[name]]
         sources = {name: entry.source for name, entry in self._memory.entries.items()}
-        self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.fluents}
+        self.shapes = {f: tuple(np.shape(values[sources.get(f, f)])) for f in self.seen}
+        self.shapes |= self._lookups.shapes
         self._inputs = sum(math.prod(shape) for shape in self.shapes.values())
         ranges = rddl.variable_ranges
         self._pairs = {
@@ -196,7 +204,7 @@ class Feedback:
           state: per observed fluent its value [*shape], and the entries of the memory.
           step: of the rollout, from 0.
         """
-        scaled = {name: self._scaled(name, state[name]) for name in self.fluents}
+        scaled = self._all_scaled(state)
         hidden = self._hidden(params.get("net", {}), scaled)
         time = step / self.horizon
         actions = {}
@@ -223,10 +231,16 @@ class Feedback:
 
     def flat(self, state: Mapping[str, Array]) -> Array:
         """All that the policy reads, in the units in which it does, side by side."""
-        return self._side_by_side({name: self._scaled(name, state[name]) for name in self.fluents})
+        return self._side_by_side(self._all_scaled(state))
 
     def _side_by_side(self, scaled: Mapping[str, Array]) -> Array:
         return jnp.concatenate([jnp.ravel(scaled[name]) for name in self.fluents])
+
+    def _all_scaled(self, state: Mapping[str, Array]) -> dict[str, Array]:
+        """All that the policy reads, in the units in which it does, per fluent [*shape]."""
+        given = {name: jnp.asarray(state[name]) for name in self.seen}
+        read = {**given, **self._lookups(given)}
+        return {name: self._scaled(name, read[name]) for name in self.fluents}
 
     def _scaled(self, name: str, value: Any) -> Array:
         center, scale = self.scale(name)

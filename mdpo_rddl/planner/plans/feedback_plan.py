@@ -213,7 +213,8 @@ class FeedbackPlan(JaxPlan):
 
     def _check_names(self, rddl: Any) -> None:
         given = {"units": self._given_units, "state_scales": self._shape.state_scales or {}}
-        known = {"units": set(rddl.action_fluents), "state_scales": set(rddl.variable_params)}
+        read = {*rddl.variable_params, *self._shape.lookups}
+        known = {"units": set(rddl.action_fluents), "state_scales": read}
         for key, values in given.items():
             for name in values:
                 if name not in known[key]:

@@ -27,10 +27,12 @@ class FeedbackShape:
         then that of the open-loop plan that the policy has played. That is biased, since later
         reactions are left out, but it does not explode along them.
       memory: what the policy remembers, as `MemoryShape.of` reads it; nothing if None.
+      lookups: fluents at objects that the state names, which the policy reads, by the names that
+        `mdpo_rddl.planner.plans.lookups` gives them.
 
     Raises:
-      ValueError: if `lifted` or `pairs` is no such number, a switch is neither True nor False, or
-        a scale is not above 0.
+      ValueError: if `lifted` or `pairs` is no such number, a switch is neither True nor False, a
+        scale is not above 0, or `lookups` is no list of names.
     """
 
     topology: Sequence[int] | None = (64, 64)
@@ -43,6 +45,7 @@ class FeedbackShape:
     state_scales: Mapping[str, Sequence[float]] | None = None
     cut_feedback: bool = True
     memory: Mapping[str, Sequence[float]] | None = None
+    lookups: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for name, most in _MOST.items():
@@ -53,6 +56,9 @@ class FeedbackShape:
         for name in ("squares", "distant", "plan", "cut_feedback"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name}: must be True or False, got {getattr(self, name)!r}")
+        is_list = isinstance(self.lookups, Sequence) and not isinstance(self.lookups, str)
+        if not is_list or not all(isinstance(name, str) for name in self.lookups):
+            raise ValueError(f"lookups: must be a list of names, got {self.lookups!r}")
         scales = {} if self.state_scales is None else self.state_scales
         if not isinstance(scales, Mapping):
             raise ValueError(f"state_scales: must be a dictionary, got {scales!r}")

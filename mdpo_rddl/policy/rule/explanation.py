@@ -137,7 +137,7 @@ def _sizes(
     """
     plan = planner.feedback_plan
     states = visited_states(problem, planner, params)
-    if plan.feedback.fluents and not states:
+    if plan.feedback.seen and not states:
         return [0.0] * len(terms)
     steps = jnp.arange(len(next(iter(states.values()))) if states else 1)
 

@@ -38,7 +38,7 @@ def visited_states(problem: Problem, planner: MDPOPlanner, params: Any) -> dict[
     stacked: dict[str, Array] = {}
     if not seen:
         return stacked
-    for name in planner.feedback_plan.feedback.fluents:
+    for name in planner.feedback_plan.feedback.seen:
         # the environment gives a fluent without parameters as an array of one
         shape = planner.feedback_plan.feedback.shapes[name]
         values = [np.reshape(planner.numbers(name, each[name]), shape) for each in seen]
