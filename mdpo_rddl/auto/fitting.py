@@ -30,15 +30,16 @@ def without_plan(config: PlannerConfig) -> PlannerConfig:
 
 
 def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
-    """The configuration with the scales that probing found."""
+    """The configuration with the scales that probing found, and with what is looked up."""
+    lookups = config.policy_arguments.get("lookups", list(probe.lookup_scales))
+    looked_up = {name: pair for name, pair in probe.lookup_scales.items() if name in lookups}
     # a centre is as exact as its scale makes a difference
     scales = {
         name: [float(np.round(center / scale, 3) * _short(scale)), _short(scale)]
-        for name, (center, scale) in {**probe.state_scales, **probe.lookup_scales}.items()
+        for name, (center, scale) in {**probe.state_scales, **looked_up}.items()
     }
     units = {name: _short(value) for name, value in probe.units.items()}
     config = config.with_policy_arguments(state_scales=scales, units=units)
-    lookups = list(probe.lookup_scales)
     return config.with_policy_arguments(lookups=lookups) if lookups else config
 
 
@@ -61,7 +62,9 @@ def with_memory(config: PlannerConfig, problem: Problem) -> PlannerConfig:
 
 def greedy(config: PlannerConfig) -> PlannerConfig:
     """The configuration of the greedy policy of a value, which reads numbers in the same units."""
-    scales = config.policy_arguments.get("state_scales", {})
+    arguments = config.policy_arguments
+    lookups = arguments.get("lookups", ())
+    scales = {n: s for n, s in arguments.get("state_scales", {}).items() if n not in lookups}
     plan = {"method": "GreedyPlan", "method_kwargs": {"state_scales": scales}}
     return config.with_values("Planner", **plan).without_noise()
 

@@ -12,6 +12,7 @@ from mdpo_rddl.auto.arms.simple import SimpleArm
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.entrants import Entrants
 from mdpo_rddl.auto.gains import return_to_beat
+from mdpo_rddl.auto.judge import difference_error
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.slices import SHORTEST_SECONDS, Slices, Terms
 from mdpo_rddl.auto.unsearched import correct_by_probing, known_by_probing
@@ -33,9 +34,9 @@ _MARGIN = 2.0
 # where it does among numbers; where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _AMONG_NUMBERS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.6, 0.5, 0.15
 _STALLED, _FAR_AHEAD = "plan stalled", "greedy is far ahead"
-# times what all others have gained over the no-op, that greedy has among numbers: then these are
-# unlikely to come as far, and all the time is better spent on it
-_FAR = 2.0
+# times what the best of all others has gained over the no-op, that greedy has among numbers: then
+# these are unlikely to come as far; and errors by which it must lead
+_FAR, _LEAD_ERRORS = 2.0, 2.0
 # of the time left, at most, for relaxed plans that may lead, and where no constant beats the no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
 _MORE_PLANS = "more relaxed plans"
@@ -164,16 +165,21 @@ class Openings(Slices):
 
         Where all actions and states are bools it has most of the time in any case.
         """
+        can_go_on = any(arm.name == GREEDY and not arm.is_exhausted for arm in self.arms)
+        return can_go_on and bool(self._marks.decided(_FAR_AHEAD, self._leads_by_far))
 
-        def is_far_ahead() -> bool:
-            if self._best.arm != GREEDY or not self._entrants.has_numbers:
-                return False
-            judged = (each.candidate for each in self._judge.judged)
-            others = max(each.known_mean for each in judged if each.arm != GREEDY)
-            noop = self._arena.noop_return.mean
-            return 0.0 < _FAR * (others - noop) < self._judge.best_mean - noop
-
-        return bool(self._marks.decided(_FAR_AHEAD, is_far_ahead))
+    def _leads_by_far(self) -> bool:
+        """Whether greedy leads by more than the best of all others has gained over the no-op."""
+        best, arena = self._best, self._arena
+        judged = (each.candidate for each in self._judge.judged)
+        others = [each for each in judged if each.arm != GREEDY]
+        if best.arm != GREEDY or not self._entrants.has_numbers or not others:
+            return False
+        other = max(others, key=lambda each: each.known_mean)
+        lead = best.known_mean - other.known_mean
+        least = (_FAR - 1.0) * (other.known_mean - arena.noop_return.mean)
+        error = difference_error(best, other)
+        return arena.beats_noop(other) and lead > max(least, _LEAD_ERRORS * error)
 
     def _learn_first(self) -> bool:
         """Slices for what learns from exact rollouts, before all others but the judge's.

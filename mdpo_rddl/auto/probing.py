@@ -218,7 +218,7 @@ def probe(plays: Constants, seed: int) -> Probe:
         policy_seconds=seconds if large else None,
         compile_seconds=plays.usual_seconds,
         batch_seconds=plays.batch_seconds * _STARTS * _ROLLOUTS / (size.at_once * size.rollouts),
-        lookup_scales={} if large else lookup_scales(planner, states),
+        lookup_scales={} if large else lookup_scales(planner, states, scales),
     )
     if found.deterministic or large:
         return found

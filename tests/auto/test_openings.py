@@ -15,6 +15,7 @@ from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.arms.simple import SimpleArm
 from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.openings import Openings
+from mdpo_rddl.auto.schedule import Schedule
 
 SECONDS = 600.0
 
@@ -218,22 +219,77 @@ def test_the_searches_in_turn_keep_some_time_beside_an_early_gradient(openings, 
     assert found == pytest.approx(now + 80.0, abs=3.0)
 
 
-@pytest.mark.parametrize(
-    # what greedy has gained over the no-op, times the gain of the best constant
-    ("times", "has_numbers", "expected"),
-    [(2.1, True, True), (1.9, True, False), (2.1, False, False)],
-)
-def test_greedy_that_leads_by_far_among_numbers_has_all_the_time(
-    openings, times, has_numbers, expected
-):
+class Greedy(Arm):
+    """An arm of this name that does nothing."""
+
+    def __init__(self, is_exhausted=False):
+        super().__init__(GREEDY, CLOCK)
+        self.is_exhausted = is_exhausted
+
+    def _work(self, until):
+        raise AssertionError("it has a slice")
+
+
+def found_by_greedy(openings, times, error=0.0):
+    """Greedy has gained so many times what the best constant gains over the no-op."""
     assert openings._knows_by_probing()
-    openings._entrants.has_numbers = has_numbers
-    noop, constant = openings._arena.noop_return.mean, openings._best
-    mean = noop + times * (constant.mean - noop)
+    openings._entrants.has_numbers = True
     openings._affording = SimpleNamespace(others=lambda share: True)
-    openings._judge.record(replace(constant, arm=GREEDY, mean=mean))
+    openings.arms.append(Greedy())
+    noop, constant = openings._arena.noop_return.mean, openings._best
+    gain = constant.mean - noop
+    mean = noop + times * gain
+    openings._judge.record(replace(constant, arm=GREEDY, mean=mean, error=error * gain))
     assert openings._best.arm == GREEDY
+
+
+@pytest.mark.parametrize(
+    ("times", "error", "expected"), [(2.1, 0.0, True), (1.9, 0.0, False), (2.1, 0.7, False)]
+)
+def test_greedy_that_leads_by_far_among_numbers_has_all_the_time(openings, times, error, expected):
+    found_by_greedy(openings, times, error)
     assert openings._open_alone() is expected
-    # it stays so in a race that goes on
-    openings._judge.record(replace(constant, arm="shared weights", mean=mean - 1e-3))
-    assert openings._is_greedy_far_ahead() is expected
+
+
+def test_where_all_are_bools_it_has_most_of_the_time_in_any_case(openings):
+    found_by_greedy(openings, 3.0)
+    openings._entrants.has_numbers = False
+    assert not openings._open_alone()
+
+
+def test_that_it_leads_by_far_is_decided_once(openings):
+    found_by_greedy(openings, 3.0)
+    assert openings._open_alone()
+    near = replace(openings._best, arm="shared weights", mean=openings._best.mean - 1e-3)
+    openings._judge.record(near)
+    assert openings._is_greedy_far_ahead()
+
+
+def test_an_exhausted_greedy_leaves_the_time_to_others(openings):
+    found_by_greedy(openings, 3.0)
+    openings.arms[-1].is_exhausted = True
+    assert not openings._open_alone()
+
+
+def test_others_must_have_found_something_for_greedy_to_be_far_ahead(openings, monkeypatch):
+    found_by_greedy(openings, 3.0)
+    arena = type(openings._arena)
+    monkeypatch.setattr(arena, "beats_noop", lambda self, candidate: candidate.arm == GREEDY)
+    assert not openings._open_alone()
+
+
+def test_nobody_is_far_ahead_of_nobody(openings):
+    found_by_greedy(openings, 3.0)
+    openings._judge.judged = openings._judge.judged[-1:]
+    assert not openings._open_alone()
+
+
+def test_no_population_is_compiled_where_greedy_leads_by_far(compiled, monkeypatch):
+    arena = replace(compiled, judge=Judge(128, 0, CLOCK, compiled.began))
+    schedule = Schedule(arena, race._shares(preset(SECONDS)), lambda stage: None)
+    called = []
+    monkeypatch.setattr(schedule, "_learn_first", lambda: True)
+    monkeypatch.setattr(schedule, "_finish", lambda: called.append("finish"))
+    monkeypatch.setattr(schedule, "_climb_first", lambda: called.append("climb"))
+    schedule._search(SimpleArm(arena))
+    assert called == ["finish"]

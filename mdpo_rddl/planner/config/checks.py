@@ -51,8 +51,16 @@ _POSITIVE_NUMBERS = {"Planner": ("clip_grad",), "Optimize": ("train_seconds",)}
 _OPTIONAL = ("batch_size_test", "rollout_horizon", "clip_grad")
 _MAX_KEY = 2**31 - 1
 # of a feedback policy's shape: what is looked at before there is a problem
-_OF_SHAPE = ("squares", "distant", "lifted", "pairs", "plan", "state_scales", "cut_feedback")
-_OF_SHAPE += ("lookups",)
+_OF_SHAPE = (
+    "squares",
+    "distant",
+    "lifted",
+    "pairs",
+    "plan",
+    "state_scales",
+    "cut_feedback",
+    "lookups",
+)
 
 
 def check_sections(sections: Mapping[str, Mapping[str, Any]], source: str) -> None:

@@ -108,9 +108,10 @@ class Feedback:
     def _paired(self, action: str) -> list[str]:
         """The fluents of whose pairs there are gains: where neither has objects, `own` says all."""
         shape = self.action_shapes[action]
-        if math.prod(shape) * self._inputs > self.shape.pairs:
+        inputs = sum(math.prod(self.shapes[fluent]) for fluent in self.seen)
+        if math.prod(shape) * inputs > self.shape.pairs:
             return []
-        return [fluent for fluent in self.fluents if shape or self.shapes[fluent]]
+        return [fluent for fluent in self.seen if shape or self.shapes[fluent]]
 
     def names(self, action: str) -> list[str]:
         """Names of an action fluent's shared features, in the order of its weights."""

@@ -86,6 +86,14 @@ def test_a_policy_reads_them_as_it_reads_the_state():
     assert feedback.flat(STATE).shape == (9 + 1 + 2,)
 
 
+def test_gains_of_pairs_are_for_what_is_given():
+    # of the pump and the nine numbers of the state
+    own = planner_of(vans(), lookups=["LOAD(clock)"], pairs=9).feedback_plan.noop(0)["own"]["pump"]
+    assert {name for name in own if "pairs" in name} == {
+        f"gains of pairs on {fluent}" for fluent in ("at", "waits", "open")
+    }
+
+
 def test_a_scale_of_something_else_is_refused():
     with pytest.raises(InputError, match="state_scales: there is no fluent 'LOAD"):
         planner_of(vans(), state_scales={"LOAD(clock)": [0.0, 1.0]})
