@@ -97,6 +97,12 @@ class Affording:
         share = _PLANS_SHARE if is_observed and not plans.deterministic else _GOOD_PLANS_SHARE
         return plans.is_compiled or self.population(share)
 
+    def plans_seconds(self) -> float:
+        """What the program of plans is likely to take before these are searched; 0 if none does."""
+        arena = self._arena
+        is_compiled_then = arena.has_plan and not arena.plans.is_compiled and self.plans()
+        return POPULATION_PROGRAMS * self._usual_seconds if is_compiled_then else 0.0
+
     def value(self, share: float, in_turn: int = 0, later: float = 0.0) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.
 

@@ -220,6 +220,7 @@ class Openings(Slices):
         """
         arena, affording = self._arena, self._affording
         later = self._shares.own_until * (arena.deadline - arena.clock())
+        later += affording.plans_seconds()
         if not self._entrants.decides_numbers or affording.gradient(GRADIENT, until, later=later):
             return
         for arm in self._entrants.gradients([GRADIENT], until, self.arms, warns=False):

@@ -126,6 +126,10 @@ def test_plans_are_tried_where_their_program_takes_little_of_the_time(
     rddl = SimpleNamespace(observ_fluents=dict.fromkeys(observations))
     asked._arena.planner = SimpleNamespace(rddl=rddl)
     assert asked.plans() == expected
+    asked._arena.has_plan = True
+    assert asked.plans_seconds() == (3.0 if expected and not is_compiled else 0.0)
+    asked._arena.has_plan = False
+    assert asked.plans_seconds() == 0.0
 
 
 @pytest.mark.parametrize(("left", "expected"), [(24.0, True), (23.0, False)])

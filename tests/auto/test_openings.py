@@ -293,3 +293,16 @@ def test_no_population_is_compiled_where_greedy_leads_by_far(compiled, monkeypat
     monkeypatch.setattr(schedule, "_climb_first", lambda: called.append("climb"))
     schedule._search(SimpleArm(arena))
     assert called == ["finish"]
+
+
+def test_what_the_program_of_plans_takes_leaves_the_gradient_less_time(openings, monkeypatch):
+    monkeypatch.setattr(affording, "usable_cores", lambda: 1)
+    opened, left = [], openings._arena.deadline - openings._arena.clock()
+    # what is left after the searches would do, but for that program
+    openings._affording.gradient = lambda name, until, later: left - later >= 0.6 * left
+    openings._affording.plans_seconds = lambda: 0.1 * left
+    openings._entrants.gradients = lambda *arguments, **options: [SimpleNamespace(usual_seconds=1)]
+    openings._entrants.decides_numbers = True
+    openings._open = lambda arm, until, patience: opened.append(arm)
+    openings._open_gradient(openings._arena.deadline)
+    assert len(opened) == 1
