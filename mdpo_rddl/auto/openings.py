@@ -176,10 +176,11 @@ class Openings(Slices):
         if best.arm != GREEDY or not self._entrants.has_numbers or not others:
             return False
         other = max(others, key=lambda each: each.known_mean)
+        if not arena.beats_noop(other):
+            return False
         lead = best.known_mean - other.known_mean
         least = (_FAR - 1.0) * (other.known_mean - arena.noop_return.mean)
-        error = difference_error(best, other)
-        return arena.beats_noop(other) and lead > max(least, _LEAD_ERRORS * error)
+        return lead > max(least, _LEAD_ERRORS * difference_error(best, other))
 
     def _learn_first(self) -> bool:
         """Slices for what learns from exact rollouts, before all others but the judge's.
