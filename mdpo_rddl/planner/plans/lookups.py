@@ -101,8 +101,9 @@ class Lookups:
             objects are numbers.
         """
         found: dict[str, Any] = {}
+        known = {**self._constants, **state}
         for name, (fluent, by, axis) in self._chosen.items():
-            values = {**self._constants, **state}[fluent]
+            values = known[fluent]
             most = values.shape[axis] - 1
             places = state[by].reshape(self.shapes[name]).round().clip(0, most).astype(np.int32)
             rows = list(np.indices(self.shapes[name], sparse=True)) if values.ndim > 1 else []
