@@ -119,14 +119,20 @@ def test_it_plans_for_what_comes_up_by_chance_later():
     assert candidate.mean > np.mean(arm._returns[None]) + 1.0
 
 
-def test_it_waits_for_a_slice_in_which_a_rule_can_be_played(problem, monkeypatch):
+def slowed(monkeypatch, seconds):
+    """Decisions take so many seconds each, by a clock whose time is the one entry of a list."""
     now, decide = [0.0], relaxed_plans.RelaxedPlans.decide
 
     def slow(*args):
-        now[0] += 5.0
+        now[0] += seconds
         return decide(*args)
 
     monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
+    return now
+
+
+def test_it_waits_for_a_slice_in_which_a_rule_can_be_played(problem, monkeypatch):
+    now = slowed(monkeypatch, 5.0)
     arm = made(problem, lambda: now[0])
     # eight steps of two episodes would take 40 s
     arm.work(30.0)
@@ -160,13 +166,7 @@ def test_where_episodes_take_long_few_samples_stand_for_what_may_follow(problem,
 
 
 def test_where_episodes_take_long_a_clear_gain_is_enough(problem, monkeypatch):
-    now, decide = [0.0], relaxed_plans.RelaxedPlans.decide
-
-    def slow(*args):
-        now[0] += 1.0
-        return decide(*args)
-
-    monkeypatch.setattr(relaxed_plans.RelaxedPlans, "decide", slow)
+    now = slowed(monkeypatch, 1.0)
     # eight decisions of two episodes take 8 s, those of four 12 s: what a rule may have of the race
     arm = made(problem, lambda: now[0], seconds=250.0)
     arm.work(1000.0)
