@@ -81,7 +81,9 @@ class Openings(Slices):
             return
         self._enter(arm)
         seems_to_lead = arm.leading >= self._judge.best_mean
-        if not arm.is_exhausted and (arm.is_untried or seems_to_lead):
+        # where it misses what actions do, what follows learns more in the same time
+        is_hope = arm.is_untried and not arm.misses_numbers
+        if not arm.is_exhausted and (is_hope or seems_to_lead):
             pays = self._arena.beats_noop(self._best)
             until = self._arena.until(_PLANS_SHARE if pays else _HOPE_SHARE)
             for end in self._marks.once(_MORE_PLANS, self._arena, until):

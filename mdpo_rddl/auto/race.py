@@ -140,7 +140,7 @@ def _raced(
         early = [arm for arm in (ground.plans, ground.trials, rules) if arm is not None]
         with known_kept(arena, options.earlier, early), incumbent_kept(arena.judge):
             if options.earlier is not None:
-                # the first is the incumbent whatever its error, so that the result is not worse
+                # the first that is left is the incumbent, so that the result is not worse
                 for candidate in options.earlier.candidates(arena):
                     arena.judge.record(candidate)
             if options.earlier is None and not initial:

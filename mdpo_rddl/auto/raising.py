@@ -9,6 +9,7 @@ import numpy as np
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.random_actions import RandomActions
 
@@ -46,9 +47,10 @@ def _failure(
         return None
     try:
         choose, env = make(), make_environment(problem)
+        referee = Referee(env)  # what is illegal is never played
         state, _ = env.reset(seed=0)
         while not env.done and has_time():
-            state, *_ = env.step(choose(state))
+            state, *_ = env.step(referee.rule(choose(state)).actions)
     except RDDLValueOutOfRangeError as error:
         return one_line_cause(error)
     except Exception as error:  # whoever plays the result will hear of it

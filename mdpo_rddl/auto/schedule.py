@@ -41,7 +41,7 @@ from mdpo_rddl.auto.polishing import polishing_arm
 from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.rounds import Contender, gives_way, next_contender
 from mdpo_rddl.auto.slices import SHORTEST_SECONDS
-from mdpo_rddl.auto.unsearched import found_by_probing, known_without_rollouts
+from mdpo_rddl.auto.unsearched import constant_without_rollouts, found_by_probing
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -177,7 +177,7 @@ class Schedule(Openings):
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
-        for candidate in known_without_rollouts(self._arena, self._initial):
+        for candidate in (constant_without_rollouts(self._arena), *self._initial):
             self._judge.record(candidate)
         self._judge_plans()
         if self.early is not None:

@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -92,13 +92,11 @@ def _are_alike(one: Params, other: Params) -> bool:
     return bool(np.array_equal(flat_vector(one), flat_vector(other)))
 
 
-def known_without_rollouts(arena: Arena, initial: Sequence[Candidate]) -> list[Candidate]:
-    """The best constant of the probing, and what an earlier race has left.
+def constant_without_rollouts(arena: Arena) -> Candidate:
+    """The best constant of the probing.
 
     Args:
-      arena: of a large problem.
-      initial: policies to begin with; those that were not judged are left out.
+      arena: of a problem that is too large for a search.
     """
     logger.warning("there is too little time to search: a rollout takes so long")
-    _, constant = known_by_probing(arena)
-    return [constant, *(candidate for candidate in initial if candidate.mean is not None)]
+    return known_by_probing(arena)[1]

@@ -73,9 +73,10 @@ def test_what_the_judge_says_replaces_what_probing_has_said(openings, monkeypatc
 class Plans(Arm):
     """Relaxed plans that say how they do, and note the slices that they have."""
 
-    def __init__(self, leading, is_untried=False):
+    def __init__(self, leading, is_untried=False, misses_numbers=False):
         super().__init__("relaxed plans", CLOCK)
         self.leading, self.is_untried, self.ends = leading, is_untried, []
+        self.misses_numbers = misses_numbers
 
     def _work(self, until):
         self.ends.append(until)
@@ -306,3 +307,11 @@ def test_what_the_program_of_plans_takes_leaves_the_gradient_less_time(openings,
     openings._open = lambda arm, until, patience: opened.append(arm)
     openings._open_gradient(openings._arena.deadline)
     assert len(opened) == 1
+
+
+@pytest.mark.parametrize(("leading", "slices"), [(-1e9, 0), (1e9, 1)])
+def test_relaxed_plans_that_miss_what_actions_do_are_no_hope(openings, leading, slices):
+    assert openings._knows_by_probing()
+    openings.plans = arm = Plans(leading, is_untried=True, misses_numbers=True)
+    openings._judge_plans()
+    assert len(arm.ends) == slices

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.boiler import boiler
 from helpers.lakes import preset
-from helpers.toys import toy
+from helpers.toys import problem_from, toy
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.auto.constants import with_bias
@@ -102,3 +102,24 @@ def test_no_arm_that_does_not_know_the_errors_takes_part(caplog):
     assert "policies must avoid it" in caplog.text
     env = make_environment(problem)
     evaluate(env, outcome.policy, episodes=3, seed=0)  # raises if one does
+
+
+def test_what_an_illegal_no_op_would_raise_does_not_count(caplog):
+    problem = problem_from(
+        """domain d {
+    pvariables {
+        x : { state-fluent, bool, default = false };
+        a : { action-fluent, bool, default = false };
+    };
+    cpfs { x' = if (a) then Bernoulli(0.5) else Bernoulli(2.0); };
+    reward = x;
+    action-preconditions { a; };
+}
+non-fluents n { domain = d; }
+instance inst {
+    domain = d; non-fluents = n; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
+}"""
+    )
+    with caplog.at_level(logging.INFO):
+        assert not watched(problem, always).raises
+    assert not caplog.records

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from helpers.mistakes import one_line
 from helpers.problems import make_plan, make_planner
+from helpers.races import CLOCK, means, raced
 from helpers.toys import problem_from
 
+from mdpo_rddl.auto import RaceOptions, affording, probing
 from mdpo_rddl.auto.candidate import Candidate
 from mdpo_rddl.auto.start import START, accepted_start, start_candidates
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -107,3 +109,18 @@ def test_what_cannot_begin_is_told_in_a_line(two):
     assert one_line(lambda: accepted_start(table, two.problem)).startswith(
         "cannot start from a table"
     )
+
+
+@pytest.mark.usefixtures("one_core")
+def test_where_a_problem_is_too_large_to_search_what_was_given_is_judged(lake, monkeypatch):
+    monkeypatch.setattr(probing, "is_large", lambda planner: True)
+    monkeypatch.setattr(affording, "_FEWEST_POLICIES", 10**9)
+
+    def given(arena):
+        return [arena.candidate(START, START, arena.noop)]
+
+    outcome = raced(lake, 300.0, RaceOptions(clock=CLOCK, initial=given))
+    found = means(outcome)
+    # by more rollouts than the probing has made of it
+    assert found[START] == pytest.approx(outcome.probe.noop_return, rel=0.1)
+    assert outcome.chosen.mean == max(found.values())

@@ -16,6 +16,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
 from mdpo_rddl.problem.delete_relaxation.distances import Prices
+from mdpo_rddl.problem.delete_relaxation.relaxed import costs_nothing
 from mdpo_rddl.problem.enumeration.limits import (
     EnumerationLimits,
     NotEnumerableError,
@@ -99,6 +100,11 @@ class RelaxedPlansArm(Arm):
     def is_untried(self) -> bool:
         """Whether no rule was played yet, for which there may have been too little time."""
         return self._tried_rules == 0 and not self.is_exhausted
+
+    @property
+    def misses_numbers(self) -> bool:
+        """Whether actions change integers, which cost nothing in a relaxed plan."""
+        return costs_nothing(self._model)
 
     @property
     def is_undecided(self) -> bool:
@@ -306,10 +312,13 @@ class RelaxedPlansArm(Arm):
             if not sampler.legal(states[:, alive], actions[:, alive]).all():
                 raise _IllegalActionError("no legal action was found in a state")
             stepped = sampler.step(states, actions, generator.random((sampler.draws, count)))
-            total += alive * stepped.rewards * model.discount**step
+            # after the end a reward may be no number
+            total += np.where(alive, stepped.rewards * model.discount**step, 0.0)
             alive &= ~stepped.ends
             states = stepped.states
             yield
+            if not alive.any():
+                break
         return total
 
     def _offer_best(self) -> None:

@@ -125,6 +125,8 @@ class TrialsArm(Arm):
             if (search := self._begun(until, closing)) is None:
                 return
             self._explore(search, until, closing)
+        except OutOfTimeError as error:  # a longer slice may come
+            self._note_no_gain(f"its model is not made in time: {error}")
         except NotEnumerableError as error:
             self._give_up(str(error))
         except Exception as error:  # the other arms need no ground model

@@ -233,6 +233,7 @@ class PolicyIteration:
 
     def _observed(self, learner: Learner, played: Explored, is_first: Array) -> Learner:
         """The learner with these rollouts, what they return at each step, and the scale of that."""
+        played = played._replace(states=_while_alive(played))
         values = self._each(learner.weights, played.states) * learner.scale + learner.times
         # at first there is no policy yet whose value other actions could disturb
         off_policy = played.is_tried & ~is_first
@@ -281,6 +282,16 @@ class PolicyIteration:
         inputs = jax.vmap(jax.vmap(self._values.inputs))(states)
         one = functools.partial(self._values.value, self._of_row(row))
         return jax.vmap(jax.vmap(one), in_axes=(0, None))(inputs, self._steps)
+
+
+def _while_alive(played: Explored) -> dict[str, Array]:
+    """The states, zero after the end: they may be no numbers there, which no weight takes out."""
+
+    def kept(leaf: Array) -> Array:
+        alive = played.alive.reshape(played.alive.shape + (1,) * (leaf.ndim - 2))
+        return jnp.where(alive > 0.0, leaf, jnp.zeros_like(leaf))
+
+    return {name: kept(leaf) for name, leaf in played.states.items()}
 
 
 def _zeros(shape: tuple[int, ...], dtype: Any) -> Array:

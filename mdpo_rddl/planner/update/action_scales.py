@@ -94,7 +94,8 @@ def answering_size(sizes: np.ndarray, returns: np.ndarray) -> float:
 
 def _constant_play(planner: Any) -> Any:
     """Compiles the exact return of constant actions [N, *shape] per fluent, one rollout each."""
-    compiled, stopping = planner.test_compiled, bool(planner.rddl.terminations)
+    compiled = planner.test_compiled
+    stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
     rollout = compile_rollouts(
         compiled,
         lambda key, params, *rest: params,

@@ -32,6 +32,7 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trials,
 )
 from mdpo_rddl.problem.chance import rewards_are_certain
+from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.load import Problem, make_environment
 
 _EPISODES = 4
@@ -282,6 +283,7 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
       has_time: whether to play on; not asked before there are as many as trials need.
     """
     env = make_environment(policy.problem)
+    referee = Referee(env)
     found: list[tuple[int, State]] = []
     count, stride = 0, 1
     for episode in range(_EPISODES):
@@ -293,9 +295,9 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
             if len(found) > 2 * MOST_STATES:
                 found, stride = found[::2], 2 * stride
             count += 1
-            action = policy(step, known)
-            note_played(policy, known, action)
-            state, _, terminated, truncated, _ = env.step(action)
+            actions = referee.rule(policy(step, known)).actions
+            note_played(policy, known, actions)
+            state, _, terminated, truncated, _ = env.step(actions)
             step, done = step + 1, terminated or truncated
     if not found:
         return [(0, known_at(policy, 0, env.reset(seed=policy.seed)[0]))]

@@ -74,6 +74,16 @@ def relaxed(model: OpenModel, limits: EnumerationLimits) -> Relaxed:
     return Relaxed(made.circuit, made.steps(), goals)
 
 
+def costs_nothing(model: OpenModel) -> bool:
+    """Whether actions change integers: what they do to these costs nothing in the relaxation."""
+    rules, graph = model.rules, model.graph
+    kinds = zip(rules.laws, model.ranges, strict=True)
+    nodes = [node for law, kind in kinds if kind == "int" for node in law_nodes(law)]
+    drawn = leaves_of(graph, nodes, rules.drawn)
+    nodes += [node for leaf in drawn for node in law_nodes(rules.drawn[leaf])]
+    return any(graph.depends[node] & Kind.ACTION for node in nodes)
+
+
 class _Relaxation:
     """Makes the circuit."""
 

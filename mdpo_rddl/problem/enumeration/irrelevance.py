@@ -25,11 +25,15 @@ class Merge(NamedTuple):
 
 
 def find_merges(model: GroundModel, limits: EnumerationLimits) -> list[Merge]:
-    """The merges that one kept bool allows, for each bool and each of its values."""
-    found = []
+    """The merges that one kept bool allows, for each bool and each of its values.
+
+    What is not found in time is left out: states that could be one are several then.
+    """
+    found: list[Merge] = []
     for number, is_bool in enumerate(model.is_bool):
         for value in (False, True) if is_bool else ():
-            limits.check_time()
+            if limits.is_over:
+                return found
             if not _is_kept(model, number, value):
                 continue
             relevant = _relevant(model, number, value)

@@ -8,6 +8,7 @@ import pytest
 from helpers.clocks import Stopped, Ticking
 from helpers.couriers import courier, fires
 from helpers.lakes import preset
+from helpers.toys import problem_from
 
 from mdpo_rddl.auto.arms import relaxed_plans
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
@@ -304,3 +305,28 @@ def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
         again.search(later, 100.0, stages.append)
         # an earlier process has played all that there was to play
         assert not again.arms.plans.take_candidates()
+
+
+def test_what_a_state_would_pay_after_the_end_does_not_count():
+    # 1 / 0 once the door is open, where the episode has ended
+    problem = problem_from(
+        """domain doors {
+    pvariables {
+        key : { state-fluent, bool, default = false };
+        open : { state-fluent, bool, default = false };
+        take : { action-fluent, bool, default = false };
+        turn : { action-fluent, bool, default = false };
+    };
+    cpfs { key' = key | take; open' = open | (key ^ turn); };
+    reward = (10 * (key ^ turn)) - (1 / (1 - open));
+    termination { open; };
+}
+non-fluents n { domain = doors; }
+instance inst {
+    domain = doors; non-fluents = n; max-nondef-actions = 1; horizon = 6; discount = 1.0;
+}"""
+    )
+    arm = made(problem)
+    arm.work(1000.0)
+    (candidate,) = arm.take_candidates()
+    assert candidate.mean == 8.0

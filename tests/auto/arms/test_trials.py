@@ -18,7 +18,11 @@ from mdpo_rddl.auto.resumption import Resumption
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.policy.table_policy import TablePolicy
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.limits import (
+    EnumerationLimits,
+    NotEnumerableError,
+    OutOfTimeError,
+)
 from mdpo_rddl.problem.enumeration.model import ground_model
 
 
@@ -315,3 +319,16 @@ def test_a_known_value_that_is_no_number_is_refused(arm, problem, model):
         other.restore(replace(state, values={**state.values, "known": float("nan")}))
     other.restore(state)
     assert other.progress == arm.progress > 0.0
+
+
+def test_a_slice_too_short_to_make_its_model_is_not_the_last(arm, monkeypatch):
+    def late(*arguments):
+        raise OutOfTimeError("more than 4 s")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(trials, "TrialSearch", late)
+        arm.work(100.0)
+    assert not arm.is_exhausted
+    assert "more than 4 s" not in arm.log.details.get("cause", "")
+    arm.work(400.0)
+    assert arm.take_candidates()

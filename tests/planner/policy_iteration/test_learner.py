@@ -11,6 +11,8 @@ from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+from mdpo_rddl.planner.policy_iteration import learner as learner_module
+from mdpo_rddl.planner.policy_iteration.exploring import Explored
 from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration, Way
 
 # a program of its own is compiled for them all
@@ -90,6 +92,16 @@ def test_what_is_not_finite_is_not_learnt(iteration, begun, noop):
     after, shown = iterated(iteration, begun[0], noop, np.inf)
     assert not bool(shown.is_finite)
     assert_same_bits(after, begun[0])
+
+
+def test_states_after_the_end_are_no_numbers_that_count():
+    states = {"x": jnp.array([[[1.0, 2.0], [jnp.nan, 3.0]]]), "n": jnp.array([[4, 5]])}
+    alive = jnp.array([[1.0, 0.0]])
+    empty = jnp.zeros((1, 2))
+    played = Explored(states, empty, empty, alive, empty)
+    found = learner_module._while_alive(played)
+    np.testing.assert_array_equal(found["x"], [[[1.0, 2.0], [0.0, 0.0]]])
+    np.testing.assert_array_equal(found["n"], [[4, 0]])
 
 
 def test_the_latest_rollouts_are_kept(iteration, begun, noop):

@@ -254,3 +254,22 @@ def test_where_the_environment_raises_an_error_the_policy_plays_alone(slow):
     policy = replace(policy, problem=replace(policy.problem, raises=True))
     choice = choose(policy, SECONDS, 60.0, slow(0.01))
     assert (choice.policy, choice.note) == (None, choosing.RAISES)
+
+
+def test_states_are_visited_as_play_would(monkeypatch):
+    class Eager:
+        problem, seed = lever_policy(NONE, MOST="1").problem, 0
+
+        def __call__(self, step, state):
+            return {"pull": np.ones(3, bool)}  # more than may be pulled at once
+
+    played = []
+    step = RDDLEnv.step
+
+    def watched(env, actions):
+        played.append(int(np.sum(actions["pull"])))
+        return step(env, actions)
+
+    monkeypatch.setattr(RDDLEnv, "step", watched)
+    assert choosing._visited(Eager(), lambda: True)
+    assert max(played) <= 1

@@ -12,7 +12,7 @@ from helpers.toys import problem_from
 from mdpo_rddl.problem.delete_relaxation.circuit import Circuit, Literal
 from mdpo_rddl.problem.delete_relaxation.conditions import conditions
 from mdpo_rddl.problem.delete_relaxation.distances import FAR, Distances, Prices
-from mdpo_rddl.problem.delete_relaxation.relaxed import relaxed
+from mdpo_rddl.problem.delete_relaxation.relaxed import costs_nothing, relaxed
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import open_model
 
@@ -308,3 +308,32 @@ def test_the_complement_of_a_chance_is_one():
     found = Distances(relaxed(open_model(domain("-1.0 * y", cpfs), LIMITS), LIMITS))
     # the law is a sum over both draws, of which each part must fail
     assert STEP - math.log(0.5) < cost(found, (0, 1, 0)) < FAR
+
+
+@pytest.mark.parametrize(
+    ("law", "is_changed"),
+    [
+        ("n + 1", False),
+        ("n + a", True),
+        # the same draw moves both
+        ("n + step", False),
+        ("if (step > 0) then 1 else n", True),
+    ],
+)
+def test_what_actions_do_to_integers_costs_nothing(law, is_changed):
+    likely = "0.5" if law == "n + step" else "0.5 * a"
+    text = f"""domain d {{
+    pvariables {{
+        n : {{ state-fluent, int, default = 0 }};
+        x : {{ state-fluent, bool, default = false }};
+        step : {{ interm-fluent, bool }};
+        a : {{ action-fluent, bool, default = false }};
+    }};
+    cpfs {{ step = Bernoulli({likely}); n' = {law}; x' = x | step; }};
+    reward = x;
+}}
+non-fluents m {{ domain = d; }}
+instance inst {{
+    domain = d; non-fluents = m; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
+}}"""
+    assert costs_nothing(open_model(problem_from(text), LIMITS)) is is_changed

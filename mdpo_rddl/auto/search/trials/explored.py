@@ -22,6 +22,8 @@ _FEW = 4
 _ROWS_TOGETHER = 500_000
 # of the probabilities of all next states that are known
 _ROUNDING = 1e-6
+# of the time: merges are found law by law, which takes long where these are large
+_MERGING_SHARE = 0.5
 
 
 class Explored:
@@ -56,7 +58,7 @@ class Explored:
           NotEnumerableError: if it has no legal action, or there is too little time.
         """
         self.model = model
-        self.merges = find_merges(model, limits)
+        self.merges = find_merges(model, limits.part(_MERGING_SHARE))
         self.afterstates = Afterstates(model, limits)
         self.maker = RowMaker(model, self.afterstates)
         self.index = StateIndex(model.packing.words)
@@ -300,10 +302,12 @@ class Explored:
 def _together(batches: Sequence[int], most: int) -> Iterator[Sequence[int]]:
     """Batches of about so many states at most: many small calls take longer than large ones."""
     some: list[int] = []
+    total = 0
     for count in batches:
         some.append(count)
-        if sum(some) >= most:
+        total += count
+        if total >= most:
             yield some
-            some = []
+            some, total = [], 0
     if some:
         yield some
