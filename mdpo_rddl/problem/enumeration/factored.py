@@ -17,6 +17,7 @@ _MAX_CELLS_PER_STATE = 16  # beyond, a list of successors is shorter
 _MAX_ROWS = 20_000_000
 _BATCH = 4096
 _SAMPLE = 2048
+_NOT_RANDOM = "not all of few fluents are random bools"
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,13 @@ def enumerate_factored(model: GroundModel, limits: EnumerationLimits) -> Enumera
       NotEnumerableError: for another model, or one that is too large.
     """
     count = len(model.variables)
-    search = Search(model, limits, follow=False)
-    are_random = all(model.is_bool) and all(search.afterstates.is_random)
-    if count > _MAX_VARIABLES or not are_random or model.groups:
-        raise NotEnumerableError("not all of few fluents are random bools")
+    if count > _MAX_VARIABLES or not all(model.is_bool) or model.groups:
+        raise NotEnumerableError(_NOT_RANDOM)
     if len(model.actions) << count > _MAX_ROWS:
         raise NotEnumerableError(f"more than {_MAX_ROWS:,} states with actions")
+    search = Search(model, limits, follow=False)  # takes seconds where the laws are large
+    if not all(search.afterstates.is_random):
+        raise NotEnumerableError(_NOT_RANDOM)
     initial = int(model.initial[0])
     states = (np.arange(1 << count) ^ initial).astype(np.uint64)[:, np.newaxis]
     if len(states) > _SAMPLE:

@@ -10,6 +10,7 @@ from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.grounding import Ground, Grounder
 from mdpo_rddl.problem.enumeration.joint_actions import action_variables, joint_actions
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.pace import Pace
 from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
 from mdpo_rddl.problem.enumeration.rules import ActionRules, OpenRules, open_rules
 from mdpo_rddl.problem.enumeration.substitution import Substitution
@@ -234,6 +235,8 @@ def _per_action(model: OpenModel, limits: EnumerationLimits) -> tuple[ActionRule
         if new not in found:
             found[new] = assignment, whole.with_nodes(new)
             found[new][1].check(graph)
-    return tuple(
-        rules.closed(graph, assignment, limits.check_time) for assignment, rules in found.values()
-    )
+    pace, closed = Pace(limits, "joint actions' laws"), list[ActionRules]()
+    for played_actions, rules in found.values():
+        pace.check(len(closed), len(found) - len(closed))
+        closed.append(rules.closed(graph, played_actions, limits.check_time))
+    return tuple(closed)

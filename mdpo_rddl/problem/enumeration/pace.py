@@ -9,22 +9,23 @@ _GROWTH, _DEPTHS = 1.5, 2
 
 
 class Pace:
-    """How fast states are expanded, against the time that is left."""
+    """How fast states are expanded, or laws made, against the time that is left."""
 
-    def __init__(self, limits: EnumerationLimits) -> None:
+    def __init__(self, limits: EnumerationLimits, what: str = "states") -> None:
         """Begins to count the time.
 
         Args:
           limits: of the enumeration.
+          what: is counted, in messages.
         """
-        self._limits, self._began = limits, limits.used
+        self._limits, self._began, self._what = limits, limits.used, what
 
     def check(self, done: int, waiting: float) -> None:
         """Raises `NotEnumerableError` if what waits takes longer than the time left.
 
         Args:
-          done: states that were expanded.
-          waiting: states to expand yet.
+          done: what was expanded or made.
+          waiting: what is not yet.
         """
         limits = self._limits
         used = limits.used - self._began
@@ -33,7 +34,8 @@ class Pace:
         needed, left = waiting * used / done, limits.seconds - limits.used
         if needed > left:
             raise NotEnumerableError(
-                f"{waiting:,.0f} states more would take {needed:.0f} s, and {left:.0f} s are left"
+                f"{waiting:,.0f} {self._what} more would take {needed:.0f} s, "
+                f"and {left:.0f} s are left"
             )
 
 

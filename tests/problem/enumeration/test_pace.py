@@ -2,9 +2,12 @@
 
 import pytest
 from helpers.clocks import Stopped
+from helpers.toys import toy
 
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import ground_model
 from mdpo_rddl.problem.enumeration.pace import Pace, expected
+from mdpo_rddl.problem.enumeration.rules import OpenRules
 
 
 def after(seconds: float) -> Pace:
@@ -42,3 +45,18 @@ def test_at_first_the_pace_is_not_known():
 )
 def test_growth_is_expected_to_last_for_two_depths(latest, before, depths, count):
     assert expected(latest, before, depths) == pytest.approx(count)
+
+
+def test_laws_of_joint_actions_are_given_up_by_their_pace(monkeypatch):
+    clock, closed = Stopped(), OpenRules.closed
+
+    def slow(self, *arguments):
+        clock.now += 30.0
+        return closed(self, *arguments)
+
+    monkeypatch.setattr(OpenRules, "closed", slow)
+    problem = toy("quest")
+    assert ground_model(problem, EnumerationLimits(seconds=1e3, clock=clock)).actions
+    clock.now = 0.0
+    with pytest.raises(NotEnumerableError, match=r"4 joint actions' laws more .* 120 s, and 70 s"):
+        ground_model(problem, EnumerationLimits(seconds=100.0, clock=clock))
