@@ -320,7 +320,7 @@ class MDPOPlanner(CallingPlanner):
     ) -> Generator[dict[str, Any], None, None]:
         """JaxPlan's generator; each callback also holds the noise's own figures.
 
-        `sigma` [parallel updates, H] is the scale of the noise per step and `sensitivity`, of
+        `sigma` [restarts, H] is the scale of the noise per step and `sensitivity`, of
         the same shape, the return's sensitivity behind it (zeros without an analysis). Paired
         noise shows the better one of each pair; a stopping rule watches JaxPlan's own updates.
         """

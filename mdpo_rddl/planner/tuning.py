@@ -1,6 +1,6 @@
 """JaxPlan's Bayesian tuning of hyperparameters, with MDPO as the planner that is tuned.
 
-Needs scikit-learn and bayesian-optimization: `pip install mdpo-rddl[tuning]`.
+Needs scikit-learn and bayesian-optimization: `pip install '.[tuning]'` in a checkout.
 """
 
 import types

@@ -82,7 +82,7 @@ def test_what_noise_harms_is_what_was_measured():
     assert (worse, worse_uncorrected) == ("0", "0")
     said = f"keeps the better one: below JaxPlan on none of {tasks} tasks"
     assert said in " ".join(README.split())
-    docs = " ".join((ROOT / "docs" / "jaxplan.md").read_text(encoding="utf-8").split())
+    docs = " ".join((ROOT / "docs" / "noise.md").read_text(encoding="utf-8").split())
     assert f"is better than JaxPlan's planner on {better} tasks" in docs
 
 
