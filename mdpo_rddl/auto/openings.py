@@ -81,7 +81,7 @@ class Openings(Slices):
             return
         self._enter(arm)
         seems_to_lead = arm.leading >= self._judge.best_mean
-        # where it misses what actions do, what follows learns more in the same time
+        # a first rule may take all of this; it knows nothing of integers that actions change
         is_hope = arm.is_untried and not arm.misses_numbers
         if not arm.is_exhausted and (is_hope or seems_to_lead):
             pays = self._arena.beats_noop(self._best)

@@ -30,7 +30,7 @@ def watched(problem: Problem, has_time: Callable[[], bool]) -> Problem:
       has_time: asked for before each step of the two episodes.
     """
     cause = _failure(problem, lambda: _noop, has_time)
-    told = "if nothing is done"
+    told = "where nothing is done, or a legal action in its place"
     if cause is None:
         cause, told = _failure(problem, lambda: _random(problem), has_time), "for some actions"
     if cause is None:

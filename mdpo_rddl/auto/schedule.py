@@ -177,9 +177,9 @@ class Schedule(Openings):
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
-        for candidate in (constant_without_rollouts(self._arena), *self._initial):
-            self._judge.record(candidate)
+        self._judge.record(constant_without_rollouts(self._arena))
         self._judge_plans()
+        self._judge_given(self._initial)
         if self.early is not None:
             self._try_early(self.early, self._arena.deadline)
 

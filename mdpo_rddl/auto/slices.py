@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 from mdpo_rddl.auto.arena import Arena
@@ -120,6 +120,12 @@ class Slices:
         self._contenders.append(contender)
         self._resumption.contend(contender)
         return contender
+
+    def _judge_given(self, candidates: Iterable[Candidate]) -> None:
+        """Judges candidates; where there is an incumbent, what comes too late is left out."""
+        with incumbent_kept(self._judge):
+            for candidate in candidates:
+                self._judge.record(candidate)
 
     def _judge_candidates(self, arm: Arm) -> bool:
         is_better = False

@@ -14,6 +14,8 @@ from helpers.toys import problem_from
 
 from mdpo_rddl.auto import RaceOptions, affording, probing
 from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.judge import Judge
 from mdpo_rddl.auto.start import START, accepted_start, start_candidates
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
@@ -111,16 +113,32 @@ def test_what_cannot_begin_is_told_in_a_line(two):
     )
 
 
-@pytest.mark.usefixtures("one_core")
-def test_where_a_problem_is_too_large_to_search_what_was_given_is_judged(lake, monkeypatch):
+@pytest.fixture
+def large(lake, monkeypatch):
+    """A problem for which a search would take too long, and what it is given."""
     monkeypatch.setattr(probing, "is_large", lambda planner: True)
     monkeypatch.setattr(affording, "_FEWEST_POLICIES", 10**9)
+    return lake, lambda arena: [arena.candidate(START, START, arena.noop)]
 
-    def given(arena):
-        return [arena.candidate(START, START, arena.noop)]
 
-    outcome = raced(lake, 300.0, RaceOptions(clock=CLOCK, initial=given))
+@pytest.mark.usefixtures("one_core")
+def test_where_a_problem_is_too_large_to_search_what_was_given_is_judged(large):
+    problem, given = large
+    outcome = raced(problem, 300.0, RaceOptions(clock=CLOCK, initial=given))
     found = means(outcome)
     # by more rollouts than the probing has made of it
     assert found[START] == pytest.approx(outcome.probe.noop_return, rel=0.1)
     assert outcome.chosen.mean == max(found.values())
+
+
+@pytest.mark.usefixtures("one_core", "failing_race")
+def test_what_cannot_be_judged_in_time_ends_no_race(large, monkeypatch, caplog):
+    def late(*arguments):
+        raise TooLateError("the judge's rollouts")
+
+    problem, given = large
+    monkeypatch.setattr(Judge, "returns_of", late)
+    outcome = raced(problem, 300.0, RaceOptions(clock=CLOCK, initial=given))
+    assert "best policy so far is kept: the judge's rollouts" in caplog.text
+    assert outcome.chosen.label == "constant"
+    assert not outcome.interrupted

@@ -16,7 +16,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans
 from mdpo_rddl.problem.delete_relaxation.distances import Prices
-from mdpo_rddl.problem.delete_relaxation.relaxed import costs_nothing
+from mdpo_rddl.problem.delete_relaxation.relaxed import changes_integers
 from mdpo_rddl.problem.enumeration.limits import (
     EnumerationLimits,
     NotEnumerableError,
@@ -104,7 +104,7 @@ class RelaxedPlansArm(Arm):
     @property
     def misses_numbers(self) -> bool:
         """Whether actions change integers, which cost nothing in a relaxed plan."""
-        return costs_nothing(self._model)
+        return changes_integers(self._model)
 
     @property
     def is_undecided(self) -> bool:

@@ -81,6 +81,7 @@ class TrialsArm(Arm):
         # see `progress`; it rises by what is more than rounding
         self._known = -np.inf
         self._without_gain = self._skipped = 0
+        self._was_late = False
 
     @property
     def progress(self) -> float:
@@ -125,8 +126,10 @@ class TrialsArm(Arm):
             if (search := self._begun(until, closing)) is None:
                 return
             self._explore(search, until, closing)
-        except OutOfTimeError as error:  # a longer slice may come
-            self._note_no_gain(f"its model is not made in time: {error}")
+        except OutOfTimeError as error:
+            if self._was_late:
+                self._give_up(f"what it needs is not made in time: {error}")
+            self._was_late = True  # the second of the first slices is longer
         except NotEnumerableError as error:
             self._give_up(str(error))
         except Exception as error:  # the other arms need no ground model

@@ -74,8 +74,8 @@ def relaxed(model: OpenModel, limits: EnumerationLimits) -> Relaxed:
     return Relaxed(made.circuit, made.steps(), goals)
 
 
-def costs_nothing(model: OpenModel) -> bool:
-    """Whether actions change integers: what they do to these costs nothing in the relaxation."""
+def changes_integers(model: OpenModel) -> bool:
+    """Whether actions change integers, about which the relaxation knows nothing."""
     rules, graph = model.rules, model.graph
     kinds = zip(rules.laws, model.ranges, strict=True)
     nodes = [node for law, kind in kinds if kind == "int" for node in law_nodes(law)]

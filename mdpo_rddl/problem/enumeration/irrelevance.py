@@ -14,6 +14,10 @@ from mdpo_rddl.problem.enumeration.joint import nodes_of
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
+# nodes of all laws times bools, as which the time to find merges grows: seconds. The clock must not
+# decide, for a search that goes on in another process has to join the same states.
+_MOST_WORK = 1_000_000
+
 
 class Merge(NamedTuple):
     """Where the bits `mask` of `word` are `value`, only the bits `keep` [words] matter."""
@@ -27,13 +31,15 @@ class Merge(NamedTuple):
 def find_merges(model: GroundModel, limits: EnumerationLimits) -> list[Merge]:
     """The merges that one kept bool allows, for each bool and each of its values.
 
-    What is not found in time is left out: states that could be one are several then.
+    There are none where finding them would take too long.
     """
     found: list[Merge] = []
+    nodes = {node for action in model.actions for node in action.nodes()}
+    if len(model.graph.needed(nodes)) * sum(model.is_bool) > _MOST_WORK:
+        return found
     for number, is_bool in enumerate(model.is_bool):
         for value in (False, True) if is_bool else ():
-            if limits.is_over:
-                return found
+            limits.check_time()
             if not _is_kept(model, number, value):
                 continue
             relevant = _relevant(model, number, value)

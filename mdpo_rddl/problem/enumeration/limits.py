@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 
 class NotEnumerableError(Exception):
@@ -40,18 +40,9 @@ class EnumerationLimits:
         """Seconds since the making of this object."""
         return self.clock() - self._started
 
-    @property
-    def is_over(self) -> bool:
-        """Whether the time is over."""
-        return self.used > self.seconds
-
-    def part(self, share: float) -> "EnumerationLimits":
-        """The same for a share of the time, from now on."""
-        return replace(self, seconds=share * self.seconds)
-
     def check_time(self) -> None:
         """Raises `OutOfTimeError` once the time is over."""
-        if self.is_over:
+        if self.used > self.seconds:
             raise OutOfTimeError(f"more than {self.seconds:g} s")
 
     def check_states(self, count: int) -> None:

@@ -17,6 +17,9 @@ from mdpo_rddl.problem.enumeration.substitution import Substitution
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 from mdpo_rddl.problem.load import Problem, make_environment
 
+# of joint actions, by which it is told how long all take: the first ones make what others share
+_FEWEST_LAWS = 8
+
 
 @dataclass(frozen=True)
 class GroundModel:
@@ -237,6 +240,7 @@ def _per_action(model: OpenModel, limits: EnumerationLimits) -> tuple[ActionRule
             found[new][1].check(graph)
     pace, closed = Pace(limits, "joint actions' laws"), list[ActionRules]()
     for played_actions, rules in found.values():
-        pace.check(len(closed), len(found) - len(closed))
+        if len(closed) >= _FEWEST_LAWS:
+            pace.check(len(closed), len(found) - len(closed))
         closed.append(rules.closed(graph, played_actions, limits.check_time))
     return tuple(closed)

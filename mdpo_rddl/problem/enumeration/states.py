@@ -15,8 +15,6 @@ from mdpo_rddl.problem.enumeration.pace import Pace, expected
 from mdpo_rddl.problem.enumeration.rows import RowMaker
 
 _FIRST_BATCH = 64
-# of the time: merges are found law by law, which takes long where these are large
-_MERGING_SHARE = 0.1
 _MAX_BATCH = 8192
 _BATCH_ROWS = 400_000
 _BATCH_VALUES = 100_000_000
@@ -78,7 +76,7 @@ class Search:
           follow: whether next states are enumerated too, and states joined.
         """
         self.model, self.limits = model, limits
-        self.merges = find_merges(model, limits.part(_MERGING_SHARE)) if follow else []
+        self.merges = find_merges(model, limits) if follow else []
         self._follow = follow
         self.afterstates = Afterstates(model, limits)
         self.maker = RowMaker(model, self.afterstates)

@@ -328,7 +328,11 @@ def test_a_slice_too_short_to_make_its_model_is_not_the_last(arm, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(trials, "TrialSearch", late)
         arm.work(100.0)
-    assert not arm.is_exhausted
-    assert "more than 4 s" not in arm.log.details.get("cause", "")
+        assert not arm.is_exhausted
+        other = made(arm._problem, arm._model)
+        other.work(100.0)
+        other.work(250.0)
+    assert other.is_exhausted
+    assert "more than 4 s" in other.log.details["cause"]
     arm.work(400.0)
     assert arm.take_candidates()

@@ -5,14 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.problems import assert_same_bits
-from helpers.toys import toy
+from helpers.toys import problem_from, toy
 
 from mdpo_rddl.auto.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
-from mdpo_rddl.planner.policy_iteration import learner as learner_module
-from mdpo_rddl.planner.policy_iteration.exploring import Explored
 from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration, Way
 
 # a program of its own is compiled for them all
@@ -94,14 +92,34 @@ def test_what_is_not_finite_is_not_learnt(iteration, begun, noop):
     assert_same_bits(after, begun[0])
 
 
-def test_states_after_the_end_are_no_numbers_that_count():
-    states = {"x": jnp.array([[[1.0, 2.0], [jnp.nan, 3.0]]]), "n": jnp.array([[4, 5]])}
-    alive = jnp.array([[1.0, 0.0]])
-    empty = jnp.zeros((1, 2))
-    played = Explored(states, empty, empty, alive, empty)
-    found = learner_module._while_alive(played)
-    np.testing.assert_array_equal(found["x"], [[[1.0, 2.0], [0.0, 0.0]]])
-    np.testing.assert_array_equal(found["n"], [[4, 0]])
+def test_states_after_the_end_may_be_no_numbers():
+    # 0 / 0 once the door is open, where the episode has ended
+    problem = problem_from(
+        """domain doors {
+    pvariables {
+        light : { state-fluent, real, default = 1.0 };
+        open : { state-fluent, bool, default = false };
+        turn : { action-fluent, bool, default = false };
+    };
+    cpfs { light' = (0 * light) / (1 - open); open' = open | (turn ^ Bernoulli(0.5)); };
+    reward = turn - 0.1;
+    termination { open; };
+}
+non-fluents n { domain = doors; }
+instance inst {
+    domain = doors; non-fluents = n; max-nondef-actions = 1; horizon = 6; discount = 1.0;
+}"""
+    )
+    config = auto_preset("doors").without_section("Search")
+    played, guide = (build_planner(problem, each).planner for each in (greedy(config), config))
+    doing_nothing = guide.plan.initializer(KEY, {}, None)
+    doors = PolicyIteration(played, guide.plan, QUICK)
+    way = Way(np.float32(3e-3), is_first=np.array(True))
+    learner, shown = doors.iterate(doors.begin(np.random.default_rng(0)), KEY, doing_nothing, way)
+    assert bool(shown.is_finite)
+    learner, shown = iterated(doors, learner, doing_nothing, 3e-3)
+    assert bool(shown.is_finite)
+    assert np.isfinite(learner.weights).all()
 
 
 def test_the_latest_rollouts_are_kept(iteration, begun, noop):

@@ -12,7 +12,7 @@ from helpers.toys import problem_from
 from mdpo_rddl.problem.delete_relaxation.circuit import Circuit, Literal
 from mdpo_rddl.problem.delete_relaxation.conditions import conditions
 from mdpo_rddl.problem.delete_relaxation.distances import FAR, Distances, Prices
-from mdpo_rddl.problem.delete_relaxation.relaxed import costs_nothing, relaxed
+from mdpo_rddl.problem.delete_relaxation.relaxed import changes_integers, relaxed
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import open_model
 
@@ -320,7 +320,7 @@ def test_the_complement_of_a_chance_is_one():
         ("if (step > 0) then 1 else n", True),
     ],
 )
-def test_what_actions_do_to_integers_costs_nothing(law, is_changed):
+def test_actions_change_integers(law, is_changed):
     likely = "0.5" if law == "n + step" else "0.5 * a"
     text = f"""domain d {{
     pvariables {{
@@ -336,4 +336,4 @@ non-fluents m {{ domain = d; }}
 instance inst {{
     domain = d; non-fluents = m; max-nondef-actions = pos-inf; horizon = 5; discount = 1.0;
 }}"""
-    assert costs_nothing(open_model(problem_from(text), LIMITS)) is is_changed
+    assert changes_integers(open_model(problem_from(text), LIMITS)) is is_changed

@@ -4,6 +4,7 @@ import pytest
 from helpers.clocks import Stopped
 from helpers.toys import toy
 
+from mdpo_rddl.problem.enumeration import model
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
 from mdpo_rddl.problem.enumeration.pace import Pace, expected
@@ -56,7 +57,11 @@ def test_laws_of_joint_actions_are_given_up_by_their_pace(monkeypatch):
 
     monkeypatch.setattr(OpenRules, "closed", slow)
     problem = toy("quest")
-    assert ground_model(problem, EnumerationLimits(seconds=1e3, clock=clock)).actions
+    assert len(ground_model(problem, EnumerationLimits(seconds=1e3, clock=clock)).actions) == 5
     clock.now = 0.0
-    with pytest.raises(NotEnumerableError, match=r"4 joint actions' laws more .* 120 s, and 70 s"):
+    # the first ones say little
+    assert ground_model(problem, EnumerationLimits(seconds=150.0, clock=clock)).actions
+    monkeypatch.setattr(model, "_FEWEST_LAWS", 2)
+    clock.now = 0.0
+    with pytest.raises(NotEnumerableError, match=r"3 joint actions' laws more .* 90 s, and 40 s"):
         ground_model(problem, EnumerationLimits(seconds=100.0, clock=clock))

@@ -5,7 +5,7 @@ import pytest
 from helpers import toy_mdps as toys
 
 from mdpo_rddl.auto.optimum import find_optimum
-from mdpo_rddl.problem.enumeration import states
+from mdpo_rddl.problem.enumeration import irrelevance
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
@@ -125,14 +125,14 @@ def test_a_model_with_fixed_fluents_is_not_factored(tmp_path):
         enumerate_factored(ground_model(toys.walk(tmp_path, 3), limits), limits)
 
 
-def test_states_that_could_be_one_are_several_where_there_is_no_time_to_see_that(
+def test_states_that_could_be_one_are_several_where_it_would_take_long_to_see_that(
     tmp_path, monkeypatch
 ):
     # once at the goal the weather, drawn by halves, no longer matters
     problem = toys.walk(tmp_path, 6)
     joined, value = enumerated(problem), find_optimum(problem, 60.0).value
     assert joined.merges
-    monkeypatch.setattr(states, "_MERGING_SHARE", 0.0)
+    monkeypatch.setattr(irrelevance, "_MOST_WORK", 0)
     found = enumerated(problem)
     assert not found.merges
     assert len(found.states) > len(joined.states)

@@ -22,8 +22,6 @@ _FEW = 4
 _ROWS_TOGETHER = 500_000
 # of the probabilities of all next states that are known
 _ROUNDING = 1e-6
-# of the time: merges are found law by law, which takes long where these are large
-_MERGING_SHARE = 0.5
 
 
 class Explored:
@@ -58,7 +56,7 @@ class Explored:
           NotEnumerableError: if it has no legal action, or there is too little time.
         """
         self.model = model
-        self.merges = find_merges(model, limits.part(_MERGING_SHARE))
+        self.merges = find_merges(model, limits)
         self.afterstates = Afterstates(model, limits)
         self.maker = RowMaker(model, self.afterstates)
         self.index = StateIndex(model.packing.words)
