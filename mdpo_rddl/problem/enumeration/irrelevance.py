@@ -14,8 +14,8 @@ from mdpo_rddl.problem.enumeration.joint import nodes_of
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
-# nodes of all laws times bools, as which the time to find merges grows: seconds. The clock must not
-# decide, for a search that goes on in another process has to join the same states.
+# nodes of all laws times bools, with which the time to find merges grows, to seconds for so many.
+# The clock must not decide: a search that goes on in another process has to join the same states.
 _MOST_WORK = 1_000_000
 
 
