@@ -311,17 +311,16 @@ def test_the_complement_of_a_chance_is_one():
 
 
 @pytest.mark.parametrize(
-    ("law", "is_changed"),
+    ("law", "chance", "is_changed"),
     [
-        ("n + 1", False),
-        ("n + a", True),
-        # the same draw moves both
-        ("n + step", False),
-        ("if (step > 0) then 1 else n", True),
+        ("n + 1", "0.5 * a", False),
+        ("n + a", "0.5", True),
+        ("n + step", "0.5", False),
+        # by what is drawn as well
+        ("n + step", "0.5 * a", True),
     ],
 )
-def test_actions_change_integers(law, is_changed):
-    likely = "0.5" if law == "n + step" else "0.5 * a"
+def test_whether_actions_change_integers(law, chance, is_changed):
     text = f"""domain d {{
     pvariables {{
         n : {{ state-fluent, int, default = 0 }};
@@ -329,7 +328,7 @@ def test_actions_change_integers(law, is_changed):
         step : {{ interm-fluent, bool }};
         a : {{ action-fluent, bool, default = false }};
     }};
-    cpfs {{ step = Bernoulli({likely}); n' = {law}; x' = x | step; }};
+    cpfs {{ step = Bernoulli({chance}); n' = {law}; x' = x | step; }};
     reward = x;
 }}
 non-fluents m {{ domain = d; }}
