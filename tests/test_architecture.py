@@ -178,7 +178,9 @@ def test_arms_see_each_other_only_through_their_interface():
     among = {(start, end) for start, end in edges_inside(folder) if start in kinds}
     assert among == {("compiling", "base"), ("trained", "compiling")}
     # what several of them search with are no arms, and know none
-    assert violations(room("auto.search"), "mdpo_rddl.auto.arms", "mdpo_rddl.auto.arena") == []
+    assert (
+        violations(room("auto.search"), "mdpo_rddl.auto.arms", "mdpo_rddl.auto.arena.arena") == []
+    )
 
 
 def test_a_race_asks_one_clock_for_the_time():
@@ -189,7 +191,7 @@ def test_a_race_asks_one_clock_for_the_time():
         for node in ast.walk(tree(path))
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("time.")
     }
-    waiting = {"arms.compiling", "arms.jaxplan", "compilations"}
+    waiting = {"arms.compiling", "arms.jaxplan", "common.compilations"}
     assert asking == {f"mdpo_rddl.auto.{name}" for name in waiting}
 
 

@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from rows import Rows
 
-from mdpo_rddl.auto.judge import ROLLOUTS
+from mdpo_rddl.auto.arena.judge import ROLLOUTS
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from rows import Rows
 
-from mdpo_rddl.auto.plain import STRAIGHT_LINE, PlainPlanners
+from mdpo_rddl.auto.arena.plain import STRAIGHT_LINE, PlainPlanners
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 from rows import Rows
 
-from mdpo_rddl.auto.fitting import greedy
+from mdpo_rddl.auto.probing.fitting import greedy
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset

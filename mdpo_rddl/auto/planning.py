@@ -1,9 +1,9 @@
 """From a problem to a policy: by the race, and by a vote where the state is observed in part."""
 
-from mdpo_rddl.auto.options import RaceOptions
-from mdpo_rddl.auto.outcome import RaceOutcome
-from mdpo_rddl.auto.partially_observed import plan_partially_observed
-from mdpo_rddl.auto.race import run_race
+from mdpo_rddl.auto.hidden.partially_observed import plan_partially_observed
+from mdpo_rddl.auto.outcome.outcome import RaceOutcome
+from mdpo_rddl.auto.race.options import RaceOptions
+from mdpo_rddl.auto.race.race import run_race
 from mdpo_rddl.planner.build import require_actions
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.problem.load import Problem

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.auto.outcome import RaceOutcome
+from mdpo_rddl.auto.outcome.outcome import RaceOutcome
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS

@@ -112,7 +112,7 @@ def find_by_race(
     """
     # the search's package takes long to import, which other presets need not wait for
     from mdpo_rddl.auto import RaceOptions, plan_automatically
-    from mdpo_rddl.auto.start import accepted_start, start_candidates
+    from mdpo_rddl.auto.resuming.start import accepted_start, start_candidates
 
     options = options or RaceOptions(
         terms.traced_cache, reporter.stage, reporter.training, reporter.judged

@@ -44,8 +44,8 @@ from mdpo_rddl.session.thinking import (
 from mdpo_rddl.session.unfinished import RACE_FILES, TRAINING_FILES
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto.candidate import Judged
-    from mdpo_rddl.auto.outcome import RaceOutcome
+    from mdpo_rddl.auto.common.candidate import Judged
+    from mdpo_rddl.auto.outcome.outcome import RaceOutcome
 
 logger = logging.getLogger(__name__)
 
@@ -147,7 +147,7 @@ def _shortened(request: PlanRequest) -> PlanRequest:
 
 
 def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
-    from mdpo_rddl.auto.confirmation import less_than_judged  # takes long to import
+    from mdpo_rddl.auto.outcome.confirmation import less_than_judged  # takes long to import
 
     outcome = _raced(request, reporter, unfinished)
     policy = outcome.policy

@@ -11,7 +11,7 @@ from mdpo_rddl.planner.training import Progress as TrainingProgress
 TRAINING = "training"
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto.candidate import Judged
+    from mdpo_rddl.auto.common.candidate import Judged
 
 
 class ProgressBar:

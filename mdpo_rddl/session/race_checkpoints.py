@@ -22,11 +22,11 @@ from mdpo_rddl.session.requests import FindTerms
 from mdpo_rddl.session.unfinished import RACE_FILES
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto.candidate import Candidate, Judged
-    from mdpo_rddl.auto.curve import Curve
-    from mdpo_rddl.auto.earlier import EarlierPolicy, EarlierRace
-    from mdpo_rddl.auto.race_state import RaceState
-    from mdpo_rddl.auto.resumption import Snapshot
+    from mdpo_rddl.auto.common.candidate import Candidate, Judged
+    from mdpo_rddl.auto.common.curve import Curve
+    from mdpo_rddl.auto.race.resumption import Snapshot
+    from mdpo_rddl.auto.resuming.earlier import EarlierPolicy, EarlierRace
+    from mdpo_rddl.auto.resuming.race_state import RaceState
 
 logger = logging.getLogger(__name__)
 
@@ -75,7 +75,7 @@ class RaceCheckpoints:
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
-        from mdpo_rddl.auto.curve import candidate_figures, shortened
+        from mdpo_rddl.auto.common.curve import candidate_figures, shortened
 
         found = judged.candidate
         self._curve = shortened((*self._curve, candidate_figures(judged)))
@@ -208,8 +208,8 @@ def _about(found: "Candidate | EarlierPolicy") -> dict[str, Any]:
 
 
 def _start(text: Metadata, tensors: Tensors) -> "EarlierRace":
-    from mdpo_rddl.auto.curve import read_curve
-    from mdpo_rddl.auto.earlier import EarlierRace
+    from mdpo_rddl.auto.common.curve import read_curve
+    from mdpo_rddl.auto.resuming.earlier import EarlierRace
 
     seconds = float(text["seconds"])
     incumbent, *others = (_policy(about, tensors) for about in json.loads(text["about"]))
@@ -221,8 +221,8 @@ def _start(text: Metadata, tensors: Tensors) -> "EarlierRace":
 
 def _state(text: Metadata, tensors: Tensors) -> "RaceState | None":
     """Where the race was; one that is damaged costs the arms' states, not the policies."""
-    from mdpo_rddl.auto.race_state import RaceState
-    from mdpo_rddl.auto.state import UNFIT, State
+    from mdpo_rddl.auto.common.state import UNFIT, State
+    from mdpo_rddl.auto.resuming.race_state import RaceState
 
     if "state" not in text:
         return None
@@ -238,7 +238,7 @@ def _part(tensors: Tensors, prefix: str) -> Tensors:
 
 
 def _policy(about: Mapping[str, Any], tensors: Tensors) -> "EarlierPolicy":
-    from mdpo_rddl.auto.earlier import EarlierPolicy
+    from mdpo_rddl.auto.resuming.earlier import EarlierPolicy
 
     own, found, plans = _part(tensors, f"{about['number']}/"), None, None
     tree: dict[str, Any] = {"params": None}

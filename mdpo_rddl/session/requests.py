@@ -10,7 +10,7 @@ from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.problem.load import Problem
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto.candidate import Judged
+    from mdpo_rddl.auto.common.candidate import Judged
 
 CHECKPOINT_SECONDS = 60.0
 

@@ -12,7 +12,7 @@ from mdpo_rddl.planner.training import Progress
 from mdpo_rddl.session.requests import Reporter
 
 if TYPE_CHECKING:
-    from mdpo_rddl.auto.candidate import Judged
+    from mdpo_rddl.auto.common.candidate import Judged
 
 _TELL_SECONDS = 0.25
 

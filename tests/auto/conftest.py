@@ -8,9 +8,10 @@ from helpers.lakes import preset, write_lake
 from helpers.problems import write_corridor
 from helpers.races import CLOCK
 
-from mdpo_rddl.auto import RaceOptions, affording, race
+from mdpo_rddl.auto import RaceOptions
+from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import gradient
-from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.race.race import affording, race
 from mdpo_rddl.errors import InputError
 
 KEPT = "the best policy so far is kept: "

@@ -5,8 +5,8 @@ import json
 import pytest
 from helpers.lakes import write_lake
 
-from mdpo_rddl.auto.fitting import scaled
-from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.auto.probing.fitting import scaled
+from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.bench.common.auto_variants import VARIANTS
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.presets.auto import COLUMNS, KEYS, auto_table, run_auto

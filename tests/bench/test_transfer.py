@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from helpers.mistakes import one_line
 
-from mdpo_rddl.auto.start import START
+from mdpo_rddl.auto.resuming.start import START
 from mdpo_rddl.bench.presets import transfer
 from mdpo_rddl.policy.policy import Policy
 

@@ -12,17 +12,17 @@ import numpy as np
 from helpers.clocks import Ticking
 from helpers.config_texts import TEXT
 from helpers.toys import toy
-from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.probing import Probe
-from mdpo_rddl.auto.race_state import RaceState
-from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.common.arm_log import ArmLog
+from mdpo_rddl.auto.common.candidate import Candidate, Judged
+from mdpo_rddl.auto.common.state import UNFIT, State
+from mdpo_rddl.auto.probing.probing import Probe
+from mdpo_rddl.auto.race.resumption import Resumption
+from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.mutations import layout_of
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
-from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.container import read_container, write_container

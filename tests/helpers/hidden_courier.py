@@ -4,8 +4,8 @@ import functools
 
 from helpers.couriers import hidden_courier
 from helpers.lakes import preset
-from mdpo_rddl.auto.outcome import policy_of
-from mdpo_rddl.auto.unjudged import noop_of
+from mdpo_rddl.auto.outcome.outcome import policy_of
+from mdpo_rddl.auto.outcome.unjudged import noop_of
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.policy import Policy

@@ -4,14 +4,9 @@ from types import SimpleNamespace
 
 from helpers.clocks import Stopped
 from helpers.lakes import preset
-from mdpo_rddl.auto import (
-    RaceOptions,
-    RaceOutcome,
-    partially_observed,
-    plan_automatically,
-    underlying_optimum,
-)
-from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto import RaceOptions, RaceOutcome, plan_automatically
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.hidden import partially_observed, underlying_optimum
 
 LONG = preset(100.0)
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from helpers.lakes import preset, write_lake
-from mdpo_rddl.auto import RaceOptions, race
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto import RaceOptions
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
-from mdpo_rddl.auto.candidate import NOOP
-from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.common.candidate import NOOP
+from mdpo_rddl.auto.race.race import race
 
 FOREVER = 300.0
 

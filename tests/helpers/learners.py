@@ -9,12 +9,13 @@ import numpy as np
 from helpers.clocks import Ticking
 from helpers.lakes import preset
 from helpers.toys import toy
-from mdpo_rddl.auto import RaceOptions, race
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto import RaceOptions
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import PolicyIterationArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.judge import Judge
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.race.race import race
 
 SECONDS = 300.0
 # 3 for the best of three arms, of which one may be pulled, at each of 4 steps

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from mdpo_rddl.auto.probing import Probe, constants_for, probe
+from mdpo_rddl.auto.probing.probing import Probe, constants_for, probe
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 

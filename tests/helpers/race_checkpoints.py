@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.race_state import RaceState
-from mdpo_rddl.auto.state import State
+from mdpo_rddl.auto.common.arm_log import ArmLog
+from mdpo_rddl.auto.common.candidate import Candidate, Judged
+from mdpo_rddl.auto.common.state import State
+from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 

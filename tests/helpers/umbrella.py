@@ -8,7 +8,7 @@ import numpy as np
 
 from helpers.lakes import preset
 from helpers.toys import toy
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.underlying import underlying_mdp

@@ -6,7 +6,7 @@ import pytest
 from helpers.lakes import preset
 from helpers.toys import toy
 
-from mdpo_rddl.auto.fitting import without_scales
+from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.goal_counting import counted_reward
 

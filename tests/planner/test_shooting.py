@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.toys import toy
 
-from mdpo_rddl.auto.plain import PlainPlanners
+from mdpo_rddl.auto.arena.plain import PlainPlanners
 from mdpo_rddl.planner.shooting import Shooting
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment

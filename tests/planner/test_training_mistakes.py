@@ -9,7 +9,7 @@ from helpers.toy_mdps import lamp
 from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper_config, trained
 
 from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.auto.options import RaceOptions
+from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.diagnosis import origin

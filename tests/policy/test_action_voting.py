@@ -10,7 +10,7 @@ from helpers.tiger import listener
 from helpers.toys import toy
 from helpers.umbrella import NOTHING_SHOWN, careless, pattering, voting, wet
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy import action_voting
 from mdpo_rddl.policy.action_voting import ActionVoting

@@ -11,7 +11,7 @@ from helpers.mistakes import one_line
 from helpers.toys import toy
 
 import mdpo_rddl
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy import relaxed_plans
 from mdpo_rddl.policy.container import read_container, write_container

@@ -9,7 +9,7 @@ from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.file import (

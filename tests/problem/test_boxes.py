@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.problem.implications import is_box

@@ -11,12 +11,12 @@ from helpers.mistakes import one_line
 from helpers.problems import assert_same_bits
 from helpers.race_checkpoints import CONFIG, FORMAT, PARAMS, arena, judged, kept, state, terms
 
-from mdpo_rddl.auto import curve as curves
-from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.candidate import Candidate, Judged
-from mdpo_rddl.auto.curve import candidate_figures
-from mdpo_rddl.auto.optimum import find_optimum
-from mdpo_rddl.auto.race_state import RaceState
+from mdpo_rddl.auto.common import curve as curves
+from mdpo_rddl.auto.common.arm_log import ArmLog
+from mdpo_rddl.auto.common.candidate import Candidate, Judged
+from mdpo_rddl.auto.common.curve import candidate_figures
+from mdpo_rddl.auto.resuming.race_state import RaceState
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.table import Estimate, table_tensors

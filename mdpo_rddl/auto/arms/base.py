@@ -6,11 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 
-from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arm_log import ArmLog
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.state import UNFIT, State
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.common.arm_log import ArmLog
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.state import UNFIT, State
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.planner.plans.feedback import Params
 

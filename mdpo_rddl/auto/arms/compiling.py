@@ -8,10 +8,10 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
-from mdpo_rddl.auto.candidate import has_structure
-from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.common.candidate import has_structure
+from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.machine.device import as_here
 from mdpo_rddl.planner.planner import MDPOPlanner

@@ -3,9 +3,9 @@
 import logging
 
 from mdpo_rddl.auto.arms.base import Arm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.optimum import Solution, find_optimum
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.timing import Clock
+from mdpo_rddl.auto.search.optimum import Solution, find_optimum
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.problem.enumeration.grounded import Grounded

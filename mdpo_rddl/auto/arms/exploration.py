@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
+from mdpo_rddl.auto.common.state import State, joined
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.plan_population import PLAN
-from mdpo_rddl.auto.state import State, joined
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.plans.feedback import Params
 

@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.auto.arena import Arena
-from mdpo_rddl.auto.arm_log import ArmLog
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.trained import REPLAY_SECONDS, TrainedArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.draws import Draws, key_for
-from mdpo_rddl.auto.state import State, count_of, joined
-from mdpo_rddl.auto.training_state import checkpoints_of, state_of
+from mdpo_rddl.auto.common.arm_log import ArmLog
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.draws import Draws, key_for
+from mdpo_rddl.auto.common.state import State, count_of, joined
+from mdpo_rddl.auto.common.training_state import checkpoints_of, state_of
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built

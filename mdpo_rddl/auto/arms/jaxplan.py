@@ -15,11 +15,11 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.auto.arena.judge import MeanReturn, rollouts_for
+from mdpo_rddl.auto.arena.plain import METHODS
 from mdpo_rddl.auto.arms.base import Arm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.judge import MeanReturn, rollouts_for
-from mdpo_rddl.auto.plain import METHODS
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
 from mdpo_rddl.machine.cores import usable_cores

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.auto.adapting import Adapting
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.adapting import Adapting
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
+from mdpo_rddl.auto.common.state import State, joined
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.object_wise import FEWEST_OBJECTS, ObjectWise, objects_of
 from mdpo_rddl.auto.search.weights import Weights, flat_vector, weights_of
-from mdpo_rddl.auto.state import State, joined
 from mdpo_rddl.errors import Cancelled, note_heard
 
 OWN_WEIGHTS = "own weights"

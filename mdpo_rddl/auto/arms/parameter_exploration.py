@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.arena.plain import REACTIVE
 from mdpo_rddl.auto.arms.compiling import CompilingArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.draws import Draws, key_for
-from mdpo_rddl.auto.plain import REACTIVE
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.draws import Draws, key_for
+from mdpo_rddl.auto.common.state import State, count_of, joined
 from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
-from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.exact import compile_exact_returns
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
+from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.search.plan_population import PLAN
 from mdpo_rddl.auto.search.weights import flat_vector
-from mdpo_rddl.auto.state import State
 from mdpo_rddl.errors import Cancelled, note_heard
 
 

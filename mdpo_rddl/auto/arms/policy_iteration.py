@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.arena.judge import ROLLOUTS
+from mdpo_rddl.auto.arena.learning_size import is_too_long, learning_rollouts, least_seconds
 from mdpo_rddl.auto.arms.compiling import CompilingArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.compilations import TooLateError
-from mdpo_rddl.auto.draws import Draws, key_for
-from mdpo_rddl.auto.fitting import greedy
-from mdpo_rddl.auto.gains import return_to_beat
-from mdpo_rddl.auto.judge import ROLLOUTS
-from mdpo_rddl.auto.learning_size import is_too_long, learning_rollouts, least_seconds
-from mdpo_rddl.auto.span import Span
-from mdpo_rddl.auto.state import State
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.compilations import TooLateError
+from mdpo_rddl.auto.common.draws import Draws, key_for
+from mdpo_rddl.auto.common.gains import return_to_beat
+from mdpo_rddl.auto.common.span import Span
+from mdpo_rddl.auto.common.state import State
+from mdpo_rddl.auto.probing.fitting import greedy
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan

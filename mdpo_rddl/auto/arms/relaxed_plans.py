@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from mdpo_rddl.auto.arms.base import Arm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from mdpo_rddl.auto.adapting import Adapting
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.adapting import Adapting
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, ArenaArm
-from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.state import State, count_of, joined
 from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
 from mdpo_rddl.auto.search.rules import FEW_RULES, REFINING_SIGMA, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
-from mdpo_rddl.auto.state import State, count_of, joined
 from mdpo_rddl.errors import Cancelled, note_heard
 
 SHARED_WEIGHTS = "shared weights"

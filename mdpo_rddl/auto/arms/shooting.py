@@ -7,12 +7,12 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.arena.plain import STRAIGHT_LINE
 from mdpo_rddl.auto.arms.compiling import CompilingArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.plain import STRAIGHT_LINE
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.state import State, count_of
 from mdpo_rddl.auto.search.crossing import Plans, crossed, parts_of
-from mdpo_rddl.auto.state import State, count_of
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.shooting import Climb, Shooting

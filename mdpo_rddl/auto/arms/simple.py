@@ -4,14 +4,14 @@ from enum import IntEnum
 
 import numpy as np
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
-from mdpo_rddl.auto.candidate import NOOP
-from mdpo_rddl.auto.gains import return_to_beat
+from mdpo_rddl.auto.common.candidate import NOOP
+from mdpo_rddl.auto.common.gains import return_to_beat
+from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.rules import Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
-from mdpo_rddl.auto.state import State
 
 SIMPLE = "constants and rules"
 CONSTANT, RANDOM_RULE = "constant", "random rule"

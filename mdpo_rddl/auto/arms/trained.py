@@ -1,9 +1,9 @@
 """What an arm is that goes on with one training, from slice to slice and process to process."""
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
-from mdpo_rddl.auto.state import State
-from mdpo_rddl.auto.training_state import checkpoints_of
+from mdpo_rddl.auto.common.state import State
+from mdpo_rddl.auto.common.training_state import checkpoints_of
 from mdpo_rddl.planner.training import Training, TrainingResult
 
 REPLAY_SECONDS = 2.0

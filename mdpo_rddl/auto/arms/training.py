@@ -6,13 +6,13 @@ import math
 import jax
 import jax.numpy as jnp
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.trained import REPLAY_SECONDS, TrainedArm
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.draws import Draws, key_for
+from mdpo_rddl.auto.common.state import UNFIT, State, count_of, joined
+from mdpo_rddl.auto.common.training_state import BestIterate, checkpoints_of, state_of
 from mdpo_rddl.auto.search.steps import has_stalled, step_factor
-from mdpo_rddl.auto.state import UNFIT, State, count_of, joined
-from mdpo_rddl.auto.training_state import BestIterate, checkpoints_of, state_of
 from mdpo_rddl.errors import Cancelled, InputError, note_heard
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget

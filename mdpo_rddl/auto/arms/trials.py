@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
-from mdpo_rddl.auto.candidate import Candidate
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.state import State, count_of, joined
+from mdpo_rddl.auto.common.timing import Clock
+from mdpo_rddl.auto.search.tables import action_table
 from mdpo_rddl.auto.search.trials.backward import Greedy
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.playing import Play, play, runs
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
-from mdpo_rddl.auto.state import State, count_of, joined
-from mdpo_rddl.auto.tables import action_table
-from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.table import Estimate

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from mdpo_rddl.auto.common.state import State, generator_place, set_generator
 from mdpo_rddl.auto.search.mutations import Layout, random_values
-from mdpo_rddl.auto.state import State, generator_place, set_generator
 
 # of a state's scale
 _CELL = 0.5

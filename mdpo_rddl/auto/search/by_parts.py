@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 import jax
 from jax import Array
 
-from mdpo_rddl.auto.timing import Clock, Timed, made_once
+from mdpo_rddl.auto.common.timing import Clock, Timed, made_once
 from mdpo_rddl.planner.plans.feedback import Params
 
 Result = TypeVar("Result")

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.auto.state import State, count_of
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.common.state import State, count_of
+from mdpo_rddl.auto.common.timing import Clock
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of optional parts that are not installed

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.mutations import Layout, mutants
-from mdpo_rddl.auto.timing import Clock
 
 
 class Evaluation(NamedTuple):

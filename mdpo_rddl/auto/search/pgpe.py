@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.auto.state import State, count_of, generator_place, set_generator
-from mdpo_rddl.auto.timing import Clock
+from mdpo_rddl.auto.common.state import State, count_of, generator_place, set_generator
+from mdpo_rddl.auto.common.timing import Clock
 
 Evaluate = Callable[[int, np.ndarray], np.ndarray]
 """(iteration, parameters [P, D]) -> mean returns [P]; those that are not finite lose."""

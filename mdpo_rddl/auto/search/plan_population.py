@@ -9,9 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.auto.draws import Draws, key_for
-from mdpo_rddl.auto.gains import NoopReturn, return_to_beat_by_luck
-from mdpo_rddl.auto.probing import Probe
+from mdpo_rddl.auto.common.draws import Draws, key_for
+from mdpo_rddl.auto.common.gains import NoopReturn, return_to_beat_by_luck
+from mdpo_rddl.auto.common.sizes import PLANS, visits_fit
+from mdpo_rddl.auto.common.state import State
+from mdpo_rddl.auto.common.timing import Clock
+from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.by_parts import ByParts
 from mdpo_rddl.auto.search.evolution import (
@@ -23,9 +26,6 @@ from mdpo_rddl.auto.search.evolution import (
     evolve,
 )
 from mdpo_rddl.auto.search.mutations import Layout, layout_of
-from mdpo_rddl.auto.sizes import PLANS, visits_fit
-from mdpo_rddl.auto.state import State
-from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.exact import Visits, compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params

@@ -8,12 +8,12 @@ from typing import NamedTuple, Protocol
 import jax
 import numpy as np
 
-from mdpo_rddl.auto.draws import Draws, key_for
+from mdpo_rddl.auto.common.draws import Draws, key_for
+from mdpo_rddl.auto.common.sizes import Size, fitting_size
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.by_parts import ByParts
 from mdpo_rddl.auto.search.one_by_one import POLICIES, OneByOne
 from mdpo_rddl.auto.search.weights import Weights, weights_of
-from mdpo_rddl.auto.sizes import Size, fitting_size
-from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.planner.exact import LOST, compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.weights import Weights
-from mdpo_rddl.auto.timing import Clock
 
 RULE_SIGMA = 0.5
 """Deviation of a weight that is not zero."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.bench.common.markdown import table_head, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError, one_line_cause

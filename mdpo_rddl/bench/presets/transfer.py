@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.auto import RaceOptions, RaceOutcome, plan_automatically
-from mdpo_rddl.auto.start import START, accepted_start, start_candidates
+from mdpo_rddl.auto.resuming.start import START, accepted_start, start_candidates
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.presets.auto import auto_preset

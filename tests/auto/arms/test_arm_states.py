@@ -10,7 +10,7 @@ import pytest
 from helpers.lake_arenas import FOREVER, begun, in_arena, lake_arena, shared
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms import gradient
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GradientArm
@@ -19,10 +19,10 @@ from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
 from mdpo_rddl.auto.arms.training import TrainingArm
-from mdpo_rddl.auto.candidate import NOOP
+from mdpo_rddl.auto.common.candidate import NOOP
+from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.weights import simple_weights, weights_of
-from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.planner.checkpoints import TrainingState
 
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.lake_arenas import FOREVER, begun, in_arena, lake_arena, shared
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto.arena import Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm

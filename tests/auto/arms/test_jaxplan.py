@@ -9,9 +9,9 @@ import pytest
 from helpers.problems import tiny_files
 from helpers.processes import is_alive
 
+from mdpo_rddl.auto.arena.judge import ROLLOUTS, MeanReturn
 from mdpo_rddl.auto.arms import jaxplan
 from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
-from mdpo_rddl.auto.judge import ROLLOUTS, MeanReturn
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.problem.load import load_problem
 

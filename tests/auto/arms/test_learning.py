@@ -8,8 +8,8 @@ import pytest
 from helpers.learners import compiled_arm, taken, ticking_arena
 from helpers.problems import assert_same_bits
 
-from mdpo_rddl.auto.span import Span
-from mdpo_rddl.auto.state import State
+from mdpo_rddl.auto.common.span import Span
+from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 

@@ -10,7 +10,7 @@ from helpers.problems import assert_same_bits
 
 from mdpo_rddl.auto.arms import own_weights
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
-from mdpo_rddl.auto.compilations import TooLateError
+from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.search.cma import Adaptation
 from mdpo_rddl.auto.search.weights import weights_of
 from mdpo_rddl.errors import Cancelled

@@ -10,8 +10,8 @@ from helpers.problems import assert_same_bits
 
 from mdpo_rddl.auto.arms import policy_iteration
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
-from mdpo_rddl.auto.span import Span
-from mdpo_rddl.auto.state import State
+from mdpo_rddl.auto.common.span import Span
+from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored

@@ -12,11 +12,11 @@ from helpers.toys import problem_from
 
 from mdpo_rddl.auto.arms import relaxed_plans
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
-from mdpo_rddl.auto.ground_arms import GroundSlices
-from mdpo_rddl.auto.optimum import find_optimum
-from mdpo_rddl.auto.options import RaceOptions
-from mdpo_rddl.auto.outcome import policy_of
-from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.outcome.outcome import policy_of
+from mdpo_rddl.auto.race.ground_arms import GroundSlices
+from mdpo_rddl.auto.race.options import RaceOptions
+from mdpo_rddl.auto.race.resumption import Resumption
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.config.search_section import Search
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy

@@ -9,11 +9,12 @@ from helpers.lakes import preset
 from helpers.learners import taken
 from helpers.toys import toy
 
-from mdpo_rddl.auto import RaceOptions, race
+from mdpo_rddl.auto import RaceOptions
+from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import shooting
 from mdpo_rddl.auto.arms.shooting import ShootingArm
-from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.state import State
+from mdpo_rddl.auto.common.state import State
+from mdpo_rddl.auto.race.race import race
 from mdpo_rddl.errors import Cancelled
 
 FOREVER = 300.0

@@ -9,7 +9,7 @@ from helpers.clocks import Stopped
 
 from mdpo_rddl.auto.arms import simple
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
-from mdpo_rddl.auto.candidate import NOOP
+from mdpo_rddl.auto.common.candidate import NOOP
 
 POPULATION = 32
 

@@ -9,14 +9,14 @@ from helpers.clocks import Ticking
 from helpers.lakes import preset
 from helpers.toys import toy
 
+from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import trials
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
-from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.optimum import find_optimum
-from mdpo_rddl.auto.outcome import policy_of
-from mdpo_rddl.auto.resumption import Resumption
+from mdpo_rddl.auto.common.state import UNFIT, State
+from mdpo_rddl.auto.outcome.outcome import policy_of
+from mdpo_rddl.auto.race.resumption import Resumption
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
-from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.limits import (
     EnumerationLimits,

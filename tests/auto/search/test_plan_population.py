@@ -9,9 +9,9 @@ from helpers.probes import probed
 from helpers.problems import write_corridor
 
 from mdpo_rddl import evaluate, make_environment
-from mdpo_rddl.auto import sizes
-from mdpo_rddl.auto.fitting import scaled, without_scales
-from mdpo_rddl.auto.gains import NoopReturn
+from mdpo_rddl.auto.common import sizes
+from mdpo_rddl.auto.common.gains import NoopReturn
+from mdpo_rddl.auto.probing.fitting import scaled, without_scales
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.evolution import Evolved
 from mdpo_rddl.auto.search.plan_population import PlanPopulation

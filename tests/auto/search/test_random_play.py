@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.probes import probed
 
-from mdpo_rddl.auto.candidate import Candidate
-from mdpo_rddl.auto.fitting import scaled, without_scales
-from mdpo_rddl.auto.judge import Judge
-from mdpo_rddl.auto.probing import boxes
+from mdpo_rddl.auto.arena.judge import Judge
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.probing.fitting import scaled, without_scales
+from mdpo_rddl.auto.probing.probing import boxes
 from mdpo_rddl.auto.search.random_play import mean_until, random_plans
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset

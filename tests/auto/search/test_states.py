@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from helpers.clocks import Ticking
 
+from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.search import archive as archives
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Goal, evolve
 from mdpo_rddl.auto.search.mutations import layout_of
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
-from mdpo_rddl.auto.state import UNFIT, State
 
 TARGET = np.array([1.0, -2.0, 0.5, 3.0])
 HORIZON = 6

@@ -9,7 +9,7 @@ from helpers.clocks import Ticking
 from helpers.tiger import NOTHING_SHOWN, listener
 from helpers.toys import toy
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored

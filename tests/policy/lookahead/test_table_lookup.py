@@ -10,7 +10,7 @@ from helpers.clocks import Ticking
 from helpers.mistakes import one_line
 from helpers.x64 import enable_x64
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.policy.lookahead.choice import OPTIMAL, choose
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
 from mdpo_rddl.policy.table import ActionTable, Estimate

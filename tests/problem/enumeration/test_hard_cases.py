@@ -7,7 +7,7 @@ import pytest
 from helpers.clocks import Ticking
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.backward import annuity, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.trials import TrialSearch

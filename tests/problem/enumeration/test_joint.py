@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.problem.enumeration import afterstates, levels
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored

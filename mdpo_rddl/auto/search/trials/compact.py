@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.state import State
+from mdpo_rddl.auto.common.state import State
 
 
 def small(numbers: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from mdpo_rddl.auto.common.state import State, joined
 from mdpo_rddl.auto.search.trials.compact import level_state, read_levels, read_numbers, small
 from mdpo_rddl.auto.search.trials.growing import Growing
-from mdpo_rddl.auto.state import State, joined
 from mdpo_rddl.problem.enumeration.afterstates import Afterstates, Draws
 from mdpo_rddl.problem.enumeration.index import StateIndex
 from mdpo_rddl.problem.enumeration.irrelevance import find_merges, merged

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.search.trials.backward import Greedy
 from mdpo_rddl.auto.search.trials.compact import read_numbers, small
 from mdpo_rddl.auto.search.trials.explored import Explored
-from mdpo_rddl.auto.state import State
 
 
 def policy_state(greedy: Greedy, explored: Explored) -> State:

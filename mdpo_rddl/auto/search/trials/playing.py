@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.auto.search.tables import Run
 from mdpo_rddl.auto.search.trials.backward import Greedy
 from mdpo_rddl.auto.search.trials.explored import Explored
-from mdpo_rddl.auto.tables import Run
 from mdpo_rddl.problem.enumeration.irrelevance import merged
 
 

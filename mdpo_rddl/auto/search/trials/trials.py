@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from mdpo_rddl.auto.common.state import State, count_of, generator_place, joined, set_generator
+from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.trials.backward import Greedy, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.guide import guide
 from mdpo_rddl.auto.search.trials.kept_policy import policy_state, read_policy
-from mdpo_rddl.auto.state import State, count_of, generator_place, joined, set_generator
-from mdpo_rddl.auto.timing import Clock
 from mdpo_rddl.problem.enumeration.limits import (
     EnumerationLimits,
     NotEnumerableError,

@@ -8,9 +8,9 @@ from helpers import toy_mdps as toys
 from helpers.clocks import Ticking
 from helpers.toys import toy
 
+from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.search.trials.playing import play
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
-from mdpo_rddl.auto.state import UNFIT, State
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import ground_model

@@ -6,11 +6,11 @@ from helpers import toy_mdps as toys
 from helpers.clocks import Ticking
 from helpers.toys import toy
 
-from mdpo_rddl.auto.optimum import find_optimum
+from mdpo_rddl.auto.search.optimum import find_optimum
+from mdpo_rddl.auto.search.tables import action_table
 from mdpo_rddl.auto.search.trials.backward import induct
 from mdpo_rddl.auto.search.trials.playing import play, runs
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
-from mdpo_rddl.auto.tables import action_table
 from mdpo_rddl.policy.table import Estimate
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits

@@ -1,0 +1,1 @@
+"""Planning where the state is observed in part."""

@@ -1,0 +1,1 @@
+"""What a race comes to, also where the judge has played nothing."""

@@ -1,0 +1,1 @@
+"""What the model says before anything is searched: units, bounds, chance, errors."""

@@ -1,0 +1,1 @@
+"""The race itself: which arms take part, and who works when."""

@@ -1,0 +1,250 @@
+"""Slices of time: who is given one, and what becomes of what is found in it."""
+
+import logging
+import math
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+
+from mdpo_rddl.auto.arena.arena import Arena
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
+from mdpo_rddl.auto.arms.compiling import CompilingArm
+from mdpo_rddl.auto.common.candidate import Candidate
+from mdpo_rddl.auto.common.gains import finite_gain
+from mdpo_rddl.auto.outcome.failures import incumbent_kept
+from mdpo_rddl.auto.race.resumption import Resumption
+from mdpo_rddl.auto.race.rounds import Contender, Reached, raising
+from mdpo_rddl.errors import Cancelled, note_heard, one_line_cause
+
+logger = logging.getLogger(__name__)
+
+SHORTEST_SECONDS = 0.5
+"""Of a slice."""
+# of all the time: a slice; and each of an arm's first ones, of a slice
+_SLICE_SHARE, _FIRST_SLICE = 1 / 16, 0.5
+# of the time left, for the programs of those that come first
+_FIRST_PATIENCE = 0.9
+
+
+@dataclass(frozen=True)
+class Terms:
+    """On which an arm has slices before others.
+
+    Attributes:
+      share: of the time left, for all of them.
+      least_gain: says which share of what the first slice has gained each must gain.
+      at_least: says of the time left, after the first slice, for another one that it has whatever
+        the first one gains.
+      by_policies: says whether the best policy must return more each time; else the arm's
+        progress.
+    """
+
+    share: float
+    least_gain: Callable[[], float] = lambda: 0.0
+    at_least: Callable[[], float] = lambda: 0.0
+    by_policies: Callable[[], bool] = lambda: False
+
+
+class Slices:
+    """Gives arms their slices.
+
+    Attributes:
+      arms: those that were given any time, in the order in which they began.
+    """
+
+    def __init__(
+        self,
+        arena: Arena,
+        on_stage: Callable[[str], None],
+        resumption: Resumption | None,
+        without: Collection[str] = (),
+    ) -> None:
+        """Gives nothing yet.
+
+        Args:
+          arena: where the arms meet.
+          on_stage: called with the name of each part as it begins.
+          resumption: where the race goes on; None if it begins.
+          without: names of arms that get none.
+        """
+        self._arena, self._on_stage, self._judge = arena, on_stage, arena.judge
+        self._without = without
+        self._resumption = Resumption(lambda: 0.0) if resumption is None else resumption
+        self._marks = self._resumption.marks
+        self.arms: list[Arm] = []
+        self._contenders: list[Contender] = []
+
+    def give(self, arm: Arm, until: float) -> bool:
+        """Gives an arm a slice of time and judges what it finds.
+
+        There is none once the race is over, and for an arm that is left out.
+
+        Returns:
+          Whether one of its candidates became the incumbent.
+
+        Raises:
+          KeyboardInterrupt: if interrupted, once what was found till then was judged.
+        """
+        if arm.name in self._without:
+            arm.is_exhausted = True
+            return False
+        is_over = self._arena.clock() >= max(until, self._arena.deadline)
+        if is_over and self._judge.incumbent is not None:
+            return False
+        self._enter(arm)
+        try:
+            arm.work(until)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            self._judge_candidates(arm)
+            raise
+        except Exception as error:  # the other arms find a policy without this one
+            if self._judge.incumbent is None:
+                raise
+            logger.warning("%s is given up: %s", arm.name, one_line_cause(error))
+            arm.is_exhausted = True
+        return self._judge_candidates(arm)
+
+    def _enter(self, arm: Arm) -> None:
+        """An arm takes part; it goes on where one of its name was stopped."""
+        if arm not in self.arms:
+            self.arms.append(arm)
+            self._resumption.enter(arm)
+
+    def _contend(self, arm: Arm, reached: Callable[[], float | None], slices: int = 0) -> Contender:
+        """Has an arm take part in the rounds; the arguments are those of `Contender`."""
+        contender = Contender(arm, reached, slices)
+        if arm.name in self._without:
+            arm.is_exhausted = True
+            return contender
+        self._enter(arm)
+        self._contenders.append(contender)
+        self._resumption.contend(contender)
+        return contender
+
+    def _judge_given(self, candidates: Iterable[Candidate]) -> None:
+        """Judges candidates; where there is an incumbent, what comes too late is left out."""
+        with incumbent_kept(self._judge):
+            for candidate in candidates:
+                self._judge.record(candidate)
+
+    def _judge_candidates(self, arm: Arm) -> bool:
+        is_better = False
+        for candidate in arm.take_candidates():
+            with incumbent_kept(self._judge):
+                is_better |= self._judge.record(candidate)
+                arm.judged(self._judge.judged[-1].candidate)
+        return is_better
+
+    def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:
+        """Lets an arm that must compile begin; it competes from then on.
+
+        Args:
+          arm: that has not begun.
+          until: when its first slice ends at the latest, if it has one now.
+          patience: how long its compilation is waited for, by the clock.
+        """
+        arena = self._arena
+        self._on_stage("compiling")
+        reached = (lambda: arena.incumbent.mean) if arm.descends else (lambda: arm.reached)
+        contender = self._contend(arm, reached)
+        if not arm.is_exhausted:
+            arm.begin(patience)
+        # one that goes on has its turn in the rounds
+        if not (arm.is_exhausted or arm.is_pending or contender.slices):
+            self._give_slice(contender, until)
+        return contender
+
+    def _first_slice(self, contender: Contender, until: float) -> None:
+        """Waits for a compilation, and gives the arm its first slice if that ends in time."""
+        contender.arm.await_program(until)
+        if not contender.arm.is_pending:
+            self._give_slice(contender, until)
+
+    def _give_slice(self, contender: Contender, until: float) -> None:
+        arena = self._arena
+        before, started = contender.reached(), arena.clock()
+        share = _FIRST_SLICE if contender.slices < FIRST_SLICES else 1.0
+        self.give(contender.arm, min(started + share * self._slice_seconds, until))
+        contender.note(before, arena.clock() - started)
+        for other in self._contenders:
+            other.waited = 0 if other is contender else other.waited + 1
+
+    def _end_with(self, leader: Arm) -> None:
+        """Gives an arm the time till the deadline, but for those that wait to be judged."""
+        arena = self._arena
+        while (now := arena.clock()) < arena.deadline:
+            # by its own estimate it leads, but the judge could not play it yet
+            waiting = next((one for one in self._contenders if one.arm.awaits_judge), None)
+            if waiting is None:
+                if leader.is_exhausted:
+                    break
+                self.give(leader, arena.deadline)
+            elif waiting.arm.is_pending and not leader.is_exhausted:
+                self.give(leader, min(arena.deadline, now + self._slice_seconds))
+            else:
+                self._first_slice(waiting, min(arena.deadline, now + SHORTEST_SECONDS))
+
+    @property
+    def _slice_seconds(self) -> float:
+        arena = self._arena
+        return max(SHORTEST_SECONDS, _SLICE_SHARE * arena.seconds)
+
+    def _give_while(
+        self, one: Contender, until: float, reached: Reached, by: Reached = lambda: 0.0
+    ) -> None:
+        """Slices for one arm, as long as each of them raises a return by more than that."""
+        for _ in raising(reached, by):
+            # what plays its policies may be compiled still, and nothing is gained before; if it
+            # leads by its own rollouts, others on its core would only delay that
+            patience = math.inf if one.arm.awaits_judge else self._slice_seconds
+            one.arm.await_program(min(until, self._arena.clock() + patience))
+            if one.arm.is_exhausted or until - self._arena.clock() <= SHORTEST_SECONDS:
+                break
+            self._give_slice(one, until)
+
+    @property
+    def _best(self) -> Candidate:
+        best = self._judge.incumbent
+        assert best is not None
+        return best
+
+    def _to_catch_up(self, arm: Arm, until: float) -> float:
+        """What each slice till then must gain for an arm to reach the incumbent of another one."""
+        if self._best.arm == arm.name:
+            return 0.0
+        slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
+        return max(0.0, (self._judge.best_mean - arm.progress) / slices)
+
+    def _end(self, part: str, share: float) -> float:
+        """The end of a part that begins now, or of one that had begun in an earlier process."""
+        return self._marks.end(part, self._arena, self._arena.until(share))
+
+    def _begin_with(self, part: str, arm: CompilingArm | None, terms: Terms) -> None:
+        """Slices before others', while they gain.
+
+        Each must gain enough for the arm to reach the incumbent of another one in time.
+
+        Args:
+          part: its name.
+          arm: that must compile; None for no slices.
+          terms: on which it has them.
+        """
+        if arm is None:
+            return
+        arena, until = self._arena, self._end(part, terms.share)
+        patience = arena.until(_FIRST_PATIENCE)
+        contender = self._open(arm, until, arena.clock())
+        if arm.is_pending or not contender.slices:
+            self._first_slice(contender, patience)
+        if not contender.slices:
+            return
+        gain = finite_gain(contender.level, arena.probe.noop_return)
+
+        def least() -> float:
+            return max(terms.least_gain() * gain, self._to_catch_up(arm, until))
+
+        for _ in self._marks.once(part, arena, until):
+            if (at_least := terms.at_least()) and not arm.is_exhausted:
+                self.give(arm, min(until, arena.until(at_least)))
+            level, progress = (lambda: contender.level), (lambda: arm.progress)
+            self._give_while(contender, until, level if terms.by_policies() else progress, least)

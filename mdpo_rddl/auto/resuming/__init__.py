@@ -1,0 +1,1 @@
+"""What a race leaves for another process or another race, and how that begins with it."""

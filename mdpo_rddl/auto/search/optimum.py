@@ -1,0 +1,144 @@
+"""The optimum of a problem whose reachable states can be enumerated, and how to play it.
+
+Backward induction over the horizon H, with V_H = 0 and discount g:
+
+    V_t(s) = max_a  r(s, a) + g sum_s' P(s' | s, a) V_{t+1}(s')
+
+The sum is worked out once for all states and actions after which the next state is drawn in
+the same way.
+"""
+
+import logging
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdpo_rddl.auto.common.timing import Clock
+from mdpo_rddl.auto.search.tables import Run, action_table
+from mdpo_rddl.policy.table import ActionTable, Optimum
+from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.problem.enumeration.factored import enumerate_factored
+from mdpo_rddl.problem.enumeration.grounded import Grounded
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.states import Enumeration, enumerate_states
+from mdpo_rddl.problem.load import Problem
+
+logger = logging.getLogger(__name__)
+
+_BYTES_PER_TRANSITION = 60
+_TIE = 1e-12
+# of the time: where the rules alone take longer, so do the states
+_GROUNDING_SHARE = 0.4
+# of the states at each step: more are not kept
+_MOST_VALUES = 2**24
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A problem's optimum.
+
+    Attributes:
+      problem: that it is of.
+      optimum: the best expected return, proven up to rounding, and what it took.
+      table: actions that attain it.
+    """
+
+    problem: Problem
+    optimum: Optimum
+    table: ActionTable
+
+    @property
+    def value(self) -> float:
+        """Expected return of the best policy from the initial state."""
+        return self.optimum.value
+
+    def policy(self, seed: int = 0) -> TablePolicy:
+        """Plays the table.
+
+        Args:
+          seed: of the run, to be kept with it; nothing is drawn.
+        """
+        return TablePolicy(self.problem, self.table, self.optimum, seed)
+
+
+def find_optimum(
+    problem: Problem,
+    seconds: float,
+    memory_gb: float = 4.0,
+    clock: Clock = time.monotonic,
+    grounded: Grounded | None = None,
+    keeps_values: bool = False,
+) -> Solution:
+    """The optimum.
+
+    Args:
+      problem: with discrete, observed states.
+      seconds: limit of the time by the clock.
+      memory_gb: limit of the memory that the enumeration takes, roughly.
+      clock: what is asked for the time.
+      grounded: keeps the ground model, with which others may go on.
+      keeps_values: whether the table has the states' values, unless they are too many.
+
+    Raises:
+      NotEnumerableError: says why there is none.
+    """
+    started = clock()
+    most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
+    limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most), clock=clock)
+    grounding = EnumerationLimits(seconds=_GROUNDING_SHARE * seconds, clock=clock)
+    model = (grounded or Grounded(problem)).ground(grounding)
+    try:
+        enumeration = enumerate_factored(model, limits)
+    except NotEnumerableError as error:
+        logger.debug("not factored: %s", error)
+        enumeration = enumerate_states(model, limits)
+    merges, states = enumeration.merges, enumeration.states
+    keeps_values &= len(states) * model.horizon <= _MOST_VALUES
+    kept = np.zeros((model.horizon, len(states)), np.float32) if keeps_values else None
+    value, runs = _induct(enumeration, limits, kept)
+    if kept is not None and not np.isfinite(kept).all():
+        kept = None  # too large for 32 bits
+    table = action_table(problem, model, merges, states, runs, kept)
+    optimum = Optimum(
+        value=value,
+        states=len(enumeration.states),
+        transitions=enumeration.transitions.nnz,
+        actions=len(enumeration.model.actions),
+        seconds=clock() - started,
+    )
+    return Solution(problem, optimum, table)
+
+
+def _induct(
+    enumeration: Enumeration, limits: EnumerationLimits, kept: np.ndarray | None
+) -> tuple[float, list[Run]]:
+    """The initial state's value, and where the best action changes, the last step first.
+
+    The values of all states at each step are written to `kept` [H, S], if it is given.
+    """
+    model, first = enumeration.model, enumeration.first_row
+    decided = np.flatnonzero(np.diff(first))
+    starts, counts = first[decided], np.diff(first)[decided]
+    values = np.zeros(len(enumeration.states))
+    if not len(decided):
+        return 0.0, []
+    best_row, runs = np.full(len(decided), -1), []
+    for step in reversed(range(model.horizon)):
+        limits.check_time()
+        after = model.discount * (enumeration.transitions @ values)
+        q = enumeration.reward + after[enumeration.afterstate]
+        best = np.maximum.reduceat(q, starts)
+        # rounding shall not change the action from step to step
+        enough = best - _TIE * (1 + np.abs(best))
+        keep = (best_row >= 0) & (q[best_row] >= enough)
+        candidates = np.where(q >= np.repeat(enough, counts), np.arange(len(q)), len(q))
+        chosen = np.where(keep, best_row, np.minimum.reduceat(candidates, starts))
+        values[decided] = best
+        if kept is not None:
+            kept[step] = values
+        changed = enumeration.action[chosen] != enumeration.action[best_row]
+        changed = (changed | (best_row < 0)) & (enumeration.depth[decided] <= step)
+        runs.append((step, decided[changed], enumeration.action[chosen[changed]]))
+        best_row = chosen
+    return float(values[0]), runs
