@@ -27,7 +27,7 @@ test-random: $(VENV)/.installed
 	$(BIN)/pytest -p randomly -m "not slow and not wheel"
 
 # a smoke set on the oldest versions that pyproject.toml allows
-SMOKE := tests/noise tests/policy tests/planner/programs tests/planner/test_exact.py \
+SMOKE := tests/noise tests/policy tests/planner/programs tests/planner/exact/test_exact.py \
   tests/cli/test_plan_run.py
 test-lowest: .venv-lowest/.installed
 	.venv-lowest/bin/pytest -m "not slow" --durations=30 $(SMOKE)

@@ -34,6 +34,8 @@ ROOMS = {
 }
 # the command line imports from all of them
 ALL_ROOMS = {*ROOMS, "cli"}
+# the rooms of the race, each of which imports only from those before it
+RACE_ROOMS = "common probing search arena arms resuming outcome race hidden".split()
 # what may lie beside the rooms
 LOOSE = {"__init__.py", "errors.py", "py.typed"}
 
@@ -139,6 +141,15 @@ def test_a_room_imports_only_from_those_below_it(name):
 )
 def test_imports_go_one_way_inside_a_room_too(folder):
     assert cycle(edges_inside(folder)) == []
+
+
+def test_the_rooms_of_the_race_import_only_from_those_before_them():
+    edges = edges_inside(PACKAGE / "auto")
+    assert {folder.name for folder in (PACKAGE / "auto").iterdir() if folder.is_dir()} - {
+        "__pycache__"
+    } == set(RACE_ROOMS)
+    later = {(start, end) for number, start in enumerate(RACE_ROOMS) for end in RACE_ROOMS[number:]}
+    assert edges & later == set()
 
 
 def test_only_the_planner_imports_jaxplan():

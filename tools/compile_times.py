@@ -23,9 +23,9 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.programs.quick import quick_jit
-from mdpo_rddl.planner.training import Training
+from mdpo_rddl.planner.training.training import Training
 from mdpo_rddl.planner.update.restarts import PerRestart
 
 COLUMNS = ("problem", "judge_seconds", "gradient_seconds", "ratio", "commit")

@@ -19,7 +19,7 @@ from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.sizes import step_values
 

@@ -21,7 +21,7 @@ from rows import Rows
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.plans.parts import idle_parts, open_loop
 
 COLUMNS = ("problem", "parts", "compile_seconds", "call_milliseconds", "commit")

@@ -22,7 +22,7 @@ from mdpo_rddl.auto.common.sizes import fitting_size
 from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.programs.quick import LIGHT, QUICK_OPTIONS
 
 OPTIONS: dict[str, dict[str, Any] | None] = {"default": {}, "light": LIGHT, "quick": QUICK_OPTIONS}

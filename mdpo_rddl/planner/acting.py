@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array, random
 
 from mdpo_rddl.machine.device import chosen_device, computing_on
-from mdpo_rddl.planner.models import CompilingPlanner
+from mdpo_rddl.planner.compiled_models import CompilingPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.opened import open_plan

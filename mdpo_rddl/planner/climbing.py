@@ -67,7 +67,7 @@ class ClimbSize:
 class Climbing:
     """Climbs the return of the relaxed model from a given state at a given step.
 
-    Candidates are as in `mdpo_rddl.planner.continuations`: an action, then additions to the
+    Candidates are as in `mdpo_rddl.planner.exact.continuations`: an action, then additions to the
     policy's real actions. Only real components move. The policy's own answer to other states is
     held fixed in the gradient, which through many steps of it would grow without bound.
     """

@@ -13,7 +13,7 @@ import numpy as np
 import optax
 from jax import Array, lax, random
 
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.planner.filtering import ParticleFilter
+from mdpo_rddl.planner.exact.filtering import ParticleFilter
 from mdpo_rddl.policy.electing import compiled_election
 from mdpo_rddl.policy.electing_by_plans import election_by_plans
 from mdpo_rddl.policy.lookahead.base import ByPlans, Prepared, Tabled, Vote

@@ -6,7 +6,7 @@ import numpy as np
 from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.problem.episode import Policy
 from mdpo_rddl.problem.evaluation import evaluate, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment

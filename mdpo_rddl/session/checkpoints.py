@@ -4,8 +4,8 @@ import functools
 import json
 from pathlib import Path
 
-from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.training.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.policy.container import Metadata, Tensors
 from mdpo_rddl.session.kept import KeptPair
 from mdpo_rddl.session.requests import FindTerms

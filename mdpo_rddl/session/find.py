@@ -10,11 +10,11 @@ import jax
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.checkpoints import Checkpoints
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import read_search
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
-from mdpo_rddl.planner.training import Progress, TrainingResult, train
+from mdpo_rddl.planner.training.checkpoints import Checkpoints
+from mdpo_rddl.planner.training.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.session.preparation import preparing

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from mdpo_rddl.planner.training import Progress as TrainingProgress
+from mdpo_rddl.planner.training.training import Progress as TrainingProgress
 
 TRAINING = "training"
 

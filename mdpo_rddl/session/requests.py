@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.problem.load import Problem
 

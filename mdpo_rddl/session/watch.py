@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.machine.html import html_table
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session.requests import Reporter
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from helpers.problems import assert_same_bits
 from safetensors.numpy import load_file
 
 from mdpo_rddl.cli import plan as command
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session import movie
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.report.run_folder import POLICY, RunFolder

@@ -9,7 +9,7 @@ from helpers.problems import assert_same_bits
 from safetensors.numpy import load_file
 
 from mdpo_rddl import load_policy
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.report.run_folder import POLICY
 

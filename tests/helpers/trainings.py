@@ -13,7 +13,7 @@ from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import Progress, TrainingResult, train
+from mdpo_rddl.planner.training.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import planner as jaxplan
 from mdpo_rddl.problem.load import Problem, load_problem
 

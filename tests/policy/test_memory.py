@@ -10,7 +10,7 @@ from pyRDDLGym import RDDLEnv
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import exact_returns
+from mdpo_rddl.planner.exact.exact import exact_returns
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.transfer import transferred

@@ -6,7 +6,7 @@ from helpers.clocks import Stopped, Ticking
 from helpers.toys import toy
 from helpers.umbrella import careless, voting
 
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.policy.paired_episodes import MOST, paired_returns
 from mdpo_rddl.problem.evaluation import mean_and_error
 

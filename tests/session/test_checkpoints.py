@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers.mistakes import one_line
 
-from mdpo_rddl.planner.checkpoints import TrainingState
 from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.planner.training.checkpoints import TrainingState
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.session.checkpoints import training_checkpoints
 from mdpo_rddl.session.requests import FindTerms

@@ -7,7 +7,7 @@ from pathlib import Path
 from helpers.tanks import DOMAIN, INSTANCE
 
 from mdpo_rddl.errors import printable
-from mdpo_rddl.planner.training import Record
+from mdpo_rddl.planner.training.training import Record
 from mdpo_rddl.problem.files import read_problem
 from mdpo_rddl.session.report.figures import draw_learning_curve
 from mdpo_rddl.session.report.page.write import write_comparison, write_page

@@ -1,6 +1,6 @@
 """The rows of the progress bar."""
 
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session.progress_bar import ProgressBar
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdpo_rddl.auto.common.arm_log import ArmLog
-from mdpo_rddl.planner.training import Record
+from mdpo_rddl.planner.training.training import Record
 from mdpo_rddl.policy.file import SavedPolicy, load_policy
 from mdpo_rddl.session.report.race import write_race
 

@@ -30,7 +30,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.problem.load import Problem
 
 GOAL_COUNTING = "goal counting"

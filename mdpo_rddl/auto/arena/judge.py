@@ -13,7 +13,7 @@ from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.timing import Clock, Timed
-from mdpo_rddl.planner.exact import LOST, exact_returns
+from mdpo_rddl.planner.exact.exact import LOST, exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.problem.load import Problem

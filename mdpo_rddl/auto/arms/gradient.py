@@ -24,7 +24,7 @@ from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
-from mdpo_rddl.planner.training import Record, Training, TrainingResult
+from mdpo_rddl.planner.training.training import Record, Training, TrainingResult
 from mdpo_rddl.planner.update.restarts import PerRestart
 
 logger = logging.getLogger(__name__)

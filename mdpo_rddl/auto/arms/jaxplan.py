@@ -28,7 +28,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
-from mdpo_rddl.planner.training import train
+from mdpo_rddl.planner.training.training import train
 from mdpo_rddl.policy.file import SavedPolicy, load_parameters, problem_identity, save_policy
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource

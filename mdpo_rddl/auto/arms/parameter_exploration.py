@@ -14,7 +14,7 @@ from mdpo_rddl.auto.common.state import State, count_of, joined
 from mdpo_rddl.auto.search.flat import Flat
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.errors import Cancelled, note_heard
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
 
 PGPE = "pgpe"

@@ -73,7 +73,7 @@ class PolicyIterationArm(CompilingArm):
     finite, or what is learnt from them, counts as lost.
 
     Where no policy beats the no-op before it begins, it learns from rewards with goals counted
-    (`mdpo_rddl.planner.goal_counting`) until one of its own does.
+    (`mdpo_rddl.planner.model.goal_counting`) until one of its own does.
 
     Attributes:
       counts_goals: whether it learns from goals counted now.

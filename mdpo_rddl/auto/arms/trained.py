@@ -4,7 +4,7 @@ from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.common.training_state import checkpoints_of
-from mdpo_rddl.planner.training import Training, TrainingResult
+from mdpo_rddl.planner.training.training import Training, TrainingResult
 
 REPLAY_SECONDS = 2.0
 """To find what is not finite, while the other arms wait."""

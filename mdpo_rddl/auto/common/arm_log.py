@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.planner.training import Record
+from mdpo_rddl.planner.training.training import Record
 
 
 @dataclass

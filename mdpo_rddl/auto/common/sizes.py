@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdpo_rddl.machine.device import is_on_cpu
-from mdpo_rddl.planner.exact import step_bytes, visit_bytes
+from mdpo_rddl.planner.exact.exact import step_bytes, visit_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 
 # what one step of a search's rollouts may hold: more takes too long rather than too much memory

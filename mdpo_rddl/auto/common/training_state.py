@@ -8,8 +8,8 @@ import numpy as np
 
 from mdpo_rddl.auto.common.candidate import has_structure
 from mdpo_rddl.auto.common.state import State
-from mdpo_rddl.planner.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.training.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.policy.trees import flatten, unflatten
 
 

@@ -25,7 +25,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH
 from mdpo_rddl.planner.device import fitting_device
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, paired_returns
 from mdpo_rddl.policy.policy import Policy

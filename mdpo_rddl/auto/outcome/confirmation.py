@@ -21,7 +21,7 @@ from mdpo_rddl.auto.common.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.outcome.outcome import policy_of
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.problem.episode import WatchedPolicy
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment

@@ -12,7 +12,7 @@ import numpy as np
 from mdpo_rddl.auto.common.compilations import compiled_within
 from mdpo_rddl.auto.common.sizes import VISITS_BYTES, Batches
 from mdpo_rddl.auto.common.timing import Clock, made_once
-from mdpo_rddl.planner.exact import Visits, compile_visits, visit_bytes
+from mdpo_rddl.planner.exact.exact import Visits, compile_visits, visit_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.programs.quick import quick_jit, quick_share

@@ -12,7 +12,7 @@ from mdpo_rddl.auto.common.curve import Curve
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.race.resumption import Snapshot
 from mdpo_rddl.auto.resuming.earlier import EarlierRace
-from mdpo_rddl.planner.training import Progress
+from mdpo_rddl.planner.training.training import Progress
 
 
 def _ignore_stage(name: str) -> None:

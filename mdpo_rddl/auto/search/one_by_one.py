@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.auto.common.timing import Clock
-from mdpo_rddl.planner.exact import exact_returns
+from mdpo_rddl.planner.exact.exact import exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 

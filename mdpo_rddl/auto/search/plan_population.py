@@ -26,7 +26,7 @@ from mdpo_rddl.auto.search.evolution import (
     evolve,
 )
 from mdpo_rddl.auto.search.mutations import Layout, layout_of
-from mdpo_rddl.planner.exact import Visits, compile_exact_returns, compile_visits
+from mdpo_rddl.planner.exact.exact import Visits, compile_exact_returns, compile_visits
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
 from mdpo_rddl.planner.plans.parts import open_loop

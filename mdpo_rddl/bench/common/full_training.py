@@ -5,7 +5,7 @@ from typing import Any
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import A_DAY, Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import TrainingResult, train
+from mdpo_rddl.planner.training.training import TrainingResult, train
 
 
 def train_fully(built: Built[MDPOPlanner], key: Any, iterations: int) -> TrainingResult:

@@ -27,7 +27,7 @@ from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline, build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
-from mdpo_rddl.planner.training import train
+from mdpo_rddl.planner.training.training import train
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import random
 
-from mdpo_rddl.planner.exact import exact_returns
+from mdpo_rddl.planner.exact.exact import exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import initial_values, unit_hyperparams
 

@@ -12,8 +12,8 @@ from mdpo_rddl.bench.common.settings import load_setting
 from mdpo_rddl.bench.paper.iterates import Iterate
 from mdpo_rddl.bench.paper.methods import method_config
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.exact.returns import compile_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.returns import compile_returns
 from mdpo_rddl.problem.load import Problem
 
 _KEY = 1

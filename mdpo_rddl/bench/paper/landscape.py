@@ -14,7 +14,7 @@ from mdpo_rddl.machine.files import read_json, write_atomically
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
-from mdpo_rddl.planner.returns import compile_returns
+from mdpo_rddl.planner.exact.returns import compile_returns
 from mdpo_rddl.problem.load import Problem, load_problem
 
 EXACT = "exact"

@@ -13,7 +13,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.start import initial_parameters
-from mdpo_rddl.planner.training import select_restart
+from mdpo_rddl.planner.training.training import select_restart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.problem.load import Problem
 

@@ -29,7 +29,7 @@ from mdpo_rddl.machine.executors import Executor
 from mdpo_rddl.machine.jax_setup import use_all_cores
 from mdpo_rddl.machine.versions import versions
 from mdpo_rddl.planner.start import unit_hyperparams
-from mdpo_rddl.planner.training import select_restart
+from mdpo_rddl.planner.training.training import select_restart
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment

@@ -20,7 +20,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.config.presets.paper import PYTORCH_DECAY, with_decay
-from mdpo_rddl.planner.training import select_restart
+from mdpo_rddl.planner.training.training import select_restart
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment

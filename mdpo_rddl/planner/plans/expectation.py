@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from mdpo_rddl.planner.expressions import compiled_expression
+from mdpo_rddl.planner.model.expressions import compiled_expression
 from mdpo_rddl.problem.chance import draws
 
 Fluents = Mapping[str, Any]

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from mdpo_rddl.planner.expressions import compiled_expression
+from mdpo_rddl.planner.model.expressions import compiled_expression
 from mdpo_rddl.planner.plans.changes import Changes
 from mdpo_rddl.planner.plans.limits import choose_within_limits
 from mdpo_rddl.planner.plans.linear_limits import LinearLimits

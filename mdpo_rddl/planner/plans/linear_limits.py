@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from mdpo_rddl.planner.expressions import compiled_expression
+from mdpo_rddl.planner.model.expressions import compiled_expression
 from mdpo_rddl.planner.plans.places import places_of
 from mdpo_rddl.planner.programs.quick import once_jit
 from mdpo_rddl.problem.implications import conjuncts

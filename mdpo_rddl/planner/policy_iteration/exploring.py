@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array, lax, random
 
-from mdpo_rddl.planner.goal_counting import CountedReward
+from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
@@ -39,7 +39,8 @@ class Explored(NamedTuple):
     Attributes:
       states: per state fluent its values before each step [B, H, *shape].
       rewards: of each step, zero after the end of the episode [B, H].
-      counted: the same with goals counted (`mdpo_rddl.planner.goal_counting`), if there are any.
+      counted: the same with goals counted (`mdpo_rddl.planner.model.goal_counting`), if there are
+        any.
       alive: 1 up to the step that ends the episode, 0 after it [B, H].
       is_tried: whether one change was decided at random at a step [B, H].
     """

@@ -17,7 +17,7 @@ import optax
 from jax import Array, lax, random
 from jax.flatten_util import ravel_pytree
 
-from mdpo_rddl.planner.goal_counting import counted_reward
+from mdpo_rddl.planner.model.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
@@ -99,7 +99,7 @@ class Way(NamedTuple):
       is_first: whether it is the first iteration, in which half of the rollouts are the guide's
         and the others random.
       counts_goals: whether the rewards that are learnt from are those with goals counted
-        (`mdpo_rddl.planner.goal_counting`).
+        (`mdpo_rddl.planner.model.goal_counting`).
     """
 
     step: Any

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, core, lax, random
 
-from mdpo_rddl.planner.goal_counting import CountedReward
+from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory, initial_memories

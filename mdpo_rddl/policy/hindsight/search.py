@@ -8,8 +8,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from mdpo_rddl.planner.exact.scenarios import Scenarios
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.scenarios import Scenarios
 
 Plans = dict[str, np.ndarray]
 

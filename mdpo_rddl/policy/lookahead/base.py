@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from mdpo_rddl.planner.climbing import Ascent
-from mdpo_rddl.planner.filtering import ParticleFilter
+from mdpo_rddl.planner.exact.filtering import ParticleFilter
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.parts import with_effect
@@ -187,8 +187,8 @@ class Method(Protocol):
 
     A candidate is an array [k, D] over an action's D components: the action to play, and how the
     policy's actions are changed at the k - 1 steps after it, as
-    `mdpo_rddl.planner.continuations.Continuations` says. Those with an illegal action to play are
-    left out by whoever asks.
+    `mdpo_rddl.planner.exact.continuations.Continuations` says. Those with an illegal action to play
+    are left out by whoever asks.
 
     Attributes:
       name: for the summary.

@@ -12,8 +12,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.planner.continuations import HiddenRoot
-from mdpo_rddl.planner.filtering import Filtered, ParticleFilter, Particles
+from mdpo_rddl.planner.exact.continuations import HiddenRoot
+from mdpo_rddl.planner.exact.filtering import Filtered, ParticleFilter, Particles
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.rollouts.plan_memory import Entries
 from mdpo_rddl.policy.lookahead.base import ByPlans, Prepared, Tabled, Vote

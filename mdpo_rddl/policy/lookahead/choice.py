@@ -10,7 +10,7 @@ import numpy as np
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.planner.exact import fluent_bytes
+from mdpo_rddl.planner.exact.exact import fluent_bytes
 from mdpo_rddl.policy.lookahead.base import ByPlans, Method, Prepared, Tabled
 from mdpo_rddl.policy.lookahead.belief import Believer, believing, known_at, note_played
 from mdpo_rddl.policy.lookahead.components import Components

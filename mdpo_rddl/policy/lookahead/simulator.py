@@ -10,7 +10,7 @@ import numpy as np
 
 from mdpo_rddl.noise import AdaptiveNoise
 from mdpo_rddl.planner.climbing import Ascent, Climbing, ClimbSize
-from mdpo_rddl.planner.continuations import Continuations, HiddenRoot, Size
+from mdpo_rddl.planner.exact.continuations import Continuations, HiddenRoot, Size
 from mdpo_rddl.policy.lookahead.base import Climbed, Prepared, rollout_params
 from mdpo_rddl.policy.lookahead.belief import Belief
 from mdpo_rddl.policy.lookahead.components import Components

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from mdpo_rddl.planner.training import Record
+from mdpo_rddl.planner.training.training import Record
 
 TRAIN_COLOUR = "#9aa5b1"
 TEST_COLOUR = "#1f6f8b"

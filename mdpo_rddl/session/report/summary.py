@@ -9,7 +9,7 @@ from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import TrainingResult
+from mdpo_rddl.planner.training.training import TrainingResult
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.problem.evaluation import Evaluation

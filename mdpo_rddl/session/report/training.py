@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.planner.training import Record, TrainingResult
+from mdpo_rddl.planner.training.training import Record, TrainingResult
 from mdpo_rddl.policy.file import save_policy
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.session.report.figures import draw_learning_curve, draw_noise

@@ -16,7 +16,7 @@ from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.probing.constants import with_bias
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import LOST, compile_exact_returns
+from mdpo_rddl.planner.exact.exact import LOST, compile_exact_returns
 from mdpo_rddl.problem.evaluation import mean_and_error
 
 

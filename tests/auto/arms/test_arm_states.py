@@ -23,7 +23,7 @@ from mdpo_rddl.auto.common.candidate import NOOP
 from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.weights import simple_weights, weights_of
-from mdpo_rddl.planner.checkpoints import TrainingState
+from mdpo_rddl.planner.training.checkpoints import TrainingState
 
 
 @pytest.fixture(scope="module")

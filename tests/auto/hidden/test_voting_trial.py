@@ -13,7 +13,7 @@ from helpers.umbrella import careless, voting
 from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.hidden import voting_trial
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.policy.file import SavedTable
 
 

@@ -22,7 +22,7 @@ from mdpo_rddl.auto.outcome.outcome import confirmation, policy_of
 from mdpo_rddl.auto.probing.constants import with_bias
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 

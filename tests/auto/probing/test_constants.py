@@ -13,7 +13,7 @@ from mdpo_rddl.auto.probing.constants import Constants
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.auto.probing.probing import constants, probing
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import Visits, visit_bytes
+from mdpo_rddl.planner.exact.exact import Visits, visit_bytes
 
 STEPS = 8
 

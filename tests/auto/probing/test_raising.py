@@ -15,7 +15,7 @@ from mdpo_rddl.auto.probing.constants import with_bias
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.auto.probing.raising import watched
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import LOST, compile_exact_returns
+from mdpo_rddl.planner.exact.exact import LOST, compile_exact_returns
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.underlying import underlying_mdp

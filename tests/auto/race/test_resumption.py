@@ -14,7 +14,7 @@ from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.race.rounds import Contender
 from mdpo_rddl.auto.resuming import race_state
 from mdpo_rddl.auto.resuming.race_state import RaceState
-from mdpo_rddl.planner.training import Record
+from mdpo_rddl.planner.training.training import Record
 
 
 class Counting(Arm):

@@ -17,7 +17,7 @@ from mdpo_rddl.auto.search.evolution import Evolved
 from mdpo_rddl.auto.search.plan_population import PlanPopulation
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.exact import visit_bytes
+from mdpo_rddl.planner.exact.exact import visit_bytes
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.load import load_problem
 

@@ -13,7 +13,7 @@ from mdpo_rddl.auto.search import one_by_one, population
 from mdpo_rddl.auto.search.population import PopulationReturns, Wanted, compile_population
 from mdpo_rddl.auto.search.weights import weights_of
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.exact import LOST
+from mdpo_rddl.planner.exact.exact import LOST
 
 
 def refuse(*arguments):

@@ -14,7 +14,7 @@ from mdpo_rddl.bench.paper.gymnax_problem import GymnaxProblem
 from mdpo_rddl.bench.paper.methods import method_config
 from mdpo_rddl.bench.paper.ppo_learner import GaussianActor, first_state, make_learner
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.returns import compile_returns
+from mdpo_rddl.planner.exact.returns import compile_returns
 from mdpo_rddl.planner.start import initial_parameters
 from mdpo_rddl.problem.load import load_problem
 

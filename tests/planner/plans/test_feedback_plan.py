@@ -18,7 +18,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
-from mdpo_rddl.planner.training import train
+from mdpo_rddl.planner.training.training import train
 from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.problem.load import load_problem
 

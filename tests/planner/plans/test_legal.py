@@ -8,7 +8,7 @@ from helpers.problems import make_plan, make_planner
 from helpers.toys import problem_from
 
 from mdpo_rddl.noise import NoNoise
-from mdpo_rddl.planner.exact import compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape

@@ -13,7 +13,7 @@ from helpers.problems import assert_same_bits, make_plan, make_planner, tiny_fil
 
 from mdpo_rddl import AdaptiveNoise, NoNoise
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import select_restart
+from mdpo_rddl.planner.training.training import select_restart
 from mdpo_rddl.planner.update.calls import Calls
 from mdpo_rddl.planner.update.sizes import CallSizes
 from mdpo_rddl.problem.load import load_problem

@@ -15,7 +15,7 @@ from helpers.slow_simulator import SlowSimulator
 from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
-from mdpo_rddl.planner.continuations import Continuations
+from mdpo_rddl.planner.exact.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.base import Tabled

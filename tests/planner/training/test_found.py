@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mdpo_rddl.planner.found import Found
+from mdpo_rddl.planner.training.found import Found
 
 
 class Status:

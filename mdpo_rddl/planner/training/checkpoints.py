@@ -10,10 +10,10 @@ import numpy as np
 
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.found import Found
-from mdpo_rddl.planner.loop_state import LoopState, WatchedLoop
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
+from mdpo_rddl.planner.training.found import Found
+from mdpo_rddl.planner.training.loop_state import LoopState, WatchedLoop
 
 LEAST_SECONDS = 1e-6
 """What is left of a time that is used up: one call."""

@@ -9,9 +9,9 @@ from helpers.toys import problem_from
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
-from mdpo_rddl.planner.exact import compile_exact_returns
-from mdpo_rddl.planner.exact_model import ExactModel
-from mdpo_rddl.planner.repairs import repaired
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
+from mdpo_rddl.planner.model.exact_model import ExactModel
+from mdpo_rddl.planner.model.repairs import repaired
 from mdpo_rddl.planner.upstream import INVALID_PARAMETERS, JaxRDDLCompiler
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment

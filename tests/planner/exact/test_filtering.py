@@ -11,8 +11,8 @@ from helpers.lakes import preset
 from helpers.toys import toy
 
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.filtering import ParticleFilter, kernel, resampled
-from mdpo_rddl.planner.likelihood import LEAST, Likelihood
+from mdpo_rddl.planner.exact.filtering import ParticleFilter, kernel, resampled
+from mdpo_rddl.planner.exact.likelihood import LEAST, Likelihood
 
 KEY = jax.random.PRNGKey(0)
 COUNT = 4096

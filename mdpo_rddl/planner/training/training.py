@@ -12,18 +12,18 @@ import numpy as np
 
 from mdpo_rddl.errors import Cancelled, InputError, note_heard, one_line_cause
 from mdpo_rddl.planner.built import Built
-from mdpo_rddl.planner.checkpoints import (
+from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.training.checkpoints import (
     LEAST_SECONDS,
     CheckpointedLoop,
     Checkpoints,
     PlainLoop,
     TrainingState,
 )
-from mdpo_rddl.planner.config.budgets import Budget
-from mdpo_rddl.planner.diagnosis import what_to_try
-from mdpo_rddl.planner.first_iteration import force_compilation
-from mdpo_rddl.planner.found import Found, select_restart
-from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.training.diagnosis import what_to_try
+from mdpo_rddl.planner.training.first_iteration import force_compilation
+from mdpo_rddl.planner.training.found import Found, select_restart
 
 logger = logging.getLogger(__name__)
 

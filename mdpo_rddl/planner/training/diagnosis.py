@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.planner.found import Found, select_restart
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.start import initial_parameters, initial_values, unit_hyperparams
+from mdpo_rddl.planner.training.found import Found, select_restart
 from mdpo_rddl.planner.update.restarts import PerRestart
 
 _SECONDS = 10.0

@@ -15,11 +15,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.planner.fitting import fitted, fitted_leaves
-from mdpo_rddl.planner.pgpe_state import TREES as PGPE_TREES
-from mdpo_rddl.planner.pgpe_state import WatchedPGPE
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
+from mdpo_rddl.planner.training.fitting import fitted, fitted_leaves
+from mdpo_rddl.planner.training.pgpe_state import TREES as PGPE_TREES
+from mdpo_rddl.planner.training.pgpe_state import WatchedPGPE
 from mdpo_rddl.planner.update.restarts import AllLanes
 from mdpo_rddl.planner.upstream import JaxPlannerStoppingRule, planner
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, dtypes, lax
 
-from mdpo_rddl.planner.goal_counting import counted_reward
+from mdpo_rddl.planner.model.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.opened import open_plan
@@ -32,7 +32,7 @@ class Visits(NamedTuple):
     Attributes:
       returns: discounted [P, N].
       states: per observed fluent its values after each step [P, N, H, *shape].
-      counted: the returns with goals counted (`mdpo_rddl.planner.goal_counting`) [P, N]; the
+      counted: the returns with goals counted (`mdpo_rddl.planner.model.goal_counting`) [P, N]; the
         returns themselves where there are no goals, or none were asked for.
     """
 

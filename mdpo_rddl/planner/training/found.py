@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.planner.fitting import fitted, fitted_leaves
+from mdpo_rddl.planner.training.fitting import fitted, fitted_leaves
 
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600

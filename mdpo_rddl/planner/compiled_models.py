@@ -1,9 +1,9 @@
 """A planner's two models, relaxed and exact, compiled with what JaxPlan's compilers lack."""
 
-from mdpo_rddl.planner.exact_model import ExactModel
+from mdpo_rddl.planner.model.exact_model import ExactModel
+from mdpo_rddl.planner.model.repairs import repaired
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
-from mdpo_rddl.planner.repairs import repaired
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner, JaxRDDLCompiler
 
 

@@ -11,9 +11,9 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.config.presets import PRESETS
-from mdpo_rddl.planner.exact import compile_exact_returns
-from mdpo_rddl.planner.repairs import Repairs, repaired
-from mdpo_rddl.planner.training import train
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
+from mdpo_rddl.planner.model.repairs import Repairs, repaired
+from mdpo_rddl.planner.training.training import train
 from mdpo_rddl.planner.upstream import INVALID_PARAMETERS, logic
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment

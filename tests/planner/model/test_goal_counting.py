@@ -8,7 +8,7 @@ from helpers.toys import toy
 
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.goal_counting import counted_reward
+from mdpo_rddl.planner.model.goal_counting import counted_reward
 
 ALL = "forall_{?l : lock} [open(?l)]"
 NONE = "forall_{?l : lock} [~open(?l)]"

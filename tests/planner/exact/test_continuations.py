@@ -8,7 +8,7 @@ from helpers.toys import problem_from
 
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.continuations import Continuations, Size
+from mdpo_rddl.planner.exact.continuations import Continuations, Size
 from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.policy import Policy
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.problems import tiny_files
 
-from mdpo_rddl.planner.exact import compile_exact_returns, compile_visits, step_bytes
+from mdpo_rddl.planner.exact.exact import compile_exact_returns, compile_visits, step_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
-from mdpo_rddl.planner.likelihood import LEAST, ROUNDING, Likelihood
+from mdpo_rddl.planner.exact.likelihood import LEAST, ROUNDING, Likelihood
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.start import initial_values

@@ -4,8 +4,8 @@ from typing import Any
 
 from jax import Array
 
+from mdpo_rddl.planner.model.repairs import Drawn, Evaluated, Repairs
 from mdpo_rddl.planner.programs.samplers import binomial, poisson
-from mdpo_rddl.planner.repairs import Drawn, Evaluated, Repairs
 
 
 class ExactModel(Repairs):

@@ -10,12 +10,11 @@ import pytest
 from helpers.problems import assert_same_bits
 from helpers.trainings import FOREVER, KEY, paper_config, reservoir
 
-from mdpo_rddl.planner import first_iteration, training
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training import Progress, train
+from mdpo_rddl.planner.training.training import Progress, first_iteration, train, training
 from mdpo_rddl.planner.update.sizes import CallSizes
 
 

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
-from mdpo_rddl.planner.exact_model import ExactModel
+from mdpo_rddl.planner.model.exact_model import ExactModel
+from mdpo_rddl.planner.model.repairs import Evaluated
 from mdpo_rddl.planner.programs.quick import once_jit
-from mdpo_rddl.planner.repairs import Evaluated
 from mdpo_rddl.planner.upstream import JaxRDDLCompiler
 
 CountedReward = Callable[[Mapping[str, Any], Mapping[str, Any], Any, Array], Array]

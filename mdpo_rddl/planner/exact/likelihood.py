@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from mdpo_rddl.planner.expressions import compiled_expression
+from mdpo_rddl.planner.model.expressions import compiled_expression
 from mdpo_rddl.problem.chance import draws
 
 ROUNDING = 1e-4

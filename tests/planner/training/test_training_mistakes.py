@@ -12,7 +12,7 @@ from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.planner.diagnosis import origin
+from mdpo_rddl.planner.training.diagnosis import origin
 from mdpo_rddl.planner.upstream import JaxRDDLCompiler
 from mdpo_rddl.problem.load import load_problem
 

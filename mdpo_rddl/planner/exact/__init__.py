@@ -1,0 +1,1 @@
+"""Policies, plans and beliefs on the exact model, compiled: many side by side, no relaxation."""

@@ -1,0 +1,1 @@
+"""What JaxPlan's compilers lack, and what a model's expressions say."""
