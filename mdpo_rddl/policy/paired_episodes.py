@@ -17,8 +17,8 @@ ERRORS = 0.5
 """A gain of so many errors is taken: the error of a few episodes hides gains worth having."""
 # no more are played once the gain is so many errors
 _CLEAR = 4.0
-# no episode of an evaluation
-_STREAM = 2**31
+# a word more than seeds of evaluations have, so that none of their episodes is drawn
+_STREAM = 2**64
 
 
 def paired_returns(

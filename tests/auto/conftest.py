@@ -11,7 +11,7 @@ from helpers.races import CLOCK
 from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import gradient
-from mdpo_rddl.auto.race.race import affording, race
+from mdpo_rddl.auto.race import affording, race
 from mdpo_rddl.errors import InputError
 
 KEPT = "the best policy so far is kept: "

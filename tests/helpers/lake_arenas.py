@@ -11,7 +11,7 @@ from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
 from mdpo_rddl.auto.common.candidate import NOOP
-from mdpo_rddl.auto.race.race import race
+from mdpo_rddl.auto.race import race
 
 FOREVER = 300.0
 

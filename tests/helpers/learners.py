@@ -15,7 +15,7 @@ from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import PolicyIterationArm
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.race.race import race
+from mdpo_rddl.auto.race import race
 
 SECONDS = 300.0
 # 3 for the best of three arms, of which one may be pulled, at each of 4 steps

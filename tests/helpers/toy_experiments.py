@@ -14,7 +14,7 @@ from mdpo_rddl.bench.presets import noise_sweep, paper_preset
 from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
-from mdpo_rddl.planner.training.training import training
+from mdpo_rddl.planner.training import training
 from mdpo_rddl.session import find
 
 OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]

@@ -1,5 +1,7 @@
 """Two policies in the same episodes, as many as there is time for."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.clocks import Stopped, Ticking
@@ -7,8 +9,9 @@ from helpers.toys import toy
 from helpers.umbrella import careless, voting
 
 from mdpo_rddl.planner.exact.exact import LOST
+from mdpo_rddl.policy import paired_episodes as module
 from mdpo_rddl.policy.paired_episodes import MOST, paired_returns
-from mdpo_rddl.problem.evaluation import mean_and_error
+from mdpo_rddl.problem.evaluation import episode_seeds, mean_and_error
 
 PROBLEM = toy("umbrella")
 
@@ -20,6 +23,21 @@ def test_both_play_the_same_episodes():
     assert len(np.unique(same[:, 0])) > 3
     other = paired_returns(PROBLEM, (careless(), careless()), 1000.0, Stopped(), seed=1)
     assert other[:, 0].tolist() != same[:, 0].tolist()
+
+
+def test_they_are_none_of_an_evaluation(monkeypatch):
+    seeds = []
+
+    def noted(env, policy, episodes, seed):
+        seeds.extend(episode_seeds(seed, episodes))
+        return SimpleNamespace(mean=0.0)
+
+    monkeypatch.setattr(module, "evaluate", noted)
+    for seed in range(3):
+        paired_returns(PROBLEM, (careless(),), 1000.0, Stopped(), seed=seed)
+    assert len(set(seeds)) == 3 * MOST
+    evaluated = {one for seed in range(3 * MOST) for one in episode_seeds(seed, 50)}
+    assert evaluated.isdisjoint(seeds)
 
 
 def test_a_clear_gain_ends_them():

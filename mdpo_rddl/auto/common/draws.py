@@ -11,6 +11,7 @@ class Draws(IntEnum):
 
     JUDGE = 1
     PLANS = 2
+    PROBING = 3
     TRAINING = 5
     PGPE = 6
     POPULATION = 7

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from mdpo_rddl.auto.common.compilations import compiled_within
+from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.sizes import VISITS_BYTES, Batches
 from mdpo_rddl.auto.common.timing import Clock, made_once
 from mdpo_rddl.planner.exact.exact import Visits, compile_visits, visit_bytes
@@ -63,7 +64,7 @@ class Constants:
             lambda: compile_visits(planner, size.rollouts, side_by_side=one_by_one, jit=quick_jit)
         )
         self._deadline = deadline
-        self._key = jax.random.PRNGKey(seed)
+        self._key = key_for(Draws.PROBING, seed)
         self._params = planner.feedback_plan.noop(seed)
         self._until, self._clock = until, clock
         self._played, self.seconds, self._first_seconds = 0, 0.0, 0.0

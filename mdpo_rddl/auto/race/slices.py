@@ -128,11 +128,18 @@ class Slices:
                 self._judge.record(candidate)
 
     def _judge_candidates(self, arm: Arm) -> bool:
-        is_better = False
+        """Judges what an arm has found, to the last one even if it is interrupted."""
+        is_better, stop = False, None
         for candidate in arm.take_candidates():
-            with incumbent_kept(self._judge):
-                is_better |= self._judge.record(candidate)
-                arm.judged(self._judge.judged[-1].candidate)
+            try:
+                with incumbent_kept(self._judge):
+                    is_better |= self._judge.record(candidate)
+                    arm.judged(self._judge.judged[-1].candidate)
+            except (KeyboardInterrupt, Cancelled) as error:
+                note_heard(error)
+                stop = error
+        if stop is not None:
+            raise stop
         return is_better
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mdpo_rddl.auto.arena.arena import learning_size
+from mdpo_rddl.auto.arena import learning_size
 from mdpo_rddl.auto.arena.learning_size import is_too_long, learning_rollouts, least_seconds
 
 

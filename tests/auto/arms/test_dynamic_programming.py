@@ -12,8 +12,8 @@ from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import RaceOptions, plan_automatically
 from mdpo_rddl.auto.arms import dynamic_programming
 from mdpo_rddl.auto.arms.dynamic_programming import PROVEN, DynamicProgrammingArm
-from mdpo_rddl.auto.outcome.outcome import first_policy
-from mdpo_rddl.auto.race.race import race
+from mdpo_rddl.auto.outcome import first_policy
+from mdpo_rddl.auto.race import race
 from mdpo_rddl.auto.search.optimum import Solution
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.table_policy import TablePolicy

@@ -14,7 +14,7 @@ from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import shooting
 from mdpo_rddl.auto.arms.shooting import ShootingArm
 from mdpo_rddl.auto.common.state import State
-from mdpo_rddl.auto.race.race import race
+from mdpo_rddl.auto.race import race
 from mdpo_rddl.errors import Cancelled
 
 FOREVER = 300.0

@@ -15,14 +15,14 @@ from helpers.problems import assert_same_bits
 from jax.flatten_util import ravel_pytree
 
 from mdpo_rddl.auto import RaceOptions
-from mdpo_rddl.auto.arena.arena import plain
+from mdpo_rddl.auto.arena import plain
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arena.plain import PlainPlanners
 from mdpo_rddl.auto.arms import training
 from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.common.state import State
-from mdpo_rddl.auto.race.race import race
+from mdpo_rddl.auto.race import race
 from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.search.steps import step_factor
 from mdpo_rddl.errors import Cancelled, InputError

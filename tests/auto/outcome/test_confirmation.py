@@ -17,8 +17,9 @@ from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.compilations import TooLateError
+from mdpo_rddl.auto.outcome import confirmation
 from mdpo_rddl.auto.outcome.confirmation import confirmed, episodes_of, is_less, less_than_judged
-from mdpo_rddl.auto.outcome.outcome import confirmation, policy_of
+from mdpo_rddl.auto.outcome.outcome import policy_of
 from mdpo_rddl.auto.probing.constants import with_bias
 from mdpo_rddl.auto.probing.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner

@@ -14,8 +14,8 @@ from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.outcome.unjudged import known_kept
 from mdpo_rddl.auto.outcome.unsearched import known_by_probing
-from mdpo_rddl.auto.probing.probing import constants
-from mdpo_rddl.auto.race.race import race
+from mdpo_rddl.auto.probing import constants
+from mdpo_rddl.auto.race import race
 from mdpo_rddl.auto.resuming.earlier import EarlierPolicy, EarlierRace
 from mdpo_rddl.machine.background import Background
 from mdpo_rddl.problem.load import make_environment

@@ -8,10 +8,11 @@ from helpers.lakes import preset, write_lake
 from helpers.probes import probed
 
 from mdpo_rddl.auto.common import sizes
+from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.sizes import Batches
+from mdpo_rddl.auto.probing import constants, probing
 from mdpo_rddl.auto.probing.constants import Constants
 from mdpo_rddl.auto.probing.fitting import without_scales
-from mdpo_rddl.auto.probing.probing import constants, probing
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact.exact import Visits, visit_bytes
 
@@ -114,7 +115,7 @@ def test_a_noop_that_is_the_best_is_told_by_other_rollouts_too(planner, monkeypa
 
     Model(monkeypatch, best, lambda pump, chance: pump + chance)
     seen = probed(planner, 0)
-    chosen_by = 50.0 * np.mean(jax.random.normal(jax.random.PRNGKey(0), (1, 4)))
+    chosen_by = 50.0 * np.mean(jax.random.normal(key_for(Draws.PROBING, 0), (1, 4)))
     assert seen.noop_return == seen.start_return
     assert abs(seen.noop_return - chosen_by) > 1.0
 

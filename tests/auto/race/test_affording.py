@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from mdpo_rddl.auto.race import affording as module
 from mdpo_rddl.auto.race.affording import EXPLORING_FIRST, Affording
-from mdpo_rddl.auto.race.race import affording as module
 from mdpo_rddl.planner.programs.quick import light_jit, quick_jit
 
 

@@ -16,7 +16,7 @@ from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import dynamic_programming
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.race.race import race, schedule
+from mdpo_rddl.auto.race import race, schedule
 from mdpo_rddl.auto.race.slices import Slices
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.errors import Cancelled, InputError
@@ -107,6 +107,28 @@ def test_what_cannot_be_judged_costs_nobody_else_a_slice(monkeypatch, caplog):
     assert slices.give(Offering("arm", clock, [first, broken, better]), 1.0)
     assert judge.incumbent.label == "better"
     assert "broken: there is no planner" in caplog.text
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), Cancelled()])
+def test_a_stop_while_candidates_are_judged_loses_none_after_it(monkeypatch, stop):
+    clock = Stopped()
+    judge = Judge(1, 0, clock, 0.0)
+    arena = SimpleNamespace(judge=judge, clock=clock, deadline=10.0)
+    found = [
+        Candidate("arm", label, preset(1.0), None, None, mean=mean)
+        for label, mean in (("first", 0.0), ("stopped", 1.0), ("better", 2.0))
+    ]
+    record = judge.record
+
+    def stopped(candidate):
+        if candidate.label == "stopped":
+            raise stop
+        return record(candidate)
+
+    monkeypatch.setattr(judge, "record", stopped)
+    with pytest.raises(type(stop)):
+        Slices(arena, lambda name: None, None).give(Offering("arm", clock, found), 1.0)
+    assert judge.incumbent.label == "better"
 
 
 class Offering(Arm):

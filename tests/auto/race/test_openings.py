@@ -14,8 +14,8 @@ from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.arms.simple import SimpleArm
+from mdpo_rddl.auto.race import affording, race
 from mdpo_rddl.auto.race.openings import Openings
-from mdpo_rddl.auto.race.race import affording, race
 from mdpo_rddl.auto.race.schedule import Schedule
 
 SECONDS = 600.0

@@ -13,7 +13,7 @@ from mdpo_rddl.auto import RaceOptions, plan_automatically
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms.gradient import Training
 from mdpo_rddl.auto.common.state import State
-from mdpo_rddl.auto.race.race import affording, race
+from mdpo_rddl.auto.race import affording, race
 from mdpo_rddl.auto.resuming.earlier import EarlierPolicy, EarlierRace
 from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.errors import InputError

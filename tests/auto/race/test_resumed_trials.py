@@ -13,8 +13,8 @@ from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.trials import TRIALS
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.state import State
+from mdpo_rddl.auto.race import race
 from mdpo_rddl.auto.race.ground_arms import GroundSlices
-from mdpo_rddl.auto.race.race import race
 from mdpo_rddl.auto.resuming.earlier import EarlierPolicy, EarlierRace
 from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.policy.table_policy import TablePolicy

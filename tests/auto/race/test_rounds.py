@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mdpo_rddl.auto.race.race import rounds
+from mdpo_rddl.auto.race import rounds
 from mdpo_rddl.auto.race.rounds import Contender, gives_way, next_contender, raising
 
 

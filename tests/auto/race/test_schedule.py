@@ -15,8 +15,8 @@ from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, simple
 from mdpo_rddl.auto.common import sizes
-from mdpo_rddl.auto.probing.probing import probing
-from mdpo_rddl.auto.race.race import affording, race, schedule
+from mdpo_rddl.auto.probing import probing
+from mdpo_rddl.auto.race import affording, race, schedule
 from mdpo_rddl.auto.race.schedule import Schedule
 from mdpo_rddl.auto.search import plan_population, population
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config

@@ -7,7 +7,7 @@ from helpers.clocks import Stopped
 from helpers.races import raced
 
 from mdpo_rddl.auto.arms.base import Arm
-from mdpo_rddl.auto.race.race import rounds
+from mdpo_rddl.auto.race import rounds
 from mdpo_rddl.auto.race.schedule import Schedule
 from mdpo_rddl.planner.config.search_section import Search
 

@@ -16,8 +16,8 @@ from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.compilations import TooLateError
-from mdpo_rddl.auto.probing.probing import probing
-from mdpo_rddl.auto.race.race import affording
+from mdpo_rddl.auto.probing import probing
+from mdpo_rddl.auto.race import affording
 from mdpo_rddl.auto.resuming.start import START, accepted_start, start_candidates
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan

@@ -15,10 +15,11 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
+from mdpo_rddl.planner.training import first_iteration
 from mdpo_rddl.planner.training.checkpoints import Checkpoints, TrainingState
 from mdpo_rddl.planner.training.found import Found
 from mdpo_rddl.planner.training.loop_state import WatchedLoop
-from mdpo_rddl.planner.training.training import Training, TrainingResult, first_iteration, train
+from mdpo_rddl.planner.training.training import Training, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxPlannerStatus, planner
 from mdpo_rddl.problem.load import load_problem
 

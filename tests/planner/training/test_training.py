@@ -24,13 +24,13 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
+from mdpo_rddl.planner.training import training
 from mdpo_rddl.planner.training.training import (
     Progress,
     Training,
     TrainingResult,
     select_restart,
     train,
-    training,
 )
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
 from mdpo_rddl.planner.upstream import planner as jaxplan

@@ -14,7 +14,8 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training.training import Progress, first_iteration, train, training
+from mdpo_rddl.planner.training import first_iteration, training
+from mdpo_rddl.planner.training.training import Progress, train
 from mdpo_rddl.planner.update.sizes import CallSizes
 
 
