@@ -15,7 +15,13 @@ from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks import everywhere, trial
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.everywhere_figure import shares_of
-from mdpo_rddl.bench.tasks.published import published, published_table, read_published, score
+from mdpo_rddl.bench.tasks.published import (
+    published,
+    published_table,
+    read_published,
+    run_published,
+    score,
+)
 from mdpo_rddl.bench.tasks.published_figure import OURS, published_scores
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
 from mdpo_rddl.cli import bench
@@ -65,7 +71,8 @@ def test_a_planner_that_fails_has_a_row_that_says_so(tmp_path):
     assert row["mean"] == ""
 
 
-def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def thinking_on_levers(monkeypatch):
     """On the toy with three arms, in this process, with the method as if trials had chosen it."""
     policy, clock = lever_policy(NONE), Stopped()
     simulator = SlowSimulator(policy, clock, {WIDE: 0.01, NARROW: 0.01})
@@ -76,6 +83,10 @@ def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, monkeypatch, cap
     monkeypatch.setattr(ThinkingMDPO, "_find", lambda *_: policy)
     monkeypatch.setattr(trial, "load_problem", lambda *_: policy.problem)
     monkeypatch.setattr(trial, "run_guarded", lambda work, items, _: [(i, work(i)) for i in items])
+
+
+@pytest.mark.usefixtures("thinking_on_levers")
+def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, capsys):
     tasks = [Task("Navigation_MDP_ippc2011", "1")]
     conditions = replace(QUICK, seconds=600.0, decision_seconds=0.5)
     (row,) = run_tasks(tmp_path, tasks, ["mdpo-thinking"], 1, conditions).rows
@@ -95,6 +106,31 @@ def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, monkeypatch, cap
     assert max(json.loads(row["alone"])) < min(json.loads(row["returns"]))
     with pytest.raises(InputError, match="holds other results"):
         run_tasks(tmp_path, tasks, ["mdpo"], 1, QUICK)
+
+
+@pytest.mark.usefixtures("thinking_on_levers")
+def test_thinking_plays_as_many_episodes_as_its_time_allows_or_all(tmp_path, monkeypatch):
+    monkeypatch.setattr(trial, "_USUAL_STEPS", 2)
+    monkeypatch.setattr(trial, "_FEWEST_EPISODES", 1)
+    thinking = replace(QUICK, seconds=600.0, decision_seconds=0.5)
+    tasks = [Task("Navigation_MDP_ippc2011", "1")]
+    whole = replace(thinking, plays_all=True)
+    counts = []
+    for number, conditions in enumerate((thinking, whole)):
+        (row,) = run_tasks(tmp_path / str(number), tasks, ["mdpo-thinking"], 1, conditions).rows
+        counts.append(len(json.loads(row["returns"])))
+    assert counts == [1, QUICK.episodes]
+    with pytest.raises(InputError, match="made with another plays_all"):
+        run_tasks(tmp_path / "0", tasks, ["mdpo-thinking"], 1, whole)
+
+
+def test_published_means_are_compared_with_those_of_all_episodes(monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr(
+        "mdpo_rddl.bench.tasks.published.run_tasks", lambda *given: asked.append(given[-1])
+    )
+    run_published(tmp_path, ["Navigation_MDP_ippc2011"], 1, replace(QUICK, decision_seconds=0.5))
+    assert asked == [replace(QUICK, decision_seconds=0.5, plays_all=True)]
 
 
 def test_thinking_has_a_folder_of_its_own(monkeypatch, tmp_path):

@@ -6,6 +6,7 @@ competition of 2014.
 """
 
 import csv
+import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
@@ -70,7 +71,9 @@ def run_published(
     tasks = only(list(published()), problems)
     number, count = shard
     planner = THINKING if conditions.decision_seconds else OURS
-    return run_tasks(out, tasks[number::count], [planner], seeds, conditions)
+    # a mean is compared with another one, of other episodes
+    whole = dataclasses.replace(conditions, plays_all=True)
+    return run_tasks(out, tasks[number::count], [planner], seeds, whole)
 
 
 def only(tasks: Sequence[Task], problems: Sequence[str] | None) -> list[Task]:

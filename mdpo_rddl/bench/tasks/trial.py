@@ -80,16 +80,18 @@ class Conditions:
     Attributes:
       seconds: of preparation, compilation included.
       episodes: on the exact environment, the same for all planners; of `mdpo-thinking` at least 20
-        where it plays its policy alone, and where it thinks no more than 40 decisions for each
-        of them allow, but at least five.
+        where it plays its policy alone.
       memory_gb: of a trial's processes.
       decision_seconds: for `mdpo-thinking` at each decision; 0 where planners do not think.
+      plays_all: whether `mdpo-thinking` plays all episodes where it thinks, too; else no more than
+        40 decisions for each of them allow, but at least five.
     """
 
     seconds: float
     episodes: int
     memory_gb: float
     decision_seconds: float = 0.0
+    plays_all: bool = False
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -142,6 +144,7 @@ def run_tasks(
     kept = {"seconds": conditions.seconds, "episodes": conditions.episodes, **versions()}
     if conditions.decision_seconds:
         kept["decision_seconds"] = conditions.decision_seconds
+        kept |= {"plays_all": True} if conditions.plays_all else {}
     columns = conditions.columns
     records = Records(out / "rows.csv", columns, KEYS, kept)
     trials = [
@@ -207,7 +210,7 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     if isinstance(planner, MDPO):
         row["arms"] = "; ".join(planner.found_by)
     random = np.random.default_rng(trial.seed)
-    episodes = _episodes(planner, trial.conditions.episodes, problem.horizon)
+    episodes = _episodes(planner, trial.conditions, problem.horizon)
     evaluation = evaluate(
         make_environment(problem),
         lambda step, state: planner.act(step, state, random),
@@ -234,12 +237,15 @@ def _alone(problem: Problem, planner: ThinkingMDPO, episodes: int) -> Evaluation
     )
 
 
-def _episodes(planner: Planner, wanted: int, horizon: int) -> int:
+def _episodes(planner: Planner, conditions: Conditions, horizon: int) -> int:
     """How many of them are played."""
+    wanted = conditions.episodes
     if not isinstance(planner, ThinkingMDPO):
         return wanted
     if planner.thinker is None:
         return max(wanted, _PLAIN_EPISODES)
+    if conditions.plays_all:
+        return wanted
     return min(wanted, max(_FEWEST_EPISODES, _USUAL_STEPS * wanted // horizon))
 
 
