@@ -1,5 +1,7 @@
 """The arm that adapts the weights that all objects share, without a gradient."""
 
+from enum import Enum, auto
+
 import numpy as np
 
 from mdpo_rddl.auto.arena.adapting import Adapting
@@ -11,15 +13,31 @@ from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
 from mdpo_rddl.auto.search.rules import FEW_RULES, REFINING_SIGMA, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
 from mdpo_rddl.errors import Cancelled, note_heard
+from mdpo_rddl.planner.plans.feedback import Params
 
 SHARED_WEIGHTS = "shared weights"
 _SIGMA = 0.5
+# of all weights, where they begin at a random rule
+_RANDOM_SIGMA = 0.2
 # of a simple rule: what was gained by the quarter of its iterations before it is left
 _LEAST_GAIN = 0.01
 # of a slice: what the simple rules begin with, and their adaptations; of all weights, likewise
-_MOST_SIMPLE, _MOST_EVERY = 16, 3
-# of a generator of rules, beside the race's seed: others are the first rules'
-_RESTARTS = 2
+_MOST_SIMPLE, _MOST_EVERY = 16, 4
+# of generators of rules, beside the race's seed: others are the first rules'
+_RESTARTS, _EVERY = 2, 3
+# of the time of an adaptation: what it takes at most to draw the rules where it begins
+_DRAWING = 3
+
+
+class Start(Enum):
+    """Where adaptations of all weights begin."""
+
+    RULE = auto()
+    RANDOM = auto()
+    NOOP = auto()
+
+
+_STARTS = (Start.RULE, Start.RANDOM, Start.NOOP)
 
 
 class SharedWeightsArm(ArenaArm):
@@ -28,7 +46,8 @@ class SharedWeightsArm(ArenaArm):
     An adaptation ends in one of many local optima. So a simple rule is left where it gains no
     more, and others begin at the best of random rules each, for half of a slice; those of the
     first slice come after a given rule and the no-op. Then all weights are adapted, from the best
-    rule and from the no-op; in later slices only if that rule is better than all before.
+    rule, from the best of random rules that have all weights, and from the no-op; in later slices,
+    unless a simple rule is better than all before, from such a random rule alone.
     """
 
     def __init__(self, arena: Arena, begins_with: str) -> None:
@@ -46,6 +65,8 @@ class SharedWeightsArm(ArenaArm):
         # slices that have ended, rules that were adapted beside the first ones, and slices that
         # were too short for one
         self._ended = self._others = self._skipped = 0
+        # whether those adaptations begin at the best simple rule and at the no-op, too
+        self._begins_at_rule = True
         self._adapting = Adapting(arena, self._try)
 
     def state(self) -> State | None:
@@ -55,7 +76,8 @@ class SharedWeightsArm(ArenaArm):
         tensors = {"simple": np.stack(self._simple)}
         if self._every:
             tensors["every"] = np.stack(self._every)
-        state = State(tensors, {"ended": self._ended, "others": self._others})
+        values = {"ended": self._ended, "others": self._others, "at_rule": self._begins_at_rule}
+        state = State(tensors, values)
         latest = self._adapting.state()
         return state if latest is None else joined(state, latest.within("adaptation"))
 
@@ -74,6 +96,7 @@ class SharedWeightsArm(ArenaArm):
         ended, others = count_of(state.values["ended"]), count_of(state.values["others"])
         if "adaptation" in state.values:
             self._adapting.restore(state.part("adaptation"))
+        self._begins_at_rule = bool(state.values["at_rule"])
         self._simple, self._every, self._ended, self._others = begun, refined, ended, others
 
     def _prepare(self) -> None:
@@ -109,26 +132,52 @@ class SharedWeightsArm(ArenaArm):
         arena, population = self._arena, self._arena.population
         parent = arena.judge.latest(self._begins_with)
         simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
-        resumes = bool(self._every)
-        if not resumes:
+        if not self._every:
             if not self._ended:
                 rule: np.ndarray | None = self._first_rule(simple, parent, until)
             else:
+                begun = self._others
                 rule = self._other_rule(simple, until)
-            if rule is not None:
-                self._every = [weights_of(simple.to_params(rule), ["shared"]).start]
-        if vectors := self._every:
-            if len(vectors) == 1 and not resumes:
-                self._adapting.restore(None)  # it was one of a simple rule
-            starts = (vectors[0], REFINING_SIGMA), (every.start, _SIGMA)
-            for start, sigma in starts[len(vectors) - 1 :]:
-                end = self._part(until, 3 - len(vectors))
-                vectors.append(self._adapted(every, start, self._sampling(sigma), end))
-            best = every.to_params(population.best(every, vectors))
+                if self._others == begun:
+                    # there is no time for one in a slice; the first ones in the rounds are shorter
+                    self._skipped += 1
+                    self.is_exhausted = self._skipped > FIRST_SLICES
+                    self._ended += 1
+                    return
+            self._begins_at_rule = rule is not None
+            first = self._known(every) if rule is None else simple.to_params(rule)
+            self._every = [weights_of(first, ["shared"]).start]
+            self._adapting.restore(None)  # it was one of a simple rule
+        vectors = self._every
+        starts = _STARTS if self._begins_at_rule else (Start.RANDOM,)
+        for number in range(len(vectors) - 1, len(starts)):
+            end = self._part(until, len(starts) - number)
+            start, sigma = self._start(starts[number], every, end)
+            vectors.append(self._adapted(every, start, self._sampling(sigma), end))
+        best = population.best(every, vectors)
+        if self._begins_at_rule or best is not vectors[0]:
             # other rules have been drawn by nobody else
-            self._offer_child(None if self._ended else parent, SHARED_WEIGHTS, best)
+            child_of = None if self._ended else parent
+            self._offer_child(child_of, SHARED_WEIGHTS, every.to_params(best))
         self._every = []
         self._ended += 1
+
+    def _known(self, every: Weights) -> Params:
+        """The best policy of earlier slices."""
+        best = self._arena.judge.best_of_arm(SHARED_WEIGHTS)
+        return every.to_params(every.start) if best is None else best.params
+
+    def _start(self, start: Start, every: Weights, until: float) -> tuple[np.ndarray, float]:
+        """Where an adaptation of all weights begins, and its first deviation."""
+        if start is Start.RULE:
+            return self._every[0], REFINING_SIGMA
+        if start is Start.NOOP or self._adapting.is_resumed:
+            return every.start, _SIGMA
+        random = np.random.default_rng((self._arena.seed, _EVERY, self._ended))
+        drawing = Drawing(until=self._part(until, _DRAWING), clock=self._clock)
+        drawn = random_rules(self._arena.population, every, random, drawing)
+        self._log.iterations += drawn.populations
+        return drawn.kept[0].vector, _RANDOM_SIGMA
 
     def _first_rule(self, simple: Weights, parent: Candidate | None, until: float) -> np.ndarray:
         """The best of rules that were adapted in the first half of the first slice."""
@@ -147,12 +196,10 @@ class SharedWeightsArm(ArenaArm):
         before, begun = self._simple[0], self._others
         for end in (self._part(until, 2), until):
             self._adapt_others(simple, end)
-            if (best := self._best_of(simple)) is not before:
-                return best
-        # there is no time for one in a slice; the first ones in the rounds are shorter
-        self._skipped += self._others == begun
-        self.is_exhausted = self._skipped > FIRST_SLICES
-        return None
+            if self._others > begun:
+                break
+        best = self._best_of(simple)
+        return None if best is before else best
 
     def _best_of(self, simple: Weights) -> np.ndarray:
         """The best rule so far, which alone is kept."""

@@ -8,6 +8,8 @@ from helpers.clocks import Stopped
 
 from mdpo_rddl.auto.arms import shared_weights
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
+from mdpo_rddl.auto.search.rules import Drawn, Rule
+from mdpo_rddl.errors import Cancelled
 
 NEAR, FAR = np.array([0.5, 0.0]), np.array([2.2, 2.2])
 _SECONDS = 0.01
@@ -37,10 +39,11 @@ class Rollouts:
 
 class Arena:
     noop, plan, seed = np.zeros(2), None, 3
-    judge = SimpleNamespace(latest=lambda label: None)
 
     def __init__(self) -> None:
         self.clock = Stopped()
+        self.judge = SimpleNamespace(latest=lambda label: None, best_of_arm=lambda arm: self.best)
+        self.best = None
         self.population = Rollouts(self.clock)
 
     def compile_population(self) -> None:
@@ -55,17 +58,33 @@ class Arena:
 
 @pytest.fixture(autouse=True)
 def _weights(monkeypatch):
-    def weights(params, *others):
-        return SimpleNamespace(start=np.asarray(params), to_params=lambda vector: vector)
+    def weights(params, has_all):
+        start = np.asarray(params)
+        return SimpleNamespace(start=start, to_params=lambda vector: vector, has_all=has_all)
 
-    monkeypatch.setattr(shared_weights, "simple_weights", weights)
-    monkeypatch.setattr(shared_weights, "weights_of", weights)
+    monkeypatch.setattr(shared_weights, "simple_weights", lambda params, _: weights(params, False))
+    monkeypatch.setattr(shared_weights, "weights_of", lambda params, _: weights(params, True))
+
+
+@pytest.fixture
+def simple_rules_alone(monkeypatch):
+    """No random rule that has all weights is near the higher hill."""
+    drawn = shared_weights.random_rules
+
+    def random_rules(population, weights, *others):
+        if weights.has_all:
+            return Drawn([Rule(0.0, NEAR)], 1, 0.0)
+        return drawn(population, weights, *others)
+
+    monkeypatch.setattr(shared_weights, "random_rules", random_rules)
 
 
 def worked(arm: SharedWeightsArm, arena: Arena, seconds: float) -> list:
     """What a slice has offered."""
     arm.work(arena.clock.now + seconds)
-    return [candidate.params for candidate in arm.take_candidates()]
+    found = arm.take_candidates()
+    arena.best = found[-1] if found else arena.best
+    return [candidate.params for candidate in found]
 
 
 def after_a_short_slice() -> tuple[Arena, SharedWeightsArm]:
@@ -76,6 +95,53 @@ def after_a_short_slice() -> tuple[Arena, SharedWeightsArm]:
     return arena, arm
 
 
+def test_all_weights_begin_at_a_random_rule_too():
+    arena = Arena()
+    arm = SharedWeightsArm(arena, "none")
+    # too short for a simple rule beside those from the no-op
+    (found,) = worked(arm, arena, 1.0)
+    np.testing.assert_allclose(found, FAR, atol=0.1)
+    assert arm.state().values["others"] == 0
+
+
+def test_a_later_slice_begins_at_another_random_rule_that_has_all_weights(monkeypatch):
+    arena, drawn = Arena(), shared_weights.random_rules
+    arm = SharedWeightsArm(arena, "none")
+
+    def random_rules(population, weights, *others):
+        rules = drawn(population, weights, *others)
+        # simple rules never come near the higher hill, and these only in the second slice
+        is_near = weights.has_all and arm.state().values["ended"] == 1
+        return Drawn([Rule(0.0, FAR if is_near else NEAR)], rules.populations, 0.0)
+
+    monkeypatch.setattr(shared_weights, "random_rules", random_rules)
+    (first,), (second,) = (worked(arm, arena, 4.0) for _ in range(2))
+    np.testing.assert_allclose(first, NEAR, atol=0.05)
+    np.testing.assert_allclose(second, FAR, atol=0.05)
+
+
+def test_a_random_rule_is_not_drawn_again_where_another_process_has_begun(monkeypatch):
+    arena = Arena()
+    arm = SharedWeightsArm(arena, "none")
+    states = []
+
+    def pulse():
+        if len(arm._every) == 2 and arm._adapting.found is not None:
+            states.append(arm.state())
+            raise Cancelled
+
+    monkeypatch.setattr(arena, "pulse", pulse)
+    with pytest.raises(Cancelled):
+        worked(arm, arena, 4.0)
+    again = SharedWeightsArm(arena, "none")
+    again.restore(states[0])
+    monkeypatch.setattr(arena, "pulse", lambda: None)
+    monkeypatch.setattr(shared_weights, "random_rules", None)
+    (found,) = worked(again, arena, 4.0)
+    np.testing.assert_allclose(found, FAR, atol=0.05)
+
+
+@pytest.mark.usefixtures("simple_rules_alone")
 def test_a_slice_that_is_long_enough_begins_at_other_rules_too():
     arena = Arena()
     (found,) = worked(SharedWeightsArm(arena, "none"), arena, 10.0)
@@ -83,6 +149,7 @@ def test_a_slice_that_is_long_enough_begins_at_other_rules_too():
     assert arena.clock.now < 10.0 + 3 * _SECONDS
 
 
+@pytest.mark.usefixtures("simple_rules_alone")
 def test_a_later_slice_finds_what_the_first_one_had_no_time_for():
     arena, arm = after_a_short_slice()
     (found,) = worked(arm, arena, 4.0)
@@ -90,6 +157,7 @@ def test_a_later_slice_finds_what_the_first_one_had_no_time_for():
     assert not arm.is_exhausted
 
 
+@pytest.mark.usefixtures("simple_rules_alone")
 def test_nothing_is_offered_if_no_other_rule_is_better():
     arena, arm = after_a_short_slice()
     worked(arm, arena, 4.0)
@@ -97,6 +165,7 @@ def test_nothing_is_offered_if_no_other_rule_is_better():
     assert not arm.is_exhausted
 
 
+@pytest.mark.usefixtures("simple_rules_alone")
 def test_it_gives_up_where_a_slice_is_too_short_for_another_rule():
     arena, arm = after_a_short_slice()
     for _ in range(3):
@@ -107,6 +176,7 @@ def test_it_gives_up_where_a_slice_is_too_short_for_another_rule():
     assert arena.clock.now == pytest.approx(1.0, abs=3 * _SECONDS)
 
 
+@pytest.mark.usefixtures("simple_rules_alone")
 def test_another_process_goes_on_behind_the_slices_that_have_ended():
     arena, arm = after_a_short_slice()
     again = SharedWeightsArm(arena, "none")
@@ -115,6 +185,7 @@ def test_another_process_goes_on_behind_the_slices_that_have_ended():
     np.testing.assert_array_equal(one, two)
 
 
+@pytest.mark.usefixtures("simple_rules_alone")
 @pytest.mark.parametrize("name", ["ended", "others"])
 def test_a_state_with_a_count_that_is_none_is_refused(name):
     arena, arm = after_a_short_slice()
