@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mdpo_rddl.policy.table_policy import TablePolicy
     from mdpo_rddl.problem.evaluation import Evaluation, evaluate
     from mdpo_rddl.problem.load import Problem, load_problem, make_environment
+    from mdpo_rddl.session.configuration import load_preset
     from mdpo_rddl.session.in_python import plan
     from mdpo_rddl.session.watch import PlanProgress
 
@@ -70,6 +71,7 @@ __all__ = [
     "load_config",
     "load_config_from_string",
     "load_policy",
+    "load_preset",
     "load_problem",
     "make_environment",
     "plan",
@@ -100,6 +102,7 @@ _SOURCES = {
     "policy.table_policy": ("TablePolicy",),
     "problem.evaluation": ("Evaluation", "evaluate"),
     "problem.load": ("Problem", "load_problem", "make_environment"),
+    "session.configuration": ("load_preset",),
     "session.in_python": ("plan",),
     "session.watch": ("PlanProgress",),
 }

@@ -28,7 +28,7 @@ from mdpo_rddl.machine.jax_setup import (
 )
 from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
-from mdpo_rddl.session.configuration import config_of_file, config_of_preset
+from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.load import evaluate_saved
 from mdpo_rddl.session.movie import check_movie
 from mdpo_rddl.session.plan import plan
@@ -112,7 +112,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         name, config = config_of_file(options.config, options.domain, problem.domain_name)
     else:
         name = preset_name(options)
-        config = config_of_preset(name, problem.domain_name)
+        config = load_preset(name, problem.domain_name)
     config = configure(config, options)
     own_seed = config.key
     seed = own_seed if options.seed is None else options.seed

@@ -4,12 +4,17 @@ from pathlib import Path
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.planner.config.presets.by_domain import METHODS, config_for_domain
 
 
-def config_of_preset(preset: str, domain_name: str) -> PlannerConfig:
-    """The configuration of a preset.
+def load_preset(preset: str = DEFAULT_PRESET, domain_name: str = "") -> PlannerConfig:
+    """The configuration of a preset, to be changed and handed to `mdpo_rddl.plan`.
+
+    Args:
+      preset: "auto", the race, or "paper".
+      domain_name: as the RDDL file names it (`Problem.domain_name`); "paper" has noise of their own
+        for the paper's domains.
 
     Raises:
       InputError: if there is no such preset.

@@ -19,7 +19,7 @@ from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.problem.load import Problem, load_problem
 from mdpo_rddl.problem.of_environment import problem_of
-from mdpo_rddl.session.configuration import config_of_file, config_of_preset
+from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.progress_bar import ProgressBar
@@ -209,7 +209,7 @@ def _config(options: PlanOptions, domain: Any, problem: Problem) -> PlannerConfi
     if options.config is not None:
         name = str(domain) if isinstance(domain, (str, Path)) else str(problem.domain_path)
         return config_of_file(options.config, name, problem.domain_name)[1]
-    return config_of_preset(options.preset or DEFAULT_PRESET, problem.domain_name)
+    return load_preset(options.preset or DEFAULT_PRESET, problem.domain_name)
 
 
 @contextlib.contextmanager

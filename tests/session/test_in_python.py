@@ -19,7 +19,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.session import in_python
-from mdpo_rddl.session.configuration import config_of_preset
+from mdpo_rddl.session.configuration import load_preset
 from mdpo_rddl.session.watch import PlanProgress
 
 CONFIG = """
@@ -82,6 +82,19 @@ def test_an_environment_and_a_problem_in_a_thread(files, quick):
     assert result["mean"] <= 0
 
 
+def test_a_preset_can_be_changed_and_written(tmp_path):
+    config = mdpo_rddl.load_preset().with_values("Search", own_until=0.4)
+    assert config.section("Search")["rounds_until"] == 0.92
+    (tmp_path / "my.cfg").write_text(config.to_text())
+    read = mdpo_rddl.PlannerConfig.from_file(tmp_path / "my.cfg")
+    assert read.sections == config.sections
+    # the paper's noise is the domain's
+    scales = {load_preset("paper", name).section("Noise")["alpha"] for name in ("hvac", "", "tiny")}
+    assert scales == {8.0, 1.0}
+    with pytest.raises(InputError, match="there is no preset 'best', only auto, paper"):
+        load_preset("best")
+
+
 def test_a_race_is_cancelled_with_what_was_found(files):
     seen: list[PlanProgress] = []
 
@@ -89,7 +102,7 @@ def test_a_race_is_cancelled_with_what_was_found(files):
         seen.append(progress)
         return progress.best_return is None
 
-    config = config_of_preset("auto", "tiny").with_values("Search", alternatives=False)
+    config = load_preset("auto", "tiny").with_values("Search", alternatives=False)
     policy = mdpo_rddl.plan(*files, seconds=300, config=config, on_progress=until_there_is_a_policy)
     assert "probing" in {progress.stage for progress in seen}
     assert seen[-1].seconds < 150
