@@ -91,7 +91,7 @@ def test_a_preset_can_be_changed_and_written(tmp_path):
     # the paper's noise is the domain's
     scales = {load_preset("paper", name).section("Noise")["alpha"] for name in ("hvac", "", "tiny")}
     assert scales == {8.0, 1.0}
-    with pytest.raises(InputError, match="there is no preset 'best', only auto, paper"):
+    with pytest.raises(mdpo_rddl.InputError, match="there is no preset 'best', only auto, paper"):
         load_preset("best")
 
 
