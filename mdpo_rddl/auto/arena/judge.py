@@ -172,6 +172,11 @@ class Judge:
         self._tell(candidate, is_better)
         return is_better
 
+    def is_ready(self, candidate: Candidate) -> bool:
+        """Whether a candidate can be judged without compiling anything."""
+        played = [planner for planner, play in self._players if play.calls]
+        return candidate.mean is not None or any(one is candidate.planner for one in played)
+
     def lead(self, candidate: Candidate) -> None:
         """Makes another candidate the incumbent that was judged before, and was not better then."""
         self._tell(candidate, became_incumbent=True)

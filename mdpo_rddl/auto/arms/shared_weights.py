@@ -25,11 +25,11 @@ _LEAST_GAIN = 0.01
 _MOST_SIMPLE, _MOST_EVERY = 16, 4
 # of generators of rules, beside the race's seed: others are the first rules'
 _RESTARTS, _EVERY = 2, 3
-# of the time of an adaptation: what it takes at most to draw the rules where it begins
+# of so many parts of an adaptation's time one at most is for the rules at which it begins
 _DRAWING = 3
 
 
-class Start(Enum):
+class _Start(Enum):
     """Where adaptations of all weights begin."""
 
     RULE = auto()
@@ -37,7 +37,7 @@ class Start(Enum):
     NOOP = auto()
 
 
-_STARTS = (Start.RULE, Start.RANDOM, Start.NOOP)
+_STARTS = (_Start.RULE, _Start.RANDOM, _Start.NOOP)
 
 
 class SharedWeightsArm(ArenaArm):
@@ -65,8 +65,10 @@ class SharedWeightsArm(ArenaArm):
         # slices that have ended, rules that were adapted beside the first ones, and slices that
         # were too short for one
         self._ended = self._others = self._skipped = 0
-        # whether those adaptations begin at the best simple rule and at the no-op, too
+        # whether all weights begin at the best simple rule and at the no-op, too
         self._begins_at_rule = True
+        # the best of all weights in slices before
+        self._known: np.ndarray | None = None
         self._adapting = Adapting(arena, self._try)
 
     def state(self) -> State | None:
@@ -84,7 +86,7 @@ class SharedWeightsArm(ArenaArm):
     def restore(self, state: State) -> None:
         """Goes on with the slice."""
         arena = self._arena
-        simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
+        simple, every = simple_weights(arena.noop, arena.plan), self._all_weights(arena.noop)
         begun = list(state.array("simple", (None, simple.start.size)))
         refined = []
         if "every" in state.tensors:
@@ -94,9 +96,10 @@ class SharedWeightsArm(ArenaArm):
             most = f"{_MOST_SIMPLE} and {_MOST_EVERY}"
             raise ValueError(f"its adaptations are {counts}, and {most} are the most")
         ended, others = count_of(state.values["ended"]), count_of(state.values["others"])
+        begins_at_rule = bool(state.values["at_rule"])
         if "adaptation" in state.values:
             self._adapting.restore(state.part("adaptation"))
-        self._begins_at_rule = bool(state.values["at_rule"])
+        self._begins_at_rule = begins_at_rule
         self._simple, self._every, self._ended, self._others = begun, refined, ended, others
 
     def _prepare(self) -> None:
@@ -119,61 +122,78 @@ class SharedWeightsArm(ArenaArm):
         """Hands in the best of what an interrupted slice has begun."""
         arena, found = self._arena, self._adapting.found
         if self._every:
-            weights, vectors = weights_of(arena.noop, ["shared"]), self._every
+            weights, vectors = self._all_weights(arena.noop), self._every
         else:
             weights, vectors = simple_weights(arena.noop, arena.plan), self._simple
         vectors = vectors if found is None else [*vectors, found]
         # the first one is what the slice began with
         if len(vectors) > 1:
-            best = weights.to_params(arena.population.best(weights, vectors))
-            self._offer_child(None, SHARED_WEIGHTS, best)
+            self._offer_best(weights, vectors, None)
+
+    def _offer_best(
+        self, weights: Weights, vectors: list[np.ndarray], parent: Candidate | None
+    ) -> np.ndarray:
+        """Hands in the best, unless it was there before the slice; gives it back.
+
+        Args:
+          weights: what the vectors stand for.
+          vectors: what the slice began with, and what it has found.
+          parent: whose rule the first two of them come from; the others come from nobody.
+        """
+        best = self._arena.population.best(weights, vectors)
+        parent = parent if any(best is vector for vector in vectors[:2]) else None
+        if not self._every or self._begins_at_rule or best is not vectors[0]:
+            self._offer_child(parent, SHARED_WEIGHTS, weights.to_params(best))
+        return best
 
     def _search(self, until: float) -> None:
-        arena, population = self._arena, self._arena.population
+        arena = self._arena
         parent = arena.judge.latest(self._begins_with)
-        simple, every = simple_weights(arena.noop, arena.plan), weights_of(arena.noop, ["shared"])
-        if not self._every:
-            if not self._ended:
-                rule: np.ndarray | None = self._first_rule(simple, parent, until)
-            else:
-                begun = self._others
-                rule = self._other_rule(simple, until)
-                if self._others == begun:
-                    # there is no time for one in a slice; the first ones in the rounds are shorter
-                    self._skipped += 1
-                    self.is_exhausted = self._skipped > FIRST_SLICES
-                    self._ended += 1
-                    return
-            self._begins_at_rule = rule is not None
-            first = self._known(every) if rule is None else simple.to_params(rule)
-            self._every = [weights_of(first, ["shared"]).start]
-            self._adapting.restore(None)  # it was one of a simple rule
+        simple, every = simple_weights(arena.noop, arena.plan), self._all_weights(arena.noop)
+        if not self._every and not self._begin(simple, parent, until):
+            return
         vectors = self._every
-        starts = _STARTS if self._begins_at_rule else (Start.RANDOM,)
+        starts = _STARTS if self._begins_at_rule else (_Start.RANDOM,)
         for number in range(len(vectors) - 1, len(starts)):
             end = self._part(until, len(starts) - number)
             start, sigma = self._start(starts[number], every, end)
             vectors.append(self._adapted(every, start, self._sampling(sigma), end))
-        best = population.best(every, vectors)
-        if self._begins_at_rule or best is not vectors[0]:
-            # other rules have been drawn by nobody else
-            child_of = None if self._ended else parent
-            self._offer_child(child_of, SHARED_WEIGHTS, every.to_params(best))
+        self._known = self._offer_best(every, vectors, None if self._ended else parent)
         self._every = []
         self._ended += 1
 
-    def _known(self, every: Weights) -> Params:
-        """The best policy of earlier slices."""
-        best = self._arena.judge.best_of_arm(SHARED_WEIGHTS)
-        return every.to_params(every.start) if best is None else best.params
+    def _begin(self, simple: Weights, parent: Candidate | None, until: float) -> bool:
+        """Adapts simple rules, after which all weights begin; False if there is no time for one."""
+        rule: np.ndarray | None = None
+        if not self._ended:
+            rule = self._first_rule(simple, parent, until)
+        else:
+            begun = self._others
+            rule = self._other_rule(simple, until)
+            if rule is None and self._others == begun:
+                # the first slices in the rounds are shorter
+                self._skipped += 1
+                self.is_exhausted = self._skipped > FIRST_SLICES
+                self._ended += 1
+                return False
+        self._begins_at_rule = rule is not None
+        start = self._known if rule is None else self._all_weights(simple.to_params(rule)).start
+        self._every = [self._all_weights(self._arena.noop).start if start is None else start]
+        self._adapting.restore(None)  # it was one of a simple rule
+        return True
 
-    def _start(self, start: Start, every: Weights, until: float) -> tuple[np.ndarray, float]:
+    @staticmethod
+    def _all_weights(params: Params) -> Weights:
+        return weights_of(params, ["shared"])
+
+    def _start(self, start: _Start, every: Weights, until: float) -> tuple[np.ndarray, float]:
         """Where an adaptation of all weights begins, and its first deviation."""
-        if start is Start.RULE:
+        if start is _Start.RULE:
             return self._every[0], REFINING_SIGMA
-        if start is Start.NOOP or self._adapting.is_resumed:
+        # what is resumed knows its place, and nothing is drawn in vain
+        if start is _Start.NOOP or self._adapting.is_resumed or self._clock() >= until:
             return every.start, _SIGMA
-        random = np.random.default_rng((self._arena.seed, _EVERY, self._ended))
+        random = np.random.default_rng((self._arena.seed, _EVERY, 1 + self._ended))
         drawing = Drawing(until=self._part(until, _DRAWING), clock=self._clock)
         drawn = random_rules(self._arena.population, every, random, drawing)
         self._log.iterations += drawn.populations

@@ -128,18 +128,28 @@ class Slices:
                 self._judge.record(candidate)
 
     def _judge_candidates(self, arm: Arm) -> bool:
-        """Judges what an arm has found, to the last one even if it is interrupted."""
-        is_better, stop = False, None
-        for candidate in arm.take_candidates():
-            try:
-                with incumbent_kept(self._judge):
-                    is_better |= self._judge.record(candidate)
-                    arm.judged(self._judge.judged[-1].candidate)
-            except (KeyboardInterrupt, Cancelled) as error:
-                note_heard(error)
-                stop = error
-        if stop is not None:
-            raise stop
+        """Judges what an arm has found; if it is interrupted, the rest that takes no compilation.
+
+        Raises:
+          KeyboardInterrupt: if interrupted; `Cancelled` likewise.
+        """
+        waiting = arm.take_candidates()
+        is_better = False
+        try:
+            while waiting:
+                is_better |= self._judge_one(arm, waiting.pop(0))
+        except (KeyboardInterrupt, Cancelled) as stop:
+            note_heard(stop)
+            for candidate in filter(self._judge.is_ready, waiting):
+                self._judge_one(arm, candidate)
+            raise
+        return is_better
+
+    def _judge_one(self, arm: Arm, candidate: Candidate) -> bool:
+        is_better = False
+        with incumbent_kept(self._judge):
+            is_better = self._judge.record(candidate)
+            arm.judged(self._judge.judged[-1].candidate)
         return is_better
 
     def _open(self, arm: CompilingArm, until: float, patience: float) -> Contender:

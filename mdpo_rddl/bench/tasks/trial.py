@@ -53,7 +53,7 @@ _PLAY_SECONDS = 900.0
 _MOST_STEPS = 500
 _DIGITS = 10
 # where `mdpo-thinking` does not think an episode costs next to nothing; where it does, episodes of
-# more steps are played fewer times
+# more steps are played fewer times, unless all are wanted
 _PLAIN_EPISODES = 20
 _USUAL_STEPS, _FEWEST_EPISODES = 40, 5
 
@@ -144,7 +144,8 @@ def run_tasks(
     kept = {"seconds": conditions.seconds, "episodes": conditions.episodes, **versions()}
     if conditions.decision_seconds:
         kept["decision_seconds"] = conditions.decision_seconds
-        kept |= {"plays_all": True} if conditions.plays_all else {}
+        if conditions.plays_all:
+            kept["plays_all"] = True
     columns = conditions.columns
     records = Records(out / "rows.csv", columns, KEYS, kept)
     trials = [

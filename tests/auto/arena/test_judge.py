@@ -59,6 +59,16 @@ def test_what_one_rollout_takes_is_known_once_they_were_compiled(planner):
     assert one.rollout_seconds > 0.0
 
 
+def test_who_is_known_or_has_been_played_takes_no_compilation(planner):
+    one = judge()
+    played = Candidate("arm", "rule", preset(1.0), planner, planner.feedback_plan.noop(0))
+    assert not one.is_ready(played)
+    assert one.is_ready(known("known", 0.0))
+    one.record(played)
+    assert one.is_ready(played)
+    assert not one.is_ready(dataclasses.replace(played, planner=None))
+
+
 def test_no_rollouts_are_compiled_that_would_come_too_late(planner):
     late = Judge(4, seed=3, clock=Stopped(6.0), began=0.0, deadline=10.0)
     noop = Candidate("arm", "noop", preset(1.0), planner, planner.feedback_plan.noop(0))

@@ -83,7 +83,7 @@ def test_shared_weights_go_on_in_the_middle_of_a_slice(compiled, arena):
     rule = simple_weights(arena.noop, arena.plan).to_params(mean)
     assert_same_bits(candidate.params["shared"], rule["shared"])
     assert set(arm.state().tensors) == {"simple"}
-    assert arm.state().values == {"ended": 1, "others": 0}
+    assert arm.state().values == {"ended": 1, "others": 0, "at_rule": True}
 
 
 def test_own_weights_go_on_around_the_policy_that_they_began_with(compiled, arena):

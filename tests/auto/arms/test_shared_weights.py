@@ -8,6 +8,7 @@ from helpers.clocks import Stopped
 
 from mdpo_rddl.auto.arms import shared_weights
 from mdpo_rddl.auto.arms.shared_weights import SharedWeightsArm
+from mdpo_rddl.auto.common.state import State, joined
 from mdpo_rddl.auto.search.rules import Drawn, Rule
 from mdpo_rddl.errors import Cancelled
 
@@ -104,41 +105,88 @@ def test_all_weights_begin_at_a_random_rule_too():
     assert arm.state().values["others"] == 0
 
 
-def test_a_later_slice_begins_at_another_random_rule_that_has_all_weights(monkeypatch):
-    arena, drawn = Arena(), shared_weights.random_rules
-    arm = SharedWeightsArm(arena, "none")
+@pytest.fixture
+def far_in_second_slice(monkeypatch):
+    """Simple rules are far from any hill, and those of all weights near the higher one then.
 
-    def random_rules(population, weights, *others):
-        rules = drawn(population, weights, *others)
-        # simple rules never come near the higher hill, and these only in the second slice
-        is_near = weights.has_all and arm.state().values["ended"] == 1
-        return Drawn([Rule(0.0, FAR if is_near else NEAR)], rules.populations, 0.0)
+    It has the first number of the generator of each drawing of the latter.
+    """
+    drawn: list[float] = []
+
+    def random_rules(population, weights, random, drawing):
+        if not weights.has_all:
+            return Drawn([Rule(0.0, NEAR - 1e12)], 1, 0.0)
+        drawn.append(random.random())
+        return Drawn([Rule(0.0, FAR if len(drawn) == 2 else NEAR)], 1, 0.0)
 
     monkeypatch.setattr(shared_weights, "random_rules", random_rules)
+    return drawn
+
+
+def test_a_later_slice_begins_at_another_random_rule_that_has_all_weights(far_in_second_slice):
+    arena = Arena()
+    arm = SharedWeightsArm(arena, "none")
     (first,), (second,) = (worked(arm, arena, 4.0) for _ in range(2))
     np.testing.assert_allclose(first, NEAR, atol=0.05)
     np.testing.assert_allclose(second, FAR, atol=0.05)
+    assert len(set(far_in_second_slice)) == 2
+
+
+def stopped(arm: SharedWeightsArm, arena: Arena, monkeypatch, adaptations: int) -> tuple:
+    """What a slice is stopped with while all weights have been adapted so often, and its offer."""
+    states = []
+
+    def pulse():
+        if len(arm._every) == 1 + adaptations and arm._adapting.found is not None:
+            states.append(arm.state())
+            raise Cancelled
+
+    with monkeypatch.context() as patch:
+        patch.setattr(arena, "pulse", pulse)
+        with pytest.raises(Cancelled):
+            arm.work(arena.clock.now + 4.0)
+    (state,) = states
+    return state, arm.take_candidates()
 
 
 def test_a_random_rule_is_not_drawn_again_where_another_process_has_begun(monkeypatch):
     arena = Arena()
-    arm = SharedWeightsArm(arena, "none")
-    states = []
-
-    def pulse():
-        if len(arm._every) == 2 and arm._adapting.found is not None:
-            states.append(arm.state())
-            raise Cancelled
-
-    monkeypatch.setattr(arena, "pulse", pulse)
-    with pytest.raises(Cancelled):
-        worked(arm, arena, 4.0)
+    state, _ = stopped(SharedWeightsArm(arena, "none"), arena, monkeypatch, 1)
     again = SharedWeightsArm(arena, "none")
-    again.restore(states[0])
-    monkeypatch.setattr(arena, "pulse", lambda: None)
+    again.restore(state)
     monkeypatch.setattr(shared_weights, "random_rules", None)
     (found,) = worked(again, arena, 4.0)
     np.testing.assert_allclose(found, FAR, atol=0.05)
+
+
+@pytest.mark.usefixtures("far_in_second_slice")
+def test_a_later_slice_goes_on_with_the_random_rule_alone(monkeypatch):
+    arena = Arena()
+    arm = SharedWeightsArm(arena, "none")
+    worked(arm, arena, 4.0)
+    state, offered = stopped(arm, arena, monkeypatch, 0)
+    # what was known before the slice is not offered again
+    assert all(not np.allclose(one.params, NEAR, atol=0.05) for one in offered)
+    again, adapted = SharedWeightsArm(arena, "none"), []
+    again.restore(state)
+    run = again._adapted
+    monkeypatch.setattr(again, "_adapted", lambda *given: adapted.append(1) or run(*given))
+    (found,) = worked(again, arena, 4.0)
+    np.testing.assert_allclose(found, FAR, atol=0.05)
+    assert len(adapted) == 1
+
+
+def test_nothing_of_a_state_without_an_entry_is_taken():
+    arena = Arena()
+    arm = SharedWeightsArm(arena, "none")
+    worked(arm, arena, 1.0)
+    state = arm.state()
+    del state.values["at_rule"]
+    state = joined(state, State({}, {"kept": True}).within("adaptation"))
+    again = SharedWeightsArm(arena, "none")
+    with pytest.raises(KeyError, match="at_rule"):
+        again.restore(state)
+    assert not again._adapting.is_resumed
 
 
 @pytest.mark.usefixtures("simple_rules_alone")

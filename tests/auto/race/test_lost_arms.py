@@ -110,17 +110,18 @@ def test_what_cannot_be_judged_costs_nobody_else_a_slice(monkeypatch, caplog):
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt(), Cancelled()])
-def test_a_stop_while_candidates_are_judged_loses_none_after_it(monkeypatch, stop):
+def test_a_stop_while_candidates_are_judged_loses_none_that_are_known(monkeypatch, stop):
     clock = Stopped()
     judge = Judge(1, 0, clock, 0.0)
     arena = SimpleNamespace(judge=judge, clock=clock, deadline=10.0)
     found = [
         Candidate("arm", label, preset(1.0), None, None, mean=mean)
-        for label, mean in (("first", 0.0), ("stopped", 1.0), ("better", 2.0))
+        for label, mean in (("first", 0.0), ("stopped", 1.0), ("compiled", None), ("better", 2.0))
     ]
     record = judge.record
 
     def stopped(candidate):
+        assert candidate.label != "compiled"
         if candidate.label == "stopped":
             raise stop
         return record(candidate)
