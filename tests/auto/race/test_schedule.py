@@ -13,7 +13,7 @@ from helpers.toys import toy
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
-from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, simple
+from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, shared_weights, simple
 from mdpo_rddl.auto.common import sizes
 from mdpo_rddl.auto.probing import probing
 from mdpo_rddl.auto.race import affording, race, schedule
@@ -161,6 +161,9 @@ def test_where_exploring_finds_nothing_feedback_is_tried(corridor, monkeypatch):
         "mdpo_rddl.auto.search.plan_population.PlanPopulation.evolved",
         lambda self, params, goal, archive=None, elites=None: params,
     )
+    # a random rule that has all weights would find the reward
+    starts = shared_weights._Start.RULE, shared_weights._Start.NOOP
+    monkeypatch.setattr(shared_weights, "_STARTS", starts)
     outcome = raced(corridor, 300.0)
     assert {"plan", "shared weights", "polished"} <= set(means(outcome))
     assert arm(outcome, "exploration")["slices"] > 1
