@@ -164,9 +164,8 @@ class SharedWeightsArm(ArenaArm):
 
     def _begin(self, simple: Weights, parent: Candidate | None, until: float) -> bool:
         """Adapts simple rules, after which all weights begin; False if there is no time for one."""
-        rule: np.ndarray | None = None
         if not self._ended:
-            rule = self._first_rule(simple, parent, until)
+            rule: np.ndarray | None = self._first_rule(simple, parent, until)
         else:
             begun = self._others
             rule = self._other_rule(simple, until)
@@ -190,7 +189,7 @@ class SharedWeightsArm(ArenaArm):
         """Where an adaptation of all weights begins, and its first deviation."""
         if start is _Start.RULE:
             return self._every[0], REFINING_SIGMA
-        # what is resumed knows its place, and nothing is drawn in vain
+        # what is resumed knows its place, and nothing is drawn too late
         if start is _Start.NOOP or self._adapting.is_resumed or self._clock() >= until:
             return every.start, _SIGMA
         random = np.random.default_rng((self._arena.seed, _EVERY, 1 + self._ended))
