@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 _ARRAYS = ("places", "merges", "states", "first_run", "until_step", "action")
-_ACTIONS, _VALUES = "actions/", "values"
+_ACTIONS, _VALUES, _MERGES = "actions/", "values", "merges"
 _WORD = 64
 
 
@@ -19,8 +19,8 @@ class ActionTable:
     Attributes:
       places: per ground state variable, in the fluents' order, its place in a packed state:
         word, shift, bits and offset [V, 4].
-      merges: states that count as one: where the bits of a mask in a word have a value, only
-        the bits to keep matter; word, mask, value and bits to keep [merges, 3 + words].
+      merges: states that count as one: where the bits of a mask have a value, only the bits to
+        keep matter; mask, value and bits to keep [merges, 3, words].
       states: packed, in the order of their keys [S, words].
       first_run: the runs of state s are those from `first_run[s]` to `first_run[s + 1]` [S + 1].
       until_step: the last step of each run; a run begins after the one before of its state.
@@ -122,7 +122,8 @@ def parse_table(
     _require(set(tensors) - {_VALUES} == expected, "tensors")
     objects = {name: _names(values) for name, values in json.loads(text["objects"]).items()}
     table = ActionTable(
-        **{name: tensors[name] for name in _ARRAYS},
+        **{name: tensors[name] for name in _ARRAYS if name != _MERGES},
+        merges=_masks(tensors[_MERGES]),
         actions=actions,
         fluents=_names(json.loads(text["fluents"])),
         objects=objects,
@@ -159,6 +160,21 @@ def _require(holds: bool, what: str) -> None:
         raise ValueError(f"its {what} do not fit together")
 
 
+def _masks(merges: np.ndarray) -> np.ndarray:
+    """Merges as tables have them now.
+
+    Those of earlier files have the number of a word, mask and value in it, and the bits to keep
+    [merges, 3 + words].
+    """
+    if merges.ndim != 2:
+        return merges
+    found = np.zeros((len(merges), 3, merges.shape[1] - 3), np.uint64)
+    found[np.arange(len(merges)), 0, merges[:, 0]] = merges[:, 1]
+    found[np.arange(len(merges)), 1, merges[:, 0]] = merges[:, 2]
+    found[:, 2] = merges[:, 3:]
+    return found
+
+
 def _check(table: ActionTable) -> None:
     """Raises ValueError unless every number that points somewhere points into the table."""
     places, runs = table.places, len(table.action)
@@ -172,9 +188,8 @@ def _check(table: ActionTable) -> None:
     _require(bool(np.all(word < words)), "places")
     states, merges = table.states, table.merges
     _require(states.ndim == 2 and states.shape[1:] == (words,), "states")
-    _require(merges.ndim == 2 and merges.shape[1:] == (3 + words,), "merges")
+    _require(merges.shape[1:] == (3, words), "merges")
     _require(states.dtype == merges.dtype == np.uint64, "states")
-    _require(bool(np.all(merges[:, 0] < words)), "merges")
     first = table.first_run
     _require(first.shape == (len(states) + 1,) and bool(np.all(np.diff(first) > 0)), "runs")
     _require(int(first[0]) == 0 and int(first[-1]) == runs, "runs")

@@ -57,10 +57,7 @@ class TablePolicy(PlannerlessPolicy):
         self.made_for = problem.horizon if made_for is None else made_for
         self.misses = 0
         self._packing = Packing(tuple(Place(*map(int, place)) for place in table.places))
-        self._merges = [
-            Merge(int(word), int(mask), int(value), np.array(keep, np.uint64))
-            for word, mask, value, *keep in table.merges
-        ]
+        self._merges = [Merge(*masks) for masks in table.merges]
         self._keys = keys(table.states)
 
     @classmethod

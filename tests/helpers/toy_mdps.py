@@ -1,5 +1,6 @@
 """Problems so small that their optimum is worked out by hand."""
 
+from itertools import pairwise
 from pathlib import Path
 
 from mdpo_rddl.problem.load import Problem, load_problem
@@ -101,6 +102,31 @@ domain shared_draw {
 }
 """
 
+_ONE_WAY = """
+domain one_way {
+    types {
+        place : object;
+        porter : object;
+    };
+    pvariables {
+        NEXT(place, place) : { non-fluent, bool, default = false };
+        at(porter, place) : { state-fluent, bool, default = false };
+        coin(place) : { state-fluent, bool, default = true };
+        go(porter) : { action-fluent, bool, default = false };
+        take(porter) : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        at'(?r, ?p) = if (go(?r) ^ exists_{?q : place} [at(?r, ?q) ^ NEXT(?q, ?p)]) then true
+                      else if (go(?r) ^ exists_{?q : place} [NEXT(?p, ?q)]) then false
+                      else at(?r, ?p);
+        coin'(?p) = if (exists_{?r : porter} [take(?r) ^ at(?r, ?p)]) then Bernoulli(0.5 * coin(?p))
+                    else coin(?p);
+    };
+    reward = sum_{?p : place} [coin(?p) ^ exists_{?r : porter} [take(?r) ^ at(?r, ?p)]]
+             - 0.125 * sum_{?r : porter} [go(?r)];
+}
+"""
+
 
 def _load(folder: Path, name: str, domain: str, **instance: object) -> Problem:
     values = {"non_fluents": "", "start": "", "actions": "pos-inf", "discount": 1.0}
@@ -135,3 +161,23 @@ def walk(folder: Path, horizon: int) -> Problem:
 def shared_draw(folder: Path) -> Problem:
     """Two fluents that read one random fluent, so that they are not independent."""
     return _load(folder, "shared_draw", _SHARED_DRAW, horizon=3)
+
+
+def one_way(folder: Path, porters: int, places: int, horizon: int) -> Problem:
+    """Porters, one action a step, who take coins along a road that nobody goes back on.
+
+    A coin is worth one each time that it is taken, and stays with the chance a half.
+    """
+    all_porters = [f"r{number}" for number in range(porters)]
+    road = [f"p{number}" for number in range(places)]
+    links = " ".join(f"NEXT({one}, {other});" for one, other in pairwise(road))
+    return _load(
+        folder,
+        "one_way",
+        _ONE_WAY,
+        non_fluents=f"objects {{ porter : {{{', '.join(all_porters)}}}; "
+        f"place : {{{', '.join(road)}}}; }}; non-fluents {{ {links} }};",
+        start=f"init-state {{ {' '.join(f'at({each}, p0);' for each in all_porters)} }};",
+        actions=1,
+        horizon=horizon,
+    )

@@ -99,6 +99,16 @@ def test_the_values_of_the_states_are_read_back(tmp_path):
             parse_table({**tensors, "values": damaged}, text)
 
 
+def test_merges_of_earlier_files_are_read(policy):
+    # word, mask and value in it, bits to keep of all words
+    tensors = table_tensors(policy.table)
+    (mask, value, keep), *_ = tensors["merges"][:, :, 0]
+    assert np.all(tensors["merges"][0, 0, 1:] == 0)
+    earlier = {**tensors, "merges": np.array([[0, mask, value, keep]], np.uint64)}
+    again = parse_table(earlier, table_text(policy.table, policy.optimum))[0]
+    np.testing.assert_array_equal(again.merges, tensors["merges"][:1], strict=True)
+
+
 def test_a_table_that_is_not_proven_says_so_and_is_read_back(policy, tmp_path):
     estimate = Estimate(value=-2.5, error=0.25, episodes=100, missed=0.125, states=7)
     found = TablePolicy(policy.problem, policy.table, estimate, 5)
@@ -171,7 +181,8 @@ CHANGES = {
     "states of two words": lambda t: t.update(states=np.repeat(t["states"], 2, axis=1)),
     "real states": lambda t: t.update(states=t["states"].astype(float)),
     "a place beyond the word": lambda t: t.update(places=t["places"] + 64),
-    "a merge in another word": lambda t: t.update(merges=t["merges"] + np.uint64(7)),
+    "merges of two words": lambda t: t.update(merges=np.repeat(t["merges"], 2, axis=2)),
+    "a merge without the bits to keep": lambda t: t.update(merges=t["merges"][:, :2]),
     "a tensor less": lambda t: t.pop("places"),
     "a tensor more": lambda t: t.update(places2=t["places"]),
     "no actions": lambda t: [t.pop(name) for name in list(t) if name.startswith("actions/")],

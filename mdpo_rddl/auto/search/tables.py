@@ -46,7 +46,7 @@ def action_table(
     decided = int(steps.max(initial=-1)) + 1
     names = [name for name, _ in model.variables]
     return ActionTable(
-        merges=_merge_array(merges, states.shape[1]),
+        merges=np.array(merges, np.uint64).reshape(len(merges), 3, states.shape[1]),
         places=np.array(model.packing.places, np.int64).reshape(-1, 4),
         states=states[order],
         first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
@@ -57,11 +57,6 @@ def action_table(
         objects=_object_names(problem, names),
         values=None if values is None else np.ascontiguousarray(values[:decided, order]),
     )
-
-
-def _merge_array(merges: Sequence[Merge], words: int) -> np.ndarray:
-    rows = [(m.word, m.mask, m.value, *m.keep.tolist()) for m in merges]
-    return np.array(rows, np.uint64).reshape(len(rows), 3 + words)
 
 
 def _action_values(problem: Problem, model: GroundModel) -> dict[str, np.ndarray]:

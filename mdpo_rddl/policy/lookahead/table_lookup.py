@@ -150,13 +150,8 @@ def _code(words: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _merges(table: ActionTable) -> np.ndarray:
-    found = np.zeros((len(table.merges), 3, len(table.places)), np.uint32)
-    for variable, place in enumerate(table.places):
-        own = table.merges[:, 0] == np.uint64(place[0])
-        for number in (1, 2):
-            found[:, number - 1, variable] = np.where(own, _code(table.merges[:, number], place), 0)
-        found[:, 2, variable] = _code(table.merges[:, 3 + place[0]], place)
-    return found
+    codes = [_code(table.merges[..., place[0]], place) for place in table.places]
+    return np.stack(codes, axis=-1)
 
 
 def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,10 +1,11 @@
 """States that differ only in what no longer matters, taken as one.
 
-Once a bool has a value that it keeps for ever, other variables may have no way left to reach
+Once bools have values that they keep for ever, other variables may have no way left to reach
 the rewards, the preconditions or the end of the episode. Their bits are cleared then. Ints stay as
 they are: cleared bits would be a value from which the next one may not fit.
 """
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,88 +21,152 @@ _MOST_WORK = 1_000_000
 
 
 class Merge(NamedTuple):
-    """Where the bits `mask` of `word` are `value`, only the bits `keep` [words] matter."""
+    """Where the bits `mask` of a state are `value`, only the bits `keep` matter [words] each."""
 
-    word: int
-    mask: int
-    value: int
+    mask: np.ndarray
+    value: np.ndarray
     keep: np.ndarray
 
 
 def find_merges(model: GroundModel, limits: EnumerationLimits) -> list[Merge]:
-    """The merges that one kept bool allows, for each bool and each of its values.
+    """The merges that bools allow which keep their values.
 
-    There are none where finding them would take too long.
+    Each bool with each of its values, and each place of what is at one place at a time: where it
+    has been it may never be again. There are none where finding them would take too long.
     """
     found: list[Merge] = []
     nodes = {node for action in model.actions for node in action.nodes()}
     if len(model.graph.needed(nodes)) * sum(model.is_bool) > _MOST_WORK:
         return found
-    for number, is_bool in enumerate(model.is_bool):
-        for value in (False, True) if is_bool else ():
-            limits.check_time()
-            if not _is_kept(model, number, value):
-                continue
-            relevant = _relevant(model, number, value)
-            if len(relevant) < len(model.variables):
-                found.append(_merge(model, number, value, relevant))
+    laws = _Laws(model)
+    for values in _guesses(model):
+        limits.check_time()
+        kept = laws.kept(values)
+        if kept and len(relevant := laws.relevant(kept)) < len(model.variables):
+            found.append(_merge(model, kept, relevant))
     return found
 
 
-def merged(states: np.ndarray, merges: list[Merge]) -> np.ndarray:
+def merged(states: np.ndarray, merges: Iterable[Merge]) -> np.ndarray:
     """States [N, words] without what does not matter."""
-    for word, mask, value, keep in merges:
-        applies = (states[:, word] & np.uint64(mask)) == np.uint64(value)
+    for mask, value, keep in merges:
+        applies = ((states & mask) == value).all(axis=1)
         if applies.any():
             states = np.where(applies[:, np.newaxis], states & keep, states)
     return states
 
 
-def _is_kept(model: GroundModel, number: int, value: bool) -> bool:
-    """Whether a bool keeps a value, whatever is done."""
-    if any(number in group for group in model.groups):
-        return False  # it may well be, but its law is not one of its own
-    leaf, constant = model.leaf(number), model.graph.constant(value)
-    nodes = {action.laws[number][0].value for action in model.actions}
-    new = model.graph.substitute(nodes, {leaf: constant})
-    return all(model.graph.is_constant(node) and model.graph.values[node] == value for node in new)
+def _guesses(model: GroundModel) -> Iterator[dict[int, bool]]:
+    """Values of bools, of which some may be kept for ever."""
+    for number, is_bool in enumerate(model.is_bool):
+        for value in (False, True) if is_bool else ():
+            yield {number: value}
+    for group in _one_hot(model):
+        for place in group:
+            yield {number: number == place for number in group}
 
 
-def _relevant(model: GroundModel, number: int, value: bool) -> set[int]:
-    """The variables that still matter, the bool itself among them."""
-    graph = model.graph
-    leaves = {model.leaf(each): each for each in range(len(model.variables))}
-    replaced = {model.leaf(number): graph.constant(value)}
+def _one_hot(model: GroundModel) -> Iterator[Sequence[int]]:
+    """The bools of a fluent, all or those of each object, of which one is true at first.
 
-    def reads(nodes: set[int]) -> set[int]:
-        new = graph.substitute(nodes, replaced)
-        return {leaves[node] for node in graph.needed(new, Kind.STATE) if node in leaves}
-
-    waiting = reads(
-        {model.ends}
-        | {action.reward for action in model.actions}
-        | {action.legal for action in model.actions}
-    )
-    ints = (each for each, place in enumerate(model.packing.places) if place.offset)
-    relevant = {number, *ints}
-    while waiting:
-        relevant |= waiting
-        groups = [place for place, group in enumerate(model.groups) if waiting & {*group}]
-        nodes = {
-            node
-            for action in model.actions
-            for node in (
-                *(node for each in waiting for branch in action.laws[each] for node in branch),
-                *(node for place in groups for node in nodes_of(action.joint[place])),
-            )
-        }
-        waiting = reads(nodes) - relevant
-    return relevant
+    It does not matter whether one is true in all states: a merge holds where its values do.
+    """
+    fluents: dict[str, dict[tuple[int, ...], int]] = {}
+    for number, (name, place) in enumerate(model.variables):
+        if model.is_bool[number]:
+            fluents.setdefault(name, {})[place] = number
+    initial = model.initial[np.newaxis]
+    for numbers in fluents.values():
+        for groups in _groupings(numbers):
+            true = [sum(bool(model.packing.decode(n, initial)[0]) for n in g) for g in groups]
+            if all(count == 1 for count in true) and len(groups[0]) > 1:
+                yield from groups
+                break
 
 
-def _merge(model: GroundModel, number: int, value: bool, relevant: set[int]) -> Merge:
-    keep = np.zeros(model.packing.words, np.uint64)
-    for each in relevant:
-        keep[model.packing.places[each].word] |= model.packing.places[each].mask
-    place = model.packing.places[number]
-    return Merge(place.word, int(place.mask), int(place.mask) if value else 0, keep)
+def _groupings(numbers: Mapping[tuple[int, ...], int]) -> Iterator[list[list[int]]]:
+    """All numbers in one group, then by each index of their places."""
+    yield [list(numbers.values())]
+    for axis in range(len(next(iter(numbers)))):
+        groups: dict[int, list[int]] = {}
+        for place, number in numbers.items():
+            groups.setdefault(place[axis], []).append(number)
+        yield list(groups.values())
+
+
+class _Laws:
+    """The laws of a model's variables, with bools put in that keep their values."""
+
+    def __init__(self, model: GroundModel) -> None:
+        self._graph, variables = model.graph, range(len(model.variables))
+        self._leaves = {model.leaf(number): number for number in variables}
+        self._leaf = {number: leaf for leaf, number in self._leaves.items()}
+        self._nodes = [
+            {node for action in model.actions for branch in action.laws[number] for node in branch}
+            for number in variables
+        ]
+        for place, group in enumerate(model.groups):
+            joint = {node for action in model.actions for node in nodes_of(action.joint[place])}
+            for number in group:
+                self._nodes[number] = joint
+        # a bool of a group may well keep its value, but its law is not one of its own
+        self._chances = [
+            {law[0].value for action in model.actions if (law := action.laws[number])}
+            if is_bool
+            else set()
+            for number, is_bool in enumerate(model.is_bool)
+        ]
+        self._read_by: dict[int, set[int]] = {number: set() for number in variables}
+        for number in variables:
+            for read in self._reads(self._chances[number], {}):
+                self._read_by[read].add(number)
+        self._always = {number for number in variables if model.packing.places[number].offset}
+        self._aims = {model.ends}
+        for action in model.actions:
+            self._aims |= {action.reward, action.legal}
+
+    def kept(self, values: Mapping[int, bool]) -> dict[int, bool]:
+        """Those of the values that bools keep for ever, whatever is done, once they have them."""
+        kept, waiting = dict(values), set(values)
+        while waiting:
+            number = waiting.pop()
+            if not self._is_kept(number, kept):
+                del kept[number]
+                waiting = (waiting | self._read_by[number]) & kept.keys()
+        return kept
+
+    def relevant(self, kept: Mapping[int, bool]) -> set[int]:
+        """The variables that still matter, and those that are kept."""
+        relevant = {*kept, *self._always}
+        waiting = self._reads(self._aims, kept)
+        while waiting := waiting - relevant:
+            relevant |= waiting
+            waiting = self._reads(set().union(*(self._nodes[each] for each in waiting)), kept)
+        return relevant
+
+    def _is_kept(self, number: int, kept: Mapping[int, bool]) -> bool:
+        graph, value = self._graph, kept[number]
+        new = graph.substitute(self._chances[number], self._constants(kept))
+        same = (graph.is_constant(node) and graph.values[node] == value for node in new)
+        return bool(new) and all(same)
+
+    def _reads(self, nodes: Iterable[int], kept: Mapping[int, bool]) -> set[int]:
+        """The variables that nodes read."""
+        new = self._graph.substitute(nodes, self._constants(kept))
+        needed = self._graph.needed(new, Kind.STATE)
+        return {self._leaves[node] for node in needed if node in self._leaves}
+
+    def _constants(self, kept: Mapping[int, bool]) -> dict[int, int]:
+        return {self._leaf[number]: self._graph.constant(value) for number, value in kept.items()}
+
+
+def _merge(model: GroundModel, kept: Mapping[int, bool], relevant: Iterable[int]) -> Merge:
+    mask, value, keep = np.zeros((3, model.packing.words), np.uint64)
+    places = model.packing.places
+    for number, is_true in kept.items():
+        word = places[number].word
+        mask[word] |= places[number].mask
+        value[word] |= places[number].mask if is_true else np.uint64(0)
+    for number in relevant:
+        keep[places[number].word] |= places[number].mask
+    return Merge(mask, value, keep)

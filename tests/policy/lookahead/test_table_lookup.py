@@ -75,13 +75,16 @@ def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     variables[:, [0, 5]] = random.integers(2, size=(count, 2))
     variables[:, 3] = random.integers(32, size=count)
     keep = [np.uint64(2**64 - 1) ^ packing.places[2].mask, packing.places[5].mask]
-    merges = [Merge(1, int(packing.places[5].mask), 1 << 16, np.array(keep))]
+    # where bools of both words are so and so, and where the one of the second word is false
+    first, last = packing.places[0].mask, packing.places[5].mask
+    rows = [[[first, last], [0, last], keep], [[0, last], [0, 0], keep]]
+    merges = [Merge(*np.array(row, np.uint64)) for row in rows]
     packed = merged(np.stack([packing.encode_all(row) for row in variables.tolist()]), merges)
     states = packed[np.unique(keys(packed), return_index=True)[1]]
     runs = random.integers(1, 4, len(states))
     table = ActionTable(
         places=np.array(packing.places, np.int64),
-        merges=np.array([(m.word, m.mask, m.value, *m.keep.tolist()) for m in merges], np.uint64),
+        merges=np.array(merges),
         states=states,
         first_run=np.concatenate([[0], np.cumsum(runs)]),
         until_step=np.concatenate([2 * np.arange(each) + 1 for each in runs]),
