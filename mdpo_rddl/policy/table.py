@@ -168,7 +168,9 @@ def _masks(merges: np.ndarray) -> np.ndarray:
     """
     if merges.ndim != 2:
         return merges
-    found = np.zeros((len(merges), 3, merges.shape[1] - 3), np.uint64)
+    words = merges.shape[1] - 3
+    _require(merges.dtype == np.uint64 and bool(np.all(merges[:, 0] < words)), "merges")
+    found = np.zeros((len(merges), 3, words), np.uint64)
     found[np.arange(len(merges)), 0, merges[:, 0]] = merges[:, 1]
     found[np.arange(len(merges)), 1, merges[:, 0]] = merges[:, 2]
     found[:, 2] = merges[:, 3:]

@@ -127,6 +127,41 @@ domain one_way {
 }
 """
 
+_COUNTER = """
+domain counter {
+    pvariables {
+        counts : { state-fluent, bool, default = true };
+        other : { state-fluent, bool, default = false };
+        count : { state-fluent, int, default = 0 };
+        wait : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        counts' = counts;
+        other' = other;
+        count' = if (counts) then count + 1 else count;
+    };
+    reward = count;
+}
+"""
+
+_CHAIN = """
+domain chain {
+    pvariables {
+        first : { state-fluent, bool, default = false };
+        second : { state-fluent, bool, default = false };
+        third : { state-fluent, bool, default = false };
+        go : { action-fluent, bool, default = false };
+        act : { action-fluent, bool, default = false };
+    };
+    cpfs {
+        first' = first | third;
+        second' = second | go;
+        third' = third | second;
+    };
+    reward = (first | second) * act - 0.125 * go;
+}
+"""
+
 
 def _load(folder: Path, name: str, domain: str, **instance: object) -> Problem:
     values = {"non_fluents": "", "start": "", "actions": "pos-inf", "discount": 1.0}
@@ -181,3 +216,13 @@ def one_way(folder: Path, porters: int, places: int, horizon: int) -> Problem:
         actions=1,
         horizon=horizon,
     )
+
+
+def counter(folder: Path, horizon: int) -> Problem:
+    """A number that grows as long as a bool is true that no reward reads."""
+    return _load(folder, "counter", _COUNTER, horizon=horizon)
+
+
+def chain(folder: Path, horizon: int) -> Problem:
+    """Bools that stay true, each made true by another one; the reward needs either of two."""
+    return _load(folder, "chain", _CHAIN, horizon=horizon)

@@ -105,8 +105,12 @@ def test_merges_of_earlier_files_are_read(policy):
     (mask, value, keep), *_ = tensors["merges"][:, :, 0]
     assert np.all(tensors["merges"][0, 0, 1:] == 0)
     earlier = {**tensors, "merges": np.array([[0, mask, value, keep]], np.uint64)}
-    again = parse_table(earlier, table_text(policy.table, policy.optimum))[0]
+    text = table_text(policy.table, policy.optimum)
+    again = parse_table(earlier, text)[0]
     np.testing.assert_array_equal(again.merges, tensors["merges"][:1], strict=True)
+    for damaged in (earlier["merges"] + np.uint64(7), earlier["merges"].astype(np.int64)):
+        with pytest.raises(ValueError, match="its merges do not fit together"):
+            parse_table({**earlier, "merges": damaged}, text)
 
 
 def test_a_table_that_is_not_proven_says_so_and_is_read_back(policy, tmp_path):

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import Array
 
 from mdpo_rddl.policy.table import ActionTable
 
@@ -14,13 +14,29 @@ _MOST, _MOST_BITS = 2**31, 31
 _SEED = 0
 
 
+class MergeStage(NamedTuple):
+    """M merges, none of which changes what a later one of them reads.
+
+    A state's bools b [V] differ from what merge m asks for in `b @ weights[:, m] + true[m]` places.
+
+    Attributes:
+      weights: of each variable 1 where it must be false, -1 where it must be true, else 0 [V, M].
+      true: of each merge how many must be true [M].
+      drops: of each merge 1 for the variables that do not matter, else 0 [M, V].
+    """
+
+    weights: Any
+    true: Any
+    drops: Any
+
+
 class TableArrays(NamedTuple):
     """A table of S states with R runs and A actions, sorted by the first hash.
 
     Attributes:
       factors: of each of V variables in the two hashes [V, 2].
       hashes: of the states' codes [S, 2]; no two states have both in common.
-      merges: mask, value and bits to keep of each variable, of each merge [M, 3, V].
+      merges: see `MergeStage`, in the order in which they are applied.
       last_run: of each state [S].
       run_key: of each run, its state's place times the number of steps, plus its last step [R].
       action: of each run [R].
@@ -126,8 +142,8 @@ class TableLookup:
         shifted = jnp.concatenate(values) + self._offsets
         codes = shifted.astype(jnp.uint32)
         fits = jnp.all((shifted >= 0) & (codes < self._ends))
-        if len(arrays.merges):
-            codes = lax.scan(_merged, codes, arrays.merges)[0]
+        for stage in arrays.merges:
+            codes = _merged(codes, stage)
         products = codes[:, None] * jnp.asarray(arrays.factors)
         # modulo 2^32, where numbers of 64 bits are enabled too
         first, second = jnp.sum(products, axis=0, dtype=jnp.uint32)
@@ -138,9 +154,11 @@ class TableLookup:
         return places[jnp.argmax(hits)].astype(jnp.int32), fits & jnp.any(hits)
 
 
-def _merged(codes: Array, merge: Array) -> tuple[Array, None]:
-    mask, value, keep = merge
-    return jnp.where(jnp.all((codes & mask) == value), codes & keep, codes), None
+def _merged(codes: Array, stage: MergeStage) -> Array:
+    differing = (codes == 1).astype(jnp.float32) @ jnp.asarray(stage.weights) + stage.true
+    # as products of matrices, which are faster than masks where many states are looked up
+    dropped = (differing == 0).astype(jnp.float32) @ jnp.asarray(stage.drops)
+    return jnp.where(dropped > 0, jnp.uint32(0), codes)
 
 
 def _code(words: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -149,9 +167,31 @@ def _code(words: np.ndarray, place: np.ndarray) -> np.ndarray:
     return ((words >> shift) & ((np.uint64(1) << bits) - np.uint64(1))).astype(np.uint32)
 
 
-def _merges(table: ActionTable) -> np.ndarray:
-    codes = [_code(table.merges[..., place[0]], place) for place in table.places]
-    return np.stack(codes, axis=-1)
+def _merges(table: ActionTable) -> tuple[MergeStage, ...]:
+    """The merges, as many together as change nothing that a later one of them reads.
+
+    Raises:
+      ValueError: if one reads what is no bool.
+    """
+    codes = np.stack([_code(table.merges[..., place[0]], place) for place in table.places], axis=-1)
+    reads, true, drops = codes[:, 0] > 0, codes[:, 1] > 0, codes[:, 2] == 0
+    if np.any(reads & (table.places[:, 2] > 1)):
+        raise ValueError("states are joined by what is no bool")
+    starts, dropped = [0], np.zeros(reads.shape[1], bool)
+    for number, (own_reads, own_drops) in enumerate(zip(reads, drops, strict=True)):
+        if np.any(dropped & own_reads):
+            starts.append(number)
+            dropped = np.zeros_like(dropped)
+        dropped = dropped | own_drops
+    stages = [
+        MergeStage(
+            weights=np.where(reads[part], np.where(true[part], -1, 1), 0).T.astype(np.float32),
+            true=np.sum(true[part], axis=1).astype(np.float32),
+            drops=drops[part].astype(np.float32),
+        )
+        for part in map(slice, starts, [*starts[1:], len(reads)])
+    ]
+    return tuple(stages) if len(reads) else ()
 
 
 def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

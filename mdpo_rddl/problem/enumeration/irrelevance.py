@@ -15,7 +15,7 @@ from mdpo_rddl.problem.enumeration.joint import nodes_of
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
-# nodes of all laws times bools, with which the time to find merges grows, to seconds for so many.
+# nodes of all laws times guesses, with which the time to find merges grows, to seconds for so many.
 # The clock must not decide: a search that goes on in another process has to join the same states.
 _MOST_WORK = 1_000_000
 
@@ -32,19 +32,23 @@ def find_merges(model: GroundModel, limits: EnumerationLimits) -> list[Merge]:
     """The merges that bools allow which keep their values.
 
     Each bool with each of its values, and each place of what is at one place at a time: where it
-    has been it may never be again. There are none where finding them would take too long.
+    has been it may never be again. There are none where finding them would take too long. A merged
+    state, merged again, is the same, and so are those that follow it.
     """
-    found: list[Merge] = []
     nodes = {node for action in model.actions for node in action.nodes()}
-    if len(model.graph.needed(nodes)) * sum(model.is_bool) > _MOST_WORK:
-        return found
-    laws = _Laws(model)
-    for values in _guesses(model):
+    guesses = list(_guesses(model))
+    if len(model.graph.needed(nodes)) * len(guesses) > _MOST_WORK:
+        return []
+    laws, known, found = _Laws(model), set[frozenset[tuple[int, bool]]](), list[Merge]()
+    for values in guesses:
         limits.check_time()
         kept = laws.kept(values)
-        if kept and len(relevant := laws.relevant(kept)) < len(model.variables):
+        if not kept or (items := frozenset(kept.items())) in known:
+            continue
+        known.add(items)
+        if len(relevant := laws.relevant(kept)) < len(model.variables):
             found.append(_merge(model, kept, relevant))
-    return found
+    return _compatible(found)
 
 
 def merged(states: np.ndarray, merges: Iterable[Merge]) -> np.ndarray:
@@ -116,11 +120,13 @@ class _Laws:
             else set()
             for number, is_bool in enumerate(model.is_bool)
         ]
+        self._is_read = [self._reads(chances, {}) for chances in self._chances]
         self._read_by: dict[int, set[int]] = {number: set() for number in variables}
-        for number in variables:
-            for read in self._reads(self._chances[number], {}):
-                self._read_by[read].add(number)
-        self._always = {number for number in variables if model.packing.places[number].offset}
+        for number, read in enumerate(self._is_read):
+            for each in read:
+                self._read_by[each].add(number)
+        self._answers: dict[tuple[int, bool, tuple[tuple[int, bool], ...]], bool] = {}
+        self._ints = {number for number in variables if model.packing.places[number].offset}
         self._aims = {model.ends}
         for action in model.actions:
             self._aims |= {action.reward, action.legal}
@@ -137,18 +143,23 @@ class _Laws:
 
     def relevant(self, kept: Mapping[int, bool]) -> set[int]:
         """The variables that still matter, and those that are kept."""
-        relevant = {*kept, *self._always}
-        waiting = self._reads(self._aims, kept)
+        relevant = {*kept}
+        waiting = self._reads(self._aims, kept) | self._ints
         while waiting := waiting - relevant:
             relevant |= waiting
             waiting = self._reads(set().union(*(self._nodes[each] for each in waiting)), kept)
         return relevant
 
     def _is_kept(self, number: int, kept: Mapping[int, bool]) -> bool:
-        graph, value = self._graph, kept[number]
-        new = graph.substitute(self._chances[number], self._constants(kept))
-        same = (graph.is_constant(node) and graph.values[node] == value for node in new)
-        return bool(new) and all(same)
+        read = {each: kept[each] for each in sorted(self._is_read[number]) if each in kept}
+        # of one guess and the next most is the same
+        question = number, kept[number], tuple(read.items())
+        if question not in self._answers:
+            graph = self._graph
+            new = graph.substitute(self._chances[number], self._constants(read))
+            same = (graph.is_constant(n) and graph.values[n] == kept[number] for n in new)
+            self._answers[question] = bool(new) and all(same)
+        return self._answers[question]
 
     def _reads(self, nodes: Iterable[int], kept: Mapping[int, bool]) -> set[int]:
         """The variables that nodes read."""
@@ -158,6 +169,26 @@ class _Laws:
 
     def _constants(self, kept: Mapping[int, bool]) -> dict[int, int]:
         return {self._leaf[number]: self._graph.constant(value) for number, value in kept.items()}
+
+
+def _compatible(merges: Iterable[Merge]) -> list[Merge]:
+    """Merges after which a state's bits are those that all that apply to it keep.
+
+    So a state and what it is merged with are followed by the same merged states. For that a merge
+    must clear nothing that another one reads, unless it keeps no more than that one, too.
+    """
+    found: list[Merge] = []
+    for merge in sorted(merges, key=lambda merge: int(np.bitwise_count(merge.keep).sum())):
+        if all(_agree(merge, other) and _agree(other, merge) for other in found):
+            found.append(merge)
+    return found
+
+
+def _agree(one: Merge, other: Merge) -> bool:
+    """Whether the other merge may come before the one."""
+    if np.any((one.value ^ other.value) & one.mask & other.mask):
+        return True  # never in the same state
+    return not np.any(one.mask & ~other.keep) or not np.any(other.keep & ~one.keep)
 
 
 def _merge(model: GroundModel, kept: Mapping[int, bool], relevant: Iterable[int]) -> Merge:

@@ -53,6 +53,31 @@ def test_joined_states_are_fewer_and_worth_the_same(tmp_path, monkeypatch, place
     assert find_optimum(problem, 60.0).value == pytest.approx(value)
 
 
+def test_what_a_number_needs_matters_as_long_as_the_number_does(tmp_path):
+    assert find_optimum(toys.counter(tmp_path, 3), 60.0).value == 3.0
+
+
+def test_what_follows_a_joined_state_is_in_the_table(tmp_path):
+    # once the second is true the third does not matter, nor then does it make the first true
+    solution = find_optimum(toys.chain(tmp_path, 6), 60.0)
+    policy = solution.policy()
+    assert len(solution.table.merges) > 0
+    assert policy.evaluate(episodes=2, seed=0).mean == pytest.approx(solution.value)
+    assert policy.misses == 0
+    assert solution.value == pytest.approx(5 - 0.125)
+
+
+@pytest.mark.parametrize("make", [toys.chain, toys.walk])
+def test_merging_again_changes_nothing(tmp_path, make):
+    model = ground_model(make(tmp_path, 6), LIMITS)
+    merges = find_merges(model, LIMITS)
+    bits = np.random.default_rng(0).integers(2, size=(200, len(model.variables)))
+    once = merged(np.stack([model.packing.encode_all(each) for each in bits.tolist()]), merges)
+    np.testing.assert_array_equal(merged(once, merges), once)
+    backwards = merged(once, merges[::-1])
+    np.testing.assert_array_equal(backwards, once)
+
+
 def test_a_policy_of_joined_states_plays_all_of_them(tmp_path):
     solution = find_optimum(toys.one_way(tmp_path, 1, 5, 9), 60.0)
     policy = solution.policy()
