@@ -73,6 +73,11 @@ def preset_name(options: argparse.Namespace) -> str:
     return str(options.preset)
 
 
+def replans(options: argparse.Namespace) -> bool:
+    """Whether every decision is planned anew, by the option or by the configuration."""
+    return bool(options.replan) or (options.load is None and str(options.config) == "replan")
+
+
 def check_plan_options(options: argparse.Namespace) -> None:
     """Finds the mistakes that the options show by themselves.
 
@@ -81,9 +86,10 @@ def check_plan_options(options: argparse.Namespace) -> None:
     """
     if options.domain is None:
         raise InputError("which problem? Such as: mdpo-plan hvac10; mdpo-plan --list shows all")
-    if options.replan and options.decision_seconds:
+    is_online = replans(options)
+    if is_online and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
-    if options.replan and options.hindsight:
+    if is_online and options.hindsight:
         raise InputError("--hindsight does not go with --replan, which has no policy")
     _check_files(options)
     _check_resume(options)
@@ -104,7 +110,7 @@ def check_plan_options(options: argparse.Namespace) -> None:
 
 def _check_files(options: argparse.Namespace) -> None:
     for name in ("start_from", "movie"):
-        if options.replan and getattr(options, name) is not None:
+        if replans(options) and getattr(options, name) is not None:
             raise InputError(f"{option_name(name)} does not go with --replan, which plans anew")
     if options.load is not None and options.start_from is not None:
         raise InputError("--start-from does not go with --load, which plans nothing")
@@ -117,7 +123,7 @@ def _check_resume(options: argparse.Namespace) -> None:
         return
     if options.out is None:
         raise InputError("--resume needs the --out of the run that was stopped")
-    if options.load is not None or options.replan:
+    if options.load is not None or replans(options):
         raise InputError("--resume goes with planning once, not with --load or --replan")
 
 

@@ -16,8 +16,8 @@ from rich.console import Console
 
 from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import print_summary
-from mdpo_rddl.cli.option_checks import preset_name
-from mdpo_rddl.errors import InputError, printable
+from mdpo_rddl.cli.option_checks import preset_name, replans
+from mdpo_rddl.errors import printable
 from mdpo_rddl.machine.jax_setup import (
     grammar_tables,
     keep_compiled_programs,
@@ -72,12 +72,7 @@ def run(
         if options.load is not None:
             return evaluate_saved(_load_request(options, command), bar), options.out
         request = replace(_plan_request(options, traced_cache), command=command)
-        is_online = options.replan or str(options.config) == "replan"
-        if is_online and options.decision_seconds:
-            raise InputError("--decision-seconds does not go with replanning, which plans anew")
-        if is_online and options.hindsight:
-            raise InputError("--hindsight does not go with replanning, which has no policy")
-        do = replan if is_online else plan
+        do = replan if replans(options) else plan
         return do(request, bar), request.out
 
 

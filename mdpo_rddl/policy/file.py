@@ -39,7 +39,7 @@ ESTIMATE_FORMAT = "mdpo-rddl table 3"
 """Of a table whose return is estimated rather than proven."""
 RULE_FORMAT = "mdpo-rddl relaxed plans 1"
 _SEEDS = 2**31
-_UNDERLYING, _VOTES = "underlying", "votes"
+_UNDERLYING, _VOTES, _RAISES = "underlying", "votes", "raises"
 
 
 @dataclass(frozen=True)
@@ -113,14 +113,27 @@ AnySaved = SavedPolicy | SavedTable | SavedPlanRule
 def problem_identity(problem: Problem) -> dict[str, Any]:
     """What tells one problem from another."""
     charged = {"error_cost": problem.error_cost} if problem.error_cost else {}
+    # nobody may think at the decision then, after loading neither
+    raising = {_RAISES: True} if problem.raises else {}
     return {
         **charged,
+        **raising,
         "domain": problem.domain_name,
         "instance": problem.instance_name,
         "label": problem.label,
         "horizon": problem.horizon,
         "digest": problem.digest,
     }
+
+
+def problem_played(saved: AnySaved, problem: Problem) -> Problem:
+    """The problem, with what was seen of it when the policy was found.
+
+    Args:
+      saved: the policy.
+      problem: on which to play it.
+    """
+    return dataclasses.replace(problem, raises=problem.raises or saved.problem.get(_RAISES, False))
 
 
 def require_same_problem(saved: AnySaved, problem: Problem, source: str) -> None:
@@ -260,6 +273,7 @@ def _identity(metadata: Metadata) -> dict[str, Any]:
         _require(isinstance(identity.get(name, ""), str), name)
     cost = identity.get("error_cost", 0.0)
     _require(isinstance(cost, float) and 0.0 <= cost < math.inf, "error_cost")
+    _require(isinstance(identity.get(_RAISES, False), bool), _RAISES)
     shown = {"domain", "instance", "label"} & identity.keys()
     return {**identity, **{name: printable(identity[name]) for name in shown}}
 

@@ -1,6 +1,6 @@
 """All kinds of policies, which are played and saved alike."""
 
-from mdpo_rddl.policy.file import AnySaved, SavedPlanRule, SavedTable
+from mdpo_rddl.policy.file import AnySaved, SavedPlanRule, SavedTable, problem_played
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -21,6 +21,7 @@ def restored(saved: AnySaved, problem: Problem, source: str) -> AnyPolicy:
     Raises:
       InputError: if it does not fit the problem.
     """
+    problem = problem_played(saved, problem)
     if isinstance(saved, SavedTable):
         return TablePolicy.from_saved(saved, problem, source)
     if isinstance(saved, SavedPlanRule):

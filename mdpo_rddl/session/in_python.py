@@ -153,13 +153,15 @@ def plan(
         key = config.key if seed is None else seed
         terms = _Terms(problem, config, key, start_from=chosen.start_from)
         thinks, began = kept > 0.0, watch.elapsed
-        policy: PlannedPolicy = _find(terms, watch, seconds is not None)
+        policy: PlannedPolicy
+        policy, was_interrupted = _find(terms, watch, seconds is not None)
         if watch.error is not None:
             raise watch.error
-        if thinks and not watch.is_cancelled:
+        if thinks and not (watch.is_cancelled or was_interrupted):
             left = whole - (watch.elapsed - began)
             within = with_leftover(kept, left, chosen.decision_seconds)
-            policy = choose(policy, chosen.decision_seconds, within).policy or policy
+            with contextlib.suppress(KeyboardInterrupt):  # the policy is there
+                policy = choose(policy, chosen.decision_seconds, within).policy or policy
         # compiled now, the first decision need not wait for it
         policy.reset()
         policy.sample_action()
@@ -167,9 +169,11 @@ def plan(
     return policy
 
 
-def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> AnyPolicy:
+def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> tuple[AnyPolicy, bool]:
+    """The policy, and whether it was found until somebody interrupted that."""
     if not is_race(terms.config):
-        return find_by_training(terms, watch, counts_compilation)[0]
+        policy, result = find_by_training(terms, watch, counts_compilation)
+        return policy, result.status == "interrupted"
     from mdpo_rddl.auto import RaceOptions
 
     options = RaceOptions(
@@ -178,7 +182,8 @@ def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> AnyPolicy:
         on_judged=watch.judged,
         clock=watch.clock,
     )
-    return find_by_race(terms, watch, options).policy
+    outcome = find_by_race(terms, watch, options)
+    return outcome.policy, outcome.interrupted
 
 
 def _check(seconds: Any, seed: Any) -> None:

@@ -11,7 +11,7 @@ from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.choice import longest_choice
-from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.problem.load import load_problem, make_environment
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
@@ -57,6 +57,8 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         reporter.stage("evaluating")
         terms = Terms(problem, seed, request.episodes)
         observed = None if folder is None else Observed(terms)
+        # compiled now, no decision's time has that in it
+        policy(0, make_environment(problem).reset(seed=0)[0])
         plain = Evaluator(terms, reporter).run(policy, observed)
         figures = return_figures(plain)
         if request.decision_seconds > 0.0:

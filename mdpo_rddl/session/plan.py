@@ -239,10 +239,7 @@ def _played(
         return figures
     if request.decision_seconds > 0.0:
         times = choice_times(request, used)
-        try:
-            figures = think(policy, plain, times, request, reporter, observed)
-        except NotPlayedError as error:
-            logger.warning("no thinking: %s", one_line_cause(error))
+        figures = think(policy, plain, times, request, reporter, observed)
     if request.hindsight:
         figures |= hindsight_figures(policy, request, reporter)
     return figures

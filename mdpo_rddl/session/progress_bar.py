@@ -85,7 +85,8 @@ class ProgressBar:
         if judged.became_incumbent:
             candidate = judged.candidate
             self._incumbent = f"best {candidate.known_mean:,.0f} by {candidate.arm}"
-            self._bar.update(self._task, note=self._incumbent)
+            if self._task is not None:  # else the first stage shows it
+                self._bar.update(self._task, note=self._incumbent)
 
     def episode(self, done: int, of: int) -> None:
         """Moves the bar of the evaluation stage."""

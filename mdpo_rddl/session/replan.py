@@ -58,13 +58,21 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
       InputError: as `plan` does, and if a decision fails.
       KeyboardInterrupt: if interrupted before the first decision.
     """
+    if request.problem.model.observ_fluents:
+        path = request.problem.instance_path
+        raise InputError(f"{path}: --replan plans from the state, which is observed in part only")
     with RunFolder(request.out) as folder, kept_warnings() as warnings:
         reporter.stage("compiling")
         built = build_planner(request.problem, request.config)
         planner, budget = built.planner, request.config.budget(seconds=DECISION_SECONDS)
         policy = OnlinePolicy(built, request.seed, budget)
         state = make_environment(request.problem).reset(seed=request.seed)[0]
-        compile_seconds = policy.compile(state)
+        try:
+            compile_seconds = policy.compile(state)
+        except Exception as error:  # whatever the problem and the values make JAX raise
+            cause = f"{type(error).__name__}: {one_line_cause(error)}"
+            path = request.problem.instance_path
+            raise InputError(f"{path}: decisions cannot be compiled: {cause}") from error
         reporter.stage("replanning")
         observed, evaluator = Observed(request), Evaluator(request, reporter)
         end = _played(evaluator, policy, observed)

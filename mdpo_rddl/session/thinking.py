@@ -2,11 +2,13 @@
 
 import contextlib
 import dataclasses
+import logging
 import math
 from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import Choice, choice_share, choose, longest_choice
@@ -17,6 +19,8 @@ from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import return_figures
 from mdpo_rddl.session.requests import EvaluationTerms, PlanRequest, Reporter
+
+logger = logging.getLogger(__name__)
 
 # of the time for planning: for the programs, and never more than
 _LEAST_SECONDS, _LARGEST_SHARE = 8.0, 0.5
@@ -82,6 +86,8 @@ def think(
 ) -> dict[str, Any]:
     """Chooses whether thinking pays and, if so, plays the same episodes with it.
 
+    Where that fails, a warning says so, and the figures are those without thinking.
+
     Args:
       policy: the prepared policy.
       plain: what it returned without thinking.
@@ -94,6 +100,21 @@ def think(
       The figures of the returns, with thinking if it was chosen, and under "thinking" how
       decisions were made.
     """
+    try:
+        return _thought(policy, plain, times, terms, reporter, observed)
+    except Exception as error:  # the policy was found and played
+        logger.warning("no thinking: %s", one_line_cause(error))
+        return return_figures(plain)
+
+
+def _thought(
+    policy: AnyPolicy,
+    plain: Evaluation,
+    times: tuple[float, float],
+    terms: EvaluationTerms,
+    reporter: Reporter,
+    observed: Observed | None,
+) -> dict[str, Any]:
     reporter.stage("preparing to think")
     seconds, within = times
     choice = choose(policy, seconds, within)

@@ -99,8 +99,11 @@ def test_where_no_method_applies_the_policy_plays_alone(
         ),
         (
             "--config replan --decision-seconds 1",
-            "--decision-seconds does not go with replanning, which plans anew",
+            "--decision-seconds does not go with --replan, whose time is --seconds",
         ),
+        ("--config replan --out run --resume", "--resume goes with planning once, not with"),
+        ("--config replan --movie a.gif", "--movie does not go with --replan, which plans anew"),
+        ("--config replan --start-from run", "--start-from does not go with --replan"),
     ],
 )
 def test_what_thinking_does_not_go_with(options, said, workplace, capsys):  # noqa: F811

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.mistakes import one_line
 from helpers.problems import JAXPLAN_EXAMPLES, tiny_files
+from helpers.toys import toy
 
 from mdpo_rddl.cli.plan import main
 from mdpo_rddl.planner.build import build_planner
@@ -18,7 +19,9 @@ from mdpo_rddl.policy.replanning import OnlinePolicy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 from mdpo_rddl.problem.played import NotPlayedError, PlayedSimulator
+from mdpo_rddl.session.replan import replan
 from mdpo_rddl.session.report.page.record import read_play, read_run
+from mdpo_rddl.session.requests import PlanRequest
 
 
 @pytest.fixture(scope="module")
@@ -237,3 +240,11 @@ def test_episodes_that_end_where_they_begin_have_a_page_and_no_decision(
     for figure in ("mean_iterations", "mean_seconds", "max_seconds"):
         assert summary[figure] is None
     assert (tmp_path / "run" / "report.html").is_file()
+
+
+def test_a_state_that_is_not_observed_is_refused(tmp_path):
+    config = PRESETS["paper"]("tiger")
+    request = PlanRequest(toy("tiger"), config, "paper", 0, 1, tmp_path / "run")
+    said = one_line(lambda: replan(request, None))
+    assert said.endswith(": --replan plans from the state, which is observed in part only")
+    assert not list(tmp_path.iterdir())

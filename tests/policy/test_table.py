@@ -233,3 +233,13 @@ def test_a_table_has_no_equation(policy):
     explanation = policy.explain()
     assert explanation.equations == ()
     assert "table of a proven optimum" in str(explanation)
+
+
+def test_that_the_environment_raises_errors_is_not_forgotten(policy, tmp_path):
+    # or somebody would think at the decision, who does not know where it does
+    raising = TablePolicy(replace(policy.problem, raises=True), policy.table, policy.claim, 0)
+    save_policy(tmp_path / "raising", raising.to_saved())
+    again = restored(load_policy(tmp_path / "raising"), policy.problem, "here")
+    assert again.problem.raises
+    assert again.with_decision_seconds(0.1) is again
+    assert not restored(policy.to_saved(), policy.problem, "here").problem.raises

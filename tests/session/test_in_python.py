@@ -2,6 +2,7 @@
 
 import logging
 import threading
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +21,7 @@ from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.session import in_python
 from mdpo_rddl.session.configuration import load_preset
+from mdpo_rddl.session.find import find_by_training
 from mdpo_rddl.session.watch import PlanProgress
 
 CONFIG = """
@@ -206,3 +208,21 @@ def test_time_to_think_is_a_part_of_the_runs_time(files, quick, monkeypatch):
     for wrong in (-1.0, float("nan")):
         said = one_line(partial(quick, *files, decision_seconds=wrong))
         assert said.startswith("decision_seconds must be a number of at least 0")
+
+
+def test_a_stop_while_the_choice_is_made_loses_no_policy(files, quick, monkeypatch):
+    def choose(policy, seconds, within):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(in_python, "choose", choose)
+    assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)
+
+
+def test_nothing_is_chosen_after_a_stop(files, quick, monkeypatch):
+    def interrupted(terms, watch, counts_compilation):
+        policy, result = find_by_training(terms, watch, counts_compilation)
+        return policy, replace(result, status="interrupted")
+
+    monkeypatch.setattr(in_python, "find_by_training", interrupted)
+    monkeypatch.setattr(in_python, "choose", None)
+    assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)

@@ -1,5 +1,7 @@
 """The rows of the progress bar."""
 
+from types import SimpleNamespace
+
 from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session.progress_bar import ProgressBar
 
@@ -17,3 +19,12 @@ def test_training_has_a_row_of_its_own_whichever_iteration_is_reported_first():
     assert (compiling.description, training.description) == ("compiling", "training")
     assert compiling.finished
     assert training.fields["note"].startswith("iteration 100 ")
+
+
+def test_an_incumbent_before_any_stage_is_shown_by_the_first_one():
+    # where the environment raises errors nothing is enumerated, and the no-op is there at once
+    bar = ProgressBar(shown=False)
+    noop = SimpleNamespace(known_mean=-3.0, arm="constants and rules")
+    bar.judged(SimpleNamespace(became_incumbent=True, candidate=noop))
+    bar.stage("probing")
+    assert bar._bar.tasks[0].fields["note"] == "best -3 by constants and rules"

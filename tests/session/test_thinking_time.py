@@ -1,14 +1,19 @@
 """How a run's time is shared between finding a policy and preparing to think."""
 
 from pathlib import Path
+from unittest.mock import create_autospec
 
+import numpy as np
 import pytest
 from helpers.levers import lever_policy
 from helpers.toys import toy
 
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.session.requests import PlanRequest
-from mdpo_rddl.session.thinking import choice_times, without_choice
+from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.session import thinking
+from mdpo_rddl.session.report.summary import return_figures
+from mdpo_rddl.session.requests import PlanRequest, Reporter, Terms
+from mdpo_rddl.session.thinking import choice_times, think, without_choice
 
 
 def request(seconds, decision_seconds, problem=None):
@@ -41,3 +46,16 @@ def test_what_a_search_has_left_over_is_for_the_choice(used, within):
 
 def test_the_choice_is_never_longer_than_it_may_be():
     assert choice_times(request(60.0, 0.5), used=1.0) == (0.5, 40.0)
+
+
+def test_a_failure_while_thinking_is_prepared_costs_nothing_else(monkeypatch, caplog):
+    def failing(policy, seconds, within):
+        raise MemoryError("too large")
+
+    monkeypatch.setattr(thinking, "choose", failing)
+    policy = lever_policy()
+    plain = Evaluation(np.array([1.0, 3.0]), np.array([2, 2]), 0, 0)
+    terms = Terms(policy.problem, seed=0, episodes=2)
+    figures = think(policy, plain, (1.0, 9.0), terms, create_autospec(Reporter))
+    assert figures == return_figures(plain)
+    assert "no thinking: " in caplog.text

@@ -25,8 +25,9 @@ from mdpo_rddl.problem.observation import is_observed
 
 # particles, and the fewest where the time of a decision does not allow so many
 _PARTICLES, _FEWEST = 2048, 256
-# of the time of a decision, the filter may take
-_SHARE = 0.1
+# of the time of a decision, the filter may take, and one that a vote has: fewer particles would be
+# another vote than the one that is played without thinking
+_SHARE, _VOTE_SHARE = 0.1, 0.5
 # where no particle matches, others are drawn so often, as long as there is that time
 _ATTEMPTS = 4
 
@@ -198,7 +199,8 @@ class Believer:
         self.filter_seconds = self._measured(observed)
         now = self.clock()
         is_in_time = now + (now - began) <= until
-        count = max(_FEWEST, int(self.particles * _SHARE * seconds / self.filter_seconds))
+        share = _SHARE if self.filter is None else _VOTE_SHARE
+        count = max(_FEWEST, int(self.particles * share * seconds / self.filter_seconds))
         if is_in_time and count < self.particles:
             self.particles = count
             self.filter_seconds = self._measured(observed)

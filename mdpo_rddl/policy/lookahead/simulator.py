@@ -36,8 +36,8 @@ _SPREAD = 0.3
 _FEWEST, _MOST = 128, 4096
 # of the time of a decision, and at most, a call may take
 _SHARE, _LONGEST_SECONDS = 0.1, 0.05
-# at the first step; later ones have shorter rollouts, and with them time for calls
-_USABLE_SHARE = 1.0
+# at the first step, for later ones have shorter rollouts; and of the very first call
+_USABLE_SHARE, _HOPELESS_SHARE = 1.0, 4.0
 _MARGIN, _FORGETTING, _AFTER_NONE = 1.2, 0.95, 0.7
 # of the time of a step as it was measured first: no step is expected to be faster
 _LEAST_SHARE = 0.5
@@ -105,10 +105,11 @@ class Simulator:
         rollouts, started = _FEWEST, self._clock()
         self._compile(WIDE, rollouts, state, base)
         self._compile_seconds = self._clock() - started
+        if self.seconds(WIDE, 0) > _HOPELESS_SHARE * seconds:
+            return False
         # what a belief has not told yet may differ later
-        is_belief = isinstance(state, Belief)
-        places = [(0, state), *others]
-        self.is_random = self.is_random and (is_belief or any(self._differs(*p) for p in places))
+        if self.is_random and not isinstance(state, Belief):
+            self.is_random = any(self._differs(*place) for place in [(0, state), *others])
         took = self.seconds(WIDE, 0)
         wanted = int(np.clip(_FEWEST * longest / took, _FEWEST, _MOST))
         # without time to compile it again a call of another length does as well

@@ -6,6 +6,7 @@ from helpers.clocks import Stopped, Ticking
 from helpers.mistakes import one_line
 from helpers.tiger import NOTHING_SHOWN, listener
 
+from mdpo_rddl.planner.exact.filtering import ParticleFilter
 from mdpo_rddl.policy.lookahead import choice as choosing
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
@@ -199,6 +200,17 @@ def test_a_filter_is_not_compiled_again_where_that_would_end_late(monkeypatch):
         clock.now = 0.0
         choice = choosing.choose(listener(), 2.0, until, clock)
         assert (choice.policy, choice.note, choice.seconds) == (None, NO_TIME, expected)
+
+
+@pytest.mark.parametrize(("seconds", "particles"), [(0.05, 2048), (0.01, 1024)])
+def test_a_vote_keeps_its_particles_unless_they_take_half_of_the_decision(
+    monkeypatch, seconds, particles
+):
+    monkeypatch.setattr(Believer, "_measured", lambda *_: 0.01)
+    policy = listener()
+    voting = Believer(policy, particles=2048, filter=ParticleFilter(policy.planner))
+    voting.prepare(seconds)
+    assert voting.particles == particles
 
 
 def test_thinking_is_chosen_where_the_belief_pays(simulator, believing, monkeypatch):

@@ -173,6 +173,12 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
 
 
+def test_nothing_is_tried_where_the_first_call_is_far_too_long(monkeypatch):
+    monkeypatch.setattr(Simulator, "_differs", None)
+    simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
+    assert not simulator.prepare(START, 0.001)
+
+
 def test_the_finalists_calls_are_the_search_s_where_others_would_be_compiled_too_late():
     simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), 1, Ticking(0.01))
     assert simulator.prepare(START, 0.2, until=0.1)
