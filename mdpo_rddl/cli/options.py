@@ -121,8 +121,8 @@ def plan_parser() -> OneLineParser:
     source.add_argument(
         "--preset",
         choices=PRESET_NAMES,
-        help="defaults to start from (default: auto; paper with an option for the noise, the "
-        "policy, the iterations or --replan)",
+        help="defaults to start from (default: auto; paper with an option for the noise, or with "
+        "--policy, --weight, --iterations, --batch, --restarts, --replan or --lookahead)",
     )
     source.add_argument(
         "--config",
