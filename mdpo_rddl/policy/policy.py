@@ -27,6 +27,7 @@ from mdpo_rddl.policy.file import (
     SavedPolicy,
     SavedTable,
     problem_identity,
+    problem_played,
     require_same_problem,
     save_policy,
 )
@@ -144,7 +145,7 @@ class Policy(PolicyAgent):
         if saved is None:
             return None
         cost, source = saved.problem.get("error_cost", 0.0), "the underlying MDP's policy"
-        problem = underlying_mdp(self.problem, cost)
+        problem = problem_played(saved, underlying_mdp(self.problem, cost))
         if isinstance(saved, SavedTable):
             return TablePolicy.from_saved(saved, problem, source)
         if isinstance(saved, SavedPlanRule):

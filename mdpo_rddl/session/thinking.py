@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.errors import InputError, note_heard, one_line_cause
 from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import Choice, choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.played import NotPlayedError
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import return_figures
@@ -86,7 +87,7 @@ def think(
 ) -> dict[str, Any]:
     """Chooses whether thinking pays and, if so, plays the same episodes with it.
 
-    Where that fails, a warning says so, and the figures are those without thinking.
+    Where that fails or is stopped, a warning says so, and the figures are those without thinking.
 
     Args:
       policy: the prepared policy.
@@ -99,12 +100,23 @@ def think(
     Returns:
       The figures of the returns, with thinking if it was chosen, and under "thinking" how
       decisions were made.
+
+    Raises:
+      InputError: if a policy that was loaded cannot be used for it.
     """
     try:
         return _thought(policy, plain, times, terms, reporter, observed)
-    except Exception as error:  # the policy was found and played
+    except KeyboardInterrupt as stop:
+        note_heard(stop)
+        logger.warning("no thinking: stopped")
+    except NotPlayedError as error:
         logger.warning("no thinking: %s", one_line_cause(error))
-        return return_figures(plain)
+    except InputError:
+        raise
+    except Exception as error:  # the policy was found and played
+        logger.warning("no thinking: %s: %s", type(error).__name__, one_line_cause(error))
+        logger.debug("no thinking", exc_info=True)
+    return return_figures(plain)
 
 
 def _thought(

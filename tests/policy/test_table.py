@@ -20,6 +20,7 @@ from mdpo_rddl.policy.file import (
     save_policy,
 )
 from mdpo_rddl.policy.kinds import restored
+from mdpo_rddl.policy.lookahead.choice import RAISES, choose
 from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
 from mdpo_rddl.policy.table_policy import TablePolicy
 
@@ -241,5 +242,6 @@ def test_that_the_environment_raises_errors_is_not_forgotten(policy, tmp_path):
     save_policy(tmp_path / "raising", raising.to_saved())
     again = restored(load_policy(tmp_path / "raising"), policy.problem, "here")
     assert again.problem.raises
-    assert again.with_decision_seconds(0.1) is again
+    estimate = Estimate(value=-2.5, error=0.25, episodes=100, missed=0.125, states=7)
+    assert choose(TablePolicy(again.problem, again.table, estimate, 0), 0.1).reason == RAISES
     assert not restored(policy.to_saved(), policy.problem, "here").problem.raises

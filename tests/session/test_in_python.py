@@ -210,9 +210,10 @@ def test_time_to_think_is_a_part_of_the_runs_time(files, quick, monkeypatch):
         assert said.startswith("decision_seconds must be a number of at least 0")
 
 
-def test_a_stop_while_the_choice_is_made_loses_no_policy(files, quick, monkeypatch):
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_what_ends_the_choice_loses_no_policy(files, quick, monkeypatch, error):
     def choose(policy, seconds, within):
-        raise KeyboardInterrupt
+        raise error
 
     monkeypatch.setattr(in_python, "choose", choose)
     assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)

@@ -8,6 +8,7 @@ import pytest
 from helpers.levers import lever_policy
 from helpers.toys import toy
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.session import thinking
@@ -48,9 +49,13 @@ def test_the_choice_is_never_longer_than_it_may_be():
     assert choice_times(request(60.0, 0.5), used=1.0) == (0.5, 40.0)
 
 
-def test_a_failure_while_thinking_is_prepared_costs_nothing_else(monkeypatch, caplog):
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(MemoryError("too large"), "MemoryError: too large"), (KeyboardInterrupt(), "stopped")],
+)
+def test_what_ends_the_preparation_costs_nothing_else(monkeypatch, caplog, error, said):
     def failing(policy, seconds, within):
-        raise MemoryError("too large")
+        raise error
 
     monkeypatch.setattr(thinking, "choose", failing)
     policy = lever_policy()
@@ -58,4 +63,15 @@ def test_a_failure_while_thinking_is_prepared_costs_nothing_else(monkeypatch, ca
     terms = Terms(policy.problem, seed=0, episodes=2)
     figures = think(policy, plain, (1.0, 9.0), terms, create_autospec(Reporter))
     assert figures == return_figures(plain)
-    assert "no thinking: " in caplog.text
+    assert f"no thinking: {said}" in caplog.text
+
+
+def test_a_policy_that_cannot_be_used_to_think_is_refused(monkeypatch):
+    def refusing(policy, seconds, within):
+        raise InputError("its underlying policy is another problem's")
+
+    monkeypatch.setattr(thinking, "choose", refusing)
+    policy = lever_policy()
+    plain, terms = Evaluation(np.zeros(2), np.ones(2), 0, 0), Terms(policy.problem, 0, 2)
+    with pytest.raises(InputError, match="another problem's"):
+        think(policy, plain, (1.0, 9.0), terms, create_autospec(Reporter))

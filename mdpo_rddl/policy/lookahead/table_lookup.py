@@ -171,11 +171,12 @@ def _merges(table: ActionTable) -> tuple[MergeStage, ...]:
     """The merges, as many together as change nothing that a later one of them reads.
 
     Raises:
-      ValueError: if one reads what is no bool.
+      ValueError: if one reads what is no bool, or keeps a part of a variable.
     """
     codes = np.stack([_code(table.merges[..., place[0]], place) for place in table.places], axis=-1)
     reads, true, drops = codes[:, 0] > 0, codes[:, 1] > 0, codes[:, 2] == 0
-    if np.any(reads & (table.places[:, 2] > 1)):
+    is_whole = drops | (codes[:, 2] == np.uint64(2) ** table.places[:, 2].astype(np.uint64) - 1)
+    if np.any(reads & (table.places[:, 2] > 1)) or not np.all(is_whole):
         raise ValueError("states are joined by what is no bool")
     starts, dropped = [0], np.zeros(reads.shape[1], bool)
     for number, (own_reads, own_drops) in enumerate(zip(reads, drops, strict=True)):

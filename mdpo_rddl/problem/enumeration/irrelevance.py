@@ -17,7 +17,7 @@ from mdpo_rddl.problem.enumeration.model import GroundModel
 
 # nodes of all laws times guesses, with which the time to find merges grows, to seconds for so many.
 # The clock must not decide: a search that goes on in another process has to join the same states.
-_MOST_WORK = 1_000_000
+_MOST_WORK = 3_000_000
 
 
 class Merge(NamedTuple):
@@ -48,7 +48,7 @@ def find_merges(model: GroundModel, limits: EnumerationLimits) -> list[Merge]:
         known.add(items)
         if len(relevant := laws.relevant(kept)) < len(model.variables):
             found.append(_merge(model, kept, relevant))
-    return _compatible(found)
+    return _compatible(found, limits)
 
 
 def merged(states: np.ndarray, merges: Iterable[Merge]) -> np.ndarray:
@@ -171,7 +171,7 @@ class _Laws:
         return {self._leaf[number]: self._graph.constant(value) for number, value in kept.items()}
 
 
-def _compatible(merges: Iterable[Merge]) -> list[Merge]:
+def _compatible(merges: Iterable[Merge], limits: EnumerationLimits) -> list[Merge]:
     """Merges after which a state's bits are those that all that apply to it keep.
 
     So a state and what it is merged with are followed by the same merged states. For that a merge
@@ -179,6 +179,7 @@ def _compatible(merges: Iterable[Merge]) -> list[Merge]:
     """
     found: list[Merge] = []
     for merge in sorted(merges, key=lambda merge: int(np.bitwise_count(merge.keep).sum())):
+        limits.check_time()
         if all(_agree(merge, other) and _agree(other, merge) for other in found):
             found.append(merge)
     return found

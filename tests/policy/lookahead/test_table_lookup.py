@@ -78,6 +78,10 @@ def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     # where bools of both words are so and so, and where the one of the second word is false
     first, last = packing.places[0].mask, packing.places[5].mask
     rows = [[[first, last], [0, last], keep], [[0, last], [0, 0], keep]]
+    # as in earlier files: the last one reads what the one before it clears
+    whole = np.uint64(2**64 - 1)
+    rows += [[[0, last], [0, last], [whole ^ first, whole]]]
+    rows += [[[first, 0], [0, 0], [whole ^ packing.places[1].mask, whole]]]
     merges = [Merge(*np.array(row, np.uint64)) for row in rows]
     packed = merged(np.stack([packing.encode_all(row) for row in variables.tolist()]), merges)
     states = packed[np.unique(keys(packed), return_index=True)[1]]
@@ -103,6 +107,12 @@ def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     np.testing.assert_array_equal(found, expected)
     assert 0 in expected
     assert len(set(expected)) > 20
+    assert len(lookup.arrays.merges) == 2
+    for part, wrong in ((0, packing.places[3].mask), (2, whole ^ np.uint64(1 << 36))):
+        merges = table.merges.copy()
+        merges[0, part, 0] = wrong
+        with pytest.raises(ValueError, match="joined by what is no bool"):
+            TableLookup(replace(table, merges=merges))
 
 
 @pytest.mark.long
