@@ -4,6 +4,7 @@ import csv
 import json
 import time
 from pathlib import Path
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from mdpo_rddl.problem.load import load_problem, make_environment
 from mdpo_rddl.problem.played import NotPlayedError, PlayedSimulator
 from mdpo_rddl.session.replan import replan
 from mdpo_rddl.session.report.page.record import read_play, read_run
-from mdpo_rddl.session.requests import PlanRequest
+from mdpo_rddl.session.requests import PlanRequest, Reporter
 
 
 @pytest.fixture(scope="module")
@@ -247,4 +248,15 @@ def test_a_state_that_is_not_observed_is_refused(tmp_path):
     request = PlanRequest(toy("tiger"), config, "paper", 0, 1, tmp_path / "run")
     said = one_line(lambda: replan(request, None))
     assert said.endswith(": --replan plans from the state, which is observed in part only")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_compiled_leaves_no_folder(tmp_path, problem, monkeypatch):
+    def failing(self, state):
+        raise TypeError("no such shape")
+
+    monkeypatch.setattr(OnlinePolicy, "compile", failing)
+    request = PlanRequest(problem, PRESETS["paper"]("tiny"), "paper", 0, 1, tmp_path / "run")
+    said = one_line(lambda: replan(request, create_autospec(Reporter)))
+    assert said.endswith(": decisions cannot be compiled: TypeError: no such shape")
     assert not list(tmp_path.iterdir())

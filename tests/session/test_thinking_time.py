@@ -10,8 +10,11 @@ from helpers.toys import toy
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.presets.auto import auto_preset
+from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.session import thinking
+from mdpo_rddl.session.evaluator import Evaluator
+from mdpo_rddl.session.observed import Observed
 from mdpo_rddl.session.report.summary import return_figures
 from mdpo_rddl.session.requests import PlanRequest, Reporter, Terms
 from mdpo_rddl.session.thinking import choice_times, think, without_choice
@@ -75,3 +78,19 @@ def test_a_policy_that_cannot_be_used_to_think_is_refused(monkeypatch):
     plain, terms = Evaluation(np.zeros(2), np.ones(2), 0, 0), Terms(policy.problem, 0, 2)
     with pytest.raises(InputError, match="another problem's"):
         think(policy, plain, (1.0, 9.0), terms, create_autospec(Reporter))
+
+
+def test_what_fails_while_it_thinks_leaves_what_was_observed(monkeypatch):
+    def thinks(step, state):
+        return {"pull": 1 // step}
+
+    chosen = Choice(thinks, [], "", 0.0)
+    monkeypatch.setattr(thinking, "choose", lambda policy, seconds, within: chosen)
+    policy, reporter = lever_policy(), create_autospec(Reporter)
+    terms = Terms(policy.problem, seed=0, episodes=2)
+    observed = Observed(terms)
+    plain = Evaluator(terms, reporter).run(policy, observed)
+    before = observed.figures()["decision_times"]
+    figures = think(policy, plain, (1.0, 9.0), terms, reporter, observed)
+    assert figures == return_figures(plain)
+    assert observed.figures()["decision_times"] == before
