@@ -12,11 +12,13 @@ from mdpo_rddl.problem.enumeration.model import ground_model
 from mdpo_rddl.problem.enumeration.states import enumerate_states
 from mdpo_rddl.problem.load import load_problem
 
-LIMITS = EnumerationLimits(seconds=60)
+
+def limits():
+    return EnumerationLimits(seconds=60)
 
 
 def enumerated(problem):
-    return enumerate_states(ground_model(problem, LIMITS), LIMITS)
+    return enumerate_states(ground_model(problem, limits()), limits())
 
 
 def state(model, **true):
@@ -26,8 +28,8 @@ def state(model, **true):
 
 
 def test_what_lies_behind_on_a_road_without_a_way_back_does_not_matter(tmp_path):
-    model = ground_model(toys.one_way(tmp_path, 1, 4, 9), LIMITS)
-    merges = find_merges(model, LIMITS)
+    model = ground_model(toys.one_way(tmp_path, 1, 4, 9), limits())
+    merges = find_merges(model, limits())
     all_coins = state(model, at={(0, 2)}, coin={(0,), (1,), (2,), (3,)})
     found = merged(all_coins[np.newaxis], merges)[0]
     np.testing.assert_array_equal(found, state(model, at={(0, 2)}, coin={(2,), (3,)}))
@@ -35,8 +37,8 @@ def test_what_lies_behind_on_a_road_without_a_way_back_does_not_matter(tmp_path)
 
 def test_each_of_several_objects_has_a_place(tmp_path):
     # what one has passed matters as long as the other may come there
-    model = ground_model(toys.one_way(tmp_path, 2, 3, 6), LIMITS)
-    merges = find_merges(model, LIMITS)
+    model = ground_model(toys.one_way(tmp_path, 2, 3, 6), limits())
+    merges = find_merges(model, limits())
     coins = {(0,), (1,), (2,)}
     apart = state(model, at={(0, 2), (1, 0)}, coin=coins)
     np.testing.assert_array_equal(merged(apart[np.newaxis], merges)[0], apart)
@@ -69,8 +71,8 @@ def test_what_follows_a_joined_state_is_in_the_table(tmp_path):
 
 @pytest.mark.parametrize("make", [toys.chain, toys.walk])
 def test_merging_again_changes_nothing(tmp_path, make):
-    model = ground_model(make(tmp_path, 6), LIMITS)
-    merges = find_merges(model, LIMITS)
+    model = ground_model(make(tmp_path, 6), limits())
+    merges = find_merges(model, limits())
     bits = np.random.default_rng(0).integers(2, size=(200, len(model.variables)))
     states = np.stack([model.packing.encode_all(each) for each in bits.tolist()])
     once = merged(states, merges)
