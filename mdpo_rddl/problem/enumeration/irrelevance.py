@@ -36,11 +36,13 @@ def find_merges(model: GroundModel, limits: EnumerationLimits) -> list[Merge]:
     state, merged again, is the same, and so are those that follow it.
     """
     nodes = {node for action in model.actions for node in action.nodes()}
-    guesses = list(_guesses(model))
-    if len(model.graph.needed(nodes)) * len(guesses) > _MOST_WORK:
+    most_guesses = _MOST_WORK // max(1, len(model.graph.needed(nodes)))
+    alone = 2 * sum(model.is_bool)
+    groups = list(_one_hot(model)) if alone <= most_guesses else []
+    if alone + sum(map(len, groups)) > most_guesses:
         return []
     laws, known, found = _Laws(model), set[frozenset[tuple[int, bool]]](), list[Merge]()
-    for values in guesses:
+    for values in _guesses(model, groups):
         limits.check_time()
         kept = laws.kept(values)
         if not kept or (items := frozenset(kept.items())) in known:
@@ -60,12 +62,12 @@ def merged(states: np.ndarray, merges: Iterable[Merge]) -> np.ndarray:
     return states
 
 
-def _guesses(model: GroundModel) -> Iterator[dict[int, bool]]:
+def _guesses(model: GroundModel, groups: Iterable[Sequence[int]]) -> Iterator[dict[int, bool]]:
     """Values of bools, of which some may be kept for ever."""
     for number, is_bool in enumerate(model.is_bool):
         for value in (False, True) if is_bool else ():
             yield {number: value}
-    for group in _one_hot(model):
+    for group in groups:
         for place in group:
             yield {number: number == place for number in group}
 
@@ -81,9 +83,10 @@ def _one_hot(model: GroundModel) -> Iterator[Sequence[int]]:
             fluents.setdefault(name, {})[place] = number
     initial = model.initial[np.newaxis]
     for numbers in fluents.values():
+        is_true = {n: bool(model.packing.decode(n, initial)[0]) for n in numbers.values()}
         for groups in _groupings(numbers):
-            true = [sum(bool(model.packing.decode(n, initial)[0]) for n in g) for g in groups]
-            if all(count == 1 for count in true) and len(groups[0]) > 1:
+            is_one = all(sum(is_true[number] for number in group) == 1 for group in groups)
+            if is_one and len(groups[0]) > 1:
                 yield from groups
                 break
 
