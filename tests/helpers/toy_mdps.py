@@ -130,8 +130,8 @@ domain one_way {
 _COUNTER = """
 domain counter {
     pvariables {
-        counts : { state-fluent, bool, default = true };
         other : { state-fluent, bool, default = false };
+        counts : { state-fluent, bool, default = true };
         count : { state-fluent, int, default = 0 };
         wait : { action-fluent, bool, default = false };
     };
