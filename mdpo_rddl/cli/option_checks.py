@@ -75,7 +75,7 @@ def preset_name(options: argparse.Namespace) -> str:
 
 def replans(options: argparse.Namespace) -> bool:
     """Whether every decision is planned anew, by the option or by the configuration."""
-    return bool(options.replan) or (options.load is None and str(options.config) == "replan")
+    return bool(options.replan) or str(options.config) == "replan"
 
 
 def check_plan_options(options: argparse.Namespace) -> None:

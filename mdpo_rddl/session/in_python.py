@@ -1,7 +1,6 @@
 """`mdpo_rddl.plan`: from a problem to a policy, in a program or a notebook."""
 
 import contextlib
-import logging
 import math
 import threading
 from collections.abc import Callable, Iterator
@@ -11,7 +10,7 @@ from typing import Any
 
 import jax
 
-from mdpo_rddl.errors import InputError, one_line_cause
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET
@@ -24,10 +23,8 @@ from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.progress_bar import ProgressBar
-from mdpo_rddl.session.thinking import choice_seconds, with_leftover
+from mdpo_rddl.session.thinking import choice_seconds, costing_nothing, with_leftover
 from mdpo_rddl.session.watch import PlanProgress, Watch
-
-logger = logging.getLogger(__name__)
 
 PlannedPolicy = AnyPolicy | LookaheadPolicy
 """What `plan` returns: the last one where the policy thinks at its decisions."""
@@ -163,22 +160,12 @@ def plan(
         if thinks and not (watch.is_cancelled or was_interrupted):
             left = whole - (watch.elapsed - began)
             within = with_leftover(kept, left, chosen.decision_seconds)
-            policy = _thinking(found, chosen.decision_seconds, within)
+            with costing_nothing():
+                policy = choose(found, chosen.decision_seconds, within).policy or found
         # compiled now, the first decision need not wait for it
         policy.reset()
         policy.sample_action()
         policy.reset()
-    return policy
-
-
-def _thinking(policy: AnyPolicy, seconds: float, within: float) -> PlannedPolicy:
-    """What thinks at each decision, if that pays; the policy is not lost where that fails."""
-    try:
-        return choose(policy, seconds, within).policy or policy
-    except KeyboardInterrupt:
-        logger.warning("no thinking: stopped while it was prepared")
-    except Exception as error:
-        logger.warning("no thinking: %s: %s", type(error).__name__, one_line_cause(error))
     return policy
 
 

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import logging
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -104,8 +105,20 @@ def think(
     Raises:
       InputError: if a policy that was loaded cannot be used for it.
     """
-    try:
+    with costing_nothing():
         return _thought(policy, plain, times, terms, reporter, observed)
+    return return_figures(plain)
+
+
+@contextlib.contextmanager
+def costing_nothing() -> Iterator[None]:
+    """Preparing or playing in it may fail or be stopped, with a warning: there is a policy.
+
+    Raises:
+      InputError: if a policy that was loaded cannot be used for it.
+    """
+    try:
+        yield
     except KeyboardInterrupt as stop:
         note_heard(stop)
         logger.warning("no thinking: stopped")
@@ -113,10 +126,9 @@ def think(
         logger.warning("no thinking: %s", one_line_cause(error))
     except InputError:
         raise
-    except Exception as error:  # the policy was found and played
+    except Exception as error:
         logger.warning("no thinking: %s: %s", type(error).__name__, one_line_cause(error))
         logger.debug("no thinking", exc_info=True)
-    return return_figures(plain)
 
 
 def _thought(

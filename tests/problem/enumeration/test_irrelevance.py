@@ -91,7 +91,7 @@ def test_a_policy_of_joined_states_plays_all_of_them(tmp_path):
 
 
 def test_a_large_triangle_of_one_way_roads_is_solved():
-    # ten million states within the horizon, of which a tyre behind makes no difference
+    # a tyre that lies behind makes no difference; with it the states are too many
     solution = find_optimum(load_problem("TriangleTireworld_MDP_ippc2014", "9"), 120.0)
     assert solution.optimum.states < 1000
     assert -40 < solution.value < -3.85
