@@ -10,8 +10,9 @@ from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.everywhere_figure import draw_everywhere
 from mdpo_rddl.bench.tasks.ippc2014 import ippc2014_table, run_ippc2014
 from mdpo_rddl.bench.tasks.naming import named_task
-from mdpo_rddl.bench.tasks.published import published_table, read_published, run_published
+from mdpo_rddl.bench.tasks.published import read_published, run_published
 from mdpo_rddl.bench.tasks.published_figure import draw_published
+from mdpo_rddl.bench.tasks.published_table import published_table
 from mdpo_rddl.bench.tasks.sharing import read_sharing, run_sharing, sharing_table
 from mdpo_rddl.bench.tasks.thinking import run_thinking, thinking_table
 from mdpo_rddl.bench.tasks.trial import Conditions

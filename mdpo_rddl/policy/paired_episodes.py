@@ -17,8 +17,9 @@ ERRORS = 0.5
 """A gain of so many errors is taken: the error of a few episodes hides gains worth having."""
 # no more are played once the gain is so many errors
 _CLEAR = 4.0
-# a word more than seeds of evaluations have, so that none of their episodes is drawn
-_STREAM = 2**64
+STREAM = 2**64
+"""Added to a seed: a word more than seeds of evaluations have, so that none of their episodes is
+drawn."""
 
 
 def paired_returns(
@@ -50,7 +51,7 @@ def paired_returns(
         and before + longest <= until
         and not (len(returns) >= least and _is_clear(returns))
     ):
-        episode = (_STREAM + seed) * MOST + len(returns)
+        episode = (STREAM + seed) * MOST + len(returns)
         returns.append([_return_of(policy, env, episode) for policy in policies])
         now = clock()
         longest, before = max(longest, now - before), now

@@ -103,8 +103,20 @@ def mean_interval(values: np.ndarray) -> tuple[float, float] | None:
     return mean - half, mean + half
 
 
-def episode_seeds(seed: int, episodes: int) -> list[int]:
-    """One environment seed per episode; the first n do not depend on `episodes`."""
+def episode_seeds(seed: int | Sequence[int], episodes: int) -> list[int]:
+    """One environment seed per episode; the first n do not depend on `episodes`.
+
+    Args:
+      seed: of the run, from which they are derived, or they themselves.
+      episodes: number of episodes.
+
+    Raises:
+      ValueError: if fewer seeds than episodes are given.
+    """
+    if isinstance(seed, Sequence):
+        if len(seed) < episodes:
+            raise ValueError(f"{episodes} episodes need as many seeds, not {len(seed)}")
+        return list(seed[:episodes])
     return [
         int(np.random.SeedSequence([seed, episode]).generate_state(1)[0])
         for episode in range(episodes)
@@ -115,7 +127,7 @@ def evaluate(
     env: RDDLEnv,
     policy: Policy,
     episodes: int,
-    seed: int,
+    seed: int | Sequence[int],
     on_episode: Callable[[], object] = lambda: None,
     recorder: EpisodesRecorder | None = None,
 ) -> Evaluation:
@@ -125,7 +137,7 @@ def evaluate(
       env: an environment with the numpy backend and `vectorized=True`.
       policy: maps step and observation to an action, which a `Referee` rules on.
       episodes: number of episodes.
-      seed: of the run; each episode gets its own, derived from it.
+      seed: of the run; each episode gets its own, derived from it. Or one for each episode.
       on_episode: called after each episode; False from it ends the evaluation there.
       recorder: keeps what happens in the episodes, if anybody does.
 
@@ -145,7 +157,7 @@ def begun_episodes(
     env: RDDLEnv,
     policy: Policy,
     episodes: int,
-    seed: int,
+    seed: int | Sequence[int],
     recorder: EpisodesRecorder | None = None,
 ) -> Iterator[tuple[Episode, Mapping[str, Any]]]:
     """The episodes of an evaluation, each with its first observation, to be played in turn.

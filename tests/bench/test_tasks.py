@@ -1,29 +1,18 @@
 """Planners on many tasks: the rows of real trials, the scores and tables worked by hand."""
 
 import json
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from helpers.clocks import Stopped
 from helpers.levers import NONE, lever_policy
-from helpers.mistakes import one_line
 from helpers.slow_simulator import SlowSimulator
+from helpers.task_rows import records_of, row_of
 
-from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks import everywhere, trial
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table, run_everywhere
 from mdpo_rddl.bench.tasks.everywhere_figure import shares_of
-from mdpo_rddl.bench.tasks.published import (
-    published,
-    published_table,
-    read_published,
-    run_published,
-    score,
-)
-from mdpo_rddl.bench.tasks.published_figure import OURS, published_scores
-from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
+from mdpo_rddl.bench.tasks.trial import Conditions, Task, run_tasks
 from mdpo_rddl.cli import bench
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.thinking import ThinkingMDPO
@@ -34,19 +23,6 @@ from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
 from mdpo_rddl.problem.repository import named_instance
 
 QUICK = Conditions(seconds=1.0, episodes=3, memory_gb=4.0)
-
-
-def row_of(**values):
-    return tuple({"status": "ok", **values}.get(name, "") for name in COLUMNS[len(KEYS) :])
-
-
-def records_of(path, *rows):
-    records = Records(path / "rows.csv", COLUMNS, KEYS)
-    for problem, planner, returns in rows:
-        mean = sum(returns) / len(returns)
-        figures = row_of(mean=mean, returns=json.dumps(returns))
-        records.add(problem, "1", planner, 0, *figures)
-    return records
 
 
 @pytest.mark.long
@@ -114,37 +90,14 @@ def test_thinking_plays_as_many_episodes_as_its_time_allows_or_all(tmp_path, mon
     monkeypatch.setattr(trial, "_FEWEST_EPISODES", 1)
     thinking = replace(QUICK, seconds=600.0, decision_seconds=0.5)
     tasks = [Task("Navigation_MDP_ippc2011", "1")]
-    whole = replace(thinking, plays_all=True)
+    whole = replace(thinking, as_published=True)
     counts = []
     for number, conditions in enumerate((thinking, whole)):
         (row,) = run_tasks(tmp_path / str(number), tasks, ["mdpo-thinking"], 1, conditions).rows
         counts.append(len(json.loads(row["returns"])))
     assert counts == [1, QUICK.episodes]
-    with pytest.raises(InputError, match="made with another plays_all"):
+    with pytest.raises(InputError, match="holds other results"):
         run_tasks(tmp_path / "0", tasks, ["mdpo-thinking"], 1, whole)
-
-
-def test_published_means_are_compared_with_those_of_all_episodes(monkeypatch, tmp_path):
-    asked = []
-    monkeypatch.setattr(
-        "mdpo_rddl.bench.tasks.published.run_tasks", lambda *given: asked.append(given[-1])
-    )
-    run_published(tmp_path, ["Navigation_MDP_ippc2011"], 1, replace(QUICK, decision_seconds=0.5))
-    assert asked == [replace(QUICK, decision_seconds=0.5, plays_all=True)]
-
-
-def test_thinking_has_a_folder_of_its_own(monkeypatch, tmp_path):
-    asked = []
-
-    def run(out, problems, seeds, conditions, shard):
-        asked.append((out, conditions.decision_seconds))
-        raise InputError("enough")
-
-    monkeypatch.setattr("mdpo_rddl.cli.bench_tasks.run_published", run)
-    for words in ([], ["--decision-seconds", "0.2"], ["--decision-seconds", "1", "--out", "x"]):
-        assert bench.main(["published", *words]) == 2
-    folders = [Path("results/published"), Path("results/published_thinking"), Path("x")]
-    assert asked == list(zip(folders, [0.0, 0.2, 1.0], strict=True))
 
 
 def test_unknown_names_are_told_before_anything_is_run(tmp_path):
@@ -233,64 +186,6 @@ def test_the_first_instance_is_rddlrepositorys():
     assert len(everywhere.domains()) == 90
 
 
-def test_scores_worked_by_hand():
-    row = {"noop": "-40", "random": "-30", "best": "-10"}
-    assert score(-30.0, row) == 0.0
-    assert score(-10.0, row) == 1.0
-    assert score(-5.0, row) == 1.25
-    assert score(-40.0, row) == -0.5
-    reached = {"noop": "0", "random": "-101.4", "best": "0"}
-    assert score(0.0, reached) == 1.0
-    assert score(3.0, reached) == 1.0
-    assert score(-1.0, reached) == 0.0
-
-
-def test_the_published_tasks():
-    rows = published()
-    assert len(rows) == 81
-    for task, row in rows.items():
-        others = [row[name] for name in row if name.endswith(("_1", "_3", "_5", "_ippc2014"))]
-        assert float(row["best"]) == max(float(value) for value in others if value), task
-
-
-def test_published_rows_are_read_from_regular_files_of_a_bounded_size(tmp_path, monkeypatch):
-    pipe, large = tmp_path / "pipe", tmp_path / "large.csv"
-    os.mkfifo(pipe)
-    assert one_line(lambda: read_published(pipe)) == f"{pipe}: is not a regular file"
-    zero = Path("/dev/zero")
-    assert one_line(lambda: read_published(zero)) == "/dev/zero: is not a regular file"
-    large.write_bytes(b"x" * 1001)
-    monkeypatch.setattr("mdpo_rddl.bench.tasks.published.MOST_BYTES", 1000)
-    assert "large.csv: is larger than 1,000 bytes" in one_line(lambda: read_published(large))
-
-
-BELOW = "Below 0.99 with all of the 95% interval of its episodes: "
-
-
-def test_the_published_table_counts_what_reaches_the_best(tmp_path):
-    best = float(published()[Task("Navigation_MDP_ippc2011", "1")]["best"])
-    records = records_of(tmp_path, ("Navigation_MDP_ippc2011", "mdpo", [best, best]))
-    records.add("SysAdmin_MDP_ippc2011", "1", "mdpo", 0, *row_of(status="memory", cause="over"))
-    table = published_table(records)
-    assert "| Navigation_MDP_ippc2011 | 1 | -8 | 1.000 | -8 | prost_1 |" in table
-    assert "| SysAdmin_MDP_ippc2011 | 1 | memory | 0.000 |" in table
-    assert table.endswith(
-        "or above: 1 of 2. Mean score, each at most 1: 0.500. Below 0: 0. " + BELOW + "1.\n"
-    )
-
-
-def test_the_published_table_says_where_the_episodes_tell_that_ours_is_below(tmp_path):
-    row = published()[Task("Navigation_MDP_ippc2011", "1")]
-    assert float(row["best"]) == -8.0
-    for returns, expected in (([-9.0, -9.5, -9.0], 1), ([-4.0, -14.0, -9.0], 0)):
-        folder = tmp_path / str(expected)
-        records = records_of(folder, ("Navigation_MDP_ippc2011", "mdpo", returns))
-        assert published_table(records).endswith(
-            "or above: 0 of 1. Mean score, each at most 1: "
-            f"{score(sum(returns) / 3, row):.3f}. Below 0: 0. {BELOW}{expected}.\n"
-        )
-
-
 def test_the_commands(tmp_path, capsys):
     arguments = ["--seconds", "1", "--episodes", "2", "--out", str(tmp_path)]
     problems = ["--problems", "Navigation_MDP_ippc2011"]
@@ -304,28 +199,3 @@ def test_the_commands(tmp_path, capsys):
         bench.main(["published", *arguments, "--shard", "2/2"])
     assert ended.value.code == 2
     assert "--shard: must be I/N with 0 <= I < N" in capsys.readouterr().err
-
-
-def test_the_picture_has_the_best_of_the_others_times(tmp_path):
-    task = Task("SysAdmin_MDP_ippc2011", "1")
-    row = published()[task]
-    best = float(row["best"])
-    records = records_of(tmp_path, (task.problem, "mdpo", [best, best]))
-    found = published_scores(records)
-    assert list(found) == [task]
-    assert found[task][OURS] == 1.0
-    prost = max(float(row[f"prost_{seconds}"]) for seconds in (1, 3, 5))
-    assert found[task]["PROST"] == score(prost, row)
-    assert "DiSProD" not in found[task]
-
-
-def test_the_report_is_made_of_the_rows_alone(tmp_path, capsys):
-    arguments = ["published-report", "--out", str(tmp_path)]
-    assert bench.main(arguments) == 2
-    assert "rows.csv: no such results" in capsys.readouterr().err
-    records = records_of(tmp_path, ("Navigation_MDP_ippc2011", "mdpo", [-8.0, -8.0]))
-    rows = records.path.read_bytes()
-    assert bench.main(arguments) == 0
-    assert capsys.readouterr().out == published_table(records)
-    assert (tmp_path / "published.png").stat().st_size > 10_000
-    assert records.path.read_bytes() == rows

@@ -9,7 +9,8 @@ from mdpo_rddl.bench.tasks.ablation import ablation_table
 from mdpo_rddl.bench.tasks.anytime import anytime_table, read_anytime
 from mdpo_rddl.bench.tasks.everywhere import everywhere_table
 from mdpo_rddl.bench.tasks.ippc2014 import ippc2014_table
-from mdpo_rddl.bench.tasks.published import Task, published, published_table, read_published, score
+from mdpo_rddl.bench.tasks.published import Task, published, read_published, score
+from mdpo_rddl.bench.tasks.published_table import published_table
 from mdpo_rddl.bench.tasks.sharing import read_sharing, sharing_table
 from mdpo_rddl.bench.tasks.thinking import thinking_table
 from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, THINKING_COLUMNS

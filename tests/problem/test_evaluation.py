@@ -225,6 +225,12 @@ def test_episode_seeds_are_pinned():
     assert episode_seeds(2**31 - 1, 1) == [1926950122]
 
 
+def test_episodes_may_have_given_seeds():
+    assert episode_seeds([5, 1, 9], 2) == [5, 1]
+    with pytest.raises(ValueError, match="4 episodes need as many seeds, not 3"):
+        episode_seeds([5, 1, 9], 4)
+
+
 # --- the actions ---------------------------------------------------------------------------
 
 

@@ -16,7 +16,8 @@ from mdpo_rddl.bench.common.markdown import rounded, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.everywhere import by_task
 from mdpo_rddl.bench.tasks.names import NOOP, OURS, RANDOM
-from mdpo_rddl.bench.tasks.published import only, score, totals
+from mdpo_rddl.bench.tasks.published import only, score
+from mdpo_rddl.bench.tasks.published_table import totals
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
 
 _PLANNERS = (OURS, NOOP, RANDOM)

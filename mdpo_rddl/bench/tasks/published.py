@@ -2,7 +2,8 @@
 
 `published.csv` holds 81 tasks with the mean returns of PROST, JaxPlan, GurobiPlan and DiSProD at
 1, 3 and 5 s a decision (the experiments of JaxPlan's authors for ICAPS 2024), and of PROST in the
-competition of 2014.
+competition of 2014. Ours is played in the episodes of these experiments, in which PROST played all
+steps but the last (`published_episodes`).
 """
 
 import csv
@@ -14,15 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mdpo_rddl.bench.common.markdown import rounded, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.names import OURS, THINKING
-from mdpo_rddl.bench.tasks.paired import common_returns, paired_returns
 from mdpo_rddl.bench.tasks.trial import (
-    ALONE,
     COLUMNS,
     KEYS,
     OK,
+    SHORTER,
     THINKING_COLUMNS,
     Conditions,
     Task,
@@ -30,16 +29,12 @@ from mdpo_rddl.bench.tasks.trial import (
 )
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import MOST_BYTES, decoded, read_bounded
-from mdpo_rddl.problem.evaluation import mean_interval
 
-AT_THE_BEST = 0.99
-_SIGNS = {"better": 1, "as good": 0, "worse": -1}
-OTHERS = {
-    "PROST 1 s": "prost_1",
-    "JaxPlan 1 s": "jaxplan_1",
-    "GurobiPlan 1 s": "gurobiplan_1",
-    "DiSProD 1 s": "disprod_1",
-}
+_WITHOUT_THE_LAST_STEP = ("prost_1", "prost_3", "prost_5")
+_OF_ALL_STEPS = (
+    *("jaxplan_1", "jaxplan_3", "jaxplan_5", "gurobiplan_1", "gurobiplan_3", "gurobiplan_5"),
+    *("disprod_1", "disprod_3", "disprod_5", "prost_ippc2014"),
+)
 
 
 def published() -> dict[Task, Mapping[str, str]]:
@@ -71,9 +66,8 @@ def run_published(
     tasks = only(list(published()), problems)
     number, count = shard
     planner = THINKING if conditions.decision_seconds else OURS
-    # a mean is compared with another one, of other episodes
-    whole = dataclasses.replace(conditions, plays_all=True)
-    return run_tasks(out, tasks[number::count], [planner], seeds, whole)
+    published_ones = dataclasses.replace(conditions, as_published=True)
+    return run_tasks(out, tasks[number::count], [planner], seeds, published_ones)
 
 
 def only(tasks: Sequence[Task], problems: Sequence[str] | None) -> list[Task]:
@@ -103,11 +97,13 @@ def read_published(path: Path) -> Records:
       InputError: naming the file, if it holds anything else.
     """
     try:
-        header = decoded(read_bounded(path, MOST_BYTES)).partition("\n")[0].split(",")
+        header = decoded(read_bounded(path, MOST_BYTES)).partition("\n")[0].strip().split(",")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: no such results; mdpo-bench published makes them") from error
-    is_thinking = tuple(header) == THINKING_COLUMNS
-    return Records(path, THINKING_COLUMNS if is_thinking else COLUMNS, KEYS)
+    known = [
+        (*columns, *more) for columns in (COLUMNS, THINKING_COLUMNS) for more in ((), (SHORTER,))
+    ]
+    return Records(path, next((each for each in known if each == tuple(header)), COLUMNS), KEYS)
 
 
 def score(mean: float, row: Mapping[str, str]) -> float:
@@ -122,99 +118,37 @@ def score(mean: float, row: Mapping[str, str]) -> float:
     return (mean - floor) / (best - floor)
 
 
+def score_in_equal_steps(mean: float, shorter: float, row: Mapping[str, str]) -> float:
+    """The score against the best one of PROST's means, or of the others', whichever is lower.
+
+    Args:
+      mean: return.
+      shorter: mean return before the last step, which is compared with those of PROST at 1, 3 and
+        5 s.
+      row: of `published.csv`.
+    """
+    scores = []
+    for ours, columns in ((mean, _OF_ALL_STEPS), (shorter, _WITHOUT_THE_LAST_STEP)):
+        if found := [row[name] for name in columns if row[name]]:
+            scores.append(score(ours, {**row, "best": max(found, key=float)}))
+    return min(scores)
+
+
 def mean_returns(records: Records) -> dict[Task, float | None]:
     """Of each task that was measured the mean return over its seeds; None if none was played."""
+    return _means(records, "mean")
+
+
+def shorter_returns(records: Records) -> dict[Task, float | None]:
+    """The same of what was returned before the last step."""
+    return _means(records, SHORTER)
+
+
+def _means(records: Records, column: str) -> dict[Task, float | None]:
+    """Of each task the mean over its seeds of a number, or of a list of them."""
     returns: dict[Task, list[float]] = {}
     for record in records.rows:
         found = returns.setdefault(Task(record["problem"], record["instance"]), [])
         if record["status"] == OK:
-            found.append(float(record["mean"]))
+            found.append(float(np.mean(json.loads(record[column]))))
     return {task: float(np.mean(found)) if found else None for task, found in returns.items()}
-
-
-def published_table(records: Records) -> str:
-    """Markdown: each task's mean return and score beside the others', and the totals."""
-    rows, measured = published(), mean_returns(records)
-    failed = {
-        Task(record["problem"], record["instance"]): record["status"]
-        for record in records.rows
-        if record["status"] != OK
-    }
-    lines = [
-        "| problem | instance | ours | score | best published | by | "
-        + " | ".join(OTHERS)
-        + " | no-op | random |",
-        "|" + "---|" * (len(OTHERS) + 8),
-    ]
-    scores = []
-    for task, row in rows.items():
-        if task not in measured:
-            continue
-        ours = measured[task]
-        scores.append(0.0 if ours is None else score(ours, row))
-        shown = failed[task] if ours is None else rounded(ours, 6)
-        cells = [task.problem, task.instance, shown, f"{scores[-1]:.3f}", _number(row["best"])]
-        cells += [row["best_by"], *(_number(row[name]) for name in OTHERS.values())]
-        cells += [_number(row["noop"]), _number(row["random"])]
-        lines.append(table_row(cells))
-    said = [totals(np.array(scores)), *_certainly_below(records), *_thinking(records)]
-    lines += ["", " ".join(said)]
-    return "\n".join(lines) + "\n"
-
-
-def _number(text: str) -> str:
-    return rounded(float(text), 6) if text else ""
-
-
-def _certainly_below(records: Records) -> list[str]:
-    """On how many tasks the episodes are enough to tell that ours is below the best."""
-    measured = mean_returns(records)
-    below = 0
-    for task, row in published().items():
-        if task not in measured:
-            continue
-        place = task.problem, task.instance, OK
-        keys = "problem", "instance", "status"
-        played = [each for each in records.rows if tuple(each[key] for key in keys) == place]
-        returns = common_returns(played) if played else None
-        interval = (-np.inf, -np.inf) if returns is None else mean_interval(returns)
-        below += interval is not None and score(interval[1], row) < AT_THE_BEST
-    if not measured:
-        return []
-    return [f"Below {AT_THE_BEST:g} with all of the 95% interval of its episodes: {below}."]
-
-
-def _thinking(records: Records) -> list[str]:
-    """How long decisions were, and where trials had chosen to use that; nothing without time."""
-    times = {row["decision_seconds"] for row in records.rows if row.get("decision_seconds")}
-    if not times:
-        return []
-    chosen = [row for row in records.rows if row["method"]]
-    tasks = {Task(row["problem"], row["instance"]) for row in chosen}
-    said = f"Ours with {', '.join(sorted(times))} s a decision, used on {len(tasks)} tasks."
-    signs = [
-        paired_returns(np.array(json.loads(row["returns"])), np.array(json.loads(row[ALONE]))).sign
-        for row in chosen
-        if row[ALONE]
-    ]
-    if not signs:
-        return [said]
-    counts = ", ".join(f"{name} on {signs.count(sign)}" for name, sign in _SIGNS.items())
-    return [said, f"Against the same policy alone in the same episodes: {counts}."]
-
-
-def totals(scores: np.ndarray, best: str = "the best published return") -> str:
-    """How many tasks reach the best, and the mean score.
-
-    Args:
-      scores: of the tasks, as `score` gives them.
-      best: what a score of 1 stands for.
-    """
-    if not scores.size:
-        return "No task has been played."
-    reached = int(np.sum(scores >= AT_THE_BEST))
-    mean = float(np.mean(np.minimum(scores, 1.0)))
-    return (
-        f"At {AT_THE_BEST:g} of {best} or above: {reached} of {len(scores)}. "
-        f"Mean score, each at most 1: {mean:.3f}. Below 0: {int(np.sum(scores < 0.0))}."
-    )

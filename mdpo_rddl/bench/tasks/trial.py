@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.bench.common.records import Records
+from mdpo_rddl.bench.tasks.published_episodes import ShorterReturns, published_seeds
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.ipc.planner import Improving, Planner
@@ -44,6 +45,8 @@ _DECISIONS = ("decisions", "left_base", "p99_seconds", "max_seconds", "within_bu
 ALONE = "alone"
 """The column with the returns of the prepared policy alone, in the episodes with thinking."""
 THINKING_COLUMNS = (*COLUMNS, "decision_seconds", "method", "note", *_DECISIONS, ALONE)
+SHORTER = "shorter"
+"""The column with the returns before the last step, in episodes of the published returns."""
 OK = "ok"
 # of the episodes, far from any training seed
 _EVALUATION_SEED = 2024
@@ -83,20 +86,26 @@ class Conditions:
         where it plays its policy alone.
       memory_gb: of a trial's processes.
       decision_seconds: for `mdpo-thinking` at each decision; 0 where planners do not think.
-      plays_all: whether `mdpo-thinking` plays all episodes where it thinks, too; else no more than
-        40 decisions for each of them allow, but at least five.
+      as_published: whether the episodes are those of the published returns, all of which
+        `mdpo-thinking` plays where it thinks, too; else it plays no more than 40 decisions for each
+        of them allow, but at least five.
     """
 
     seconds: float
     episodes: int
     memory_gb: float
     decision_seconds: float = 0.0
-    plays_all: bool = False
+    as_published: bool = False
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Of the rows."""
-        return THINKING_COLUMNS if self.decision_seconds else COLUMNS
+        columns = THINKING_COLUMNS if self.decision_seconds else COLUMNS
+        return (*columns, SHORTER) if self.as_published else columns
+
+    def episode_seeds(self, episodes: int) -> int | list[int]:
+        """Seeds as `evaluate` takes them."""
+        return published_seeds(episodes) if self.as_published else _EVALUATION_SEED
 
     @property
     def limits(self) -> Limits:
@@ -144,8 +153,8 @@ def run_tasks(
     kept = {"seconds": conditions.seconds, "episodes": conditions.episodes, **versions()}
     if conditions.decision_seconds:
         kept["decision_seconds"] = conditions.decision_seconds
-        if conditions.plays_all:
-            kept["plays_all"] = True
+    if conditions.as_published:
+        kept["as_published"] = True
     columns = conditions.columns
     records = Records(out / "rows.csv", columns, KEYS, kept)
     trials = [
@@ -179,13 +188,13 @@ def run_trial(trial: TaskTrial) -> dict[str, Any]:
         "illegal_actions": evaluation.illegal_actions,
         "fallback_actions": evaluation.fallback_actions,
         "peak_mb": round(peak_mb()),
-        "returns": _json(evaluation),
+        "returns": _json(evaluation.returns.tolist()),
     }
 
 
-def _json(evaluation: Evaluation) -> str:
-    """Its returns as a list of JSON."""
-    digits = [float(f"{value:.{_DIGITS}g}") for value in evaluation.returns.tolist()]
+def _json(returns: list[float]) -> str:
+    """As a list of JSON."""
+    digits = [float(f"{value:.{_DIGITS}g}") for value in returns]
     return json.dumps(digits)
 
 
@@ -212,29 +221,36 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
         row["arms"] = "; ".join(planner.found_by)
     random = np.random.default_rng(trial.seed)
     episodes = _episodes(planner, trial.conditions, problem.horizon)
+    env = make_environment(problem)
+    shorter = ShorterReturns(problem.horizon, env.discount)
     evaluation = evaluate(
-        make_environment(problem),
+        env,
         lambda step, state: planner.act(step, state, random),
         episodes,
-        _EVALUATION_SEED,
+        trial.conditions.episode_seeds(episodes),
+        recorder=shorter,
     )
+    row[SHORTER] = _json(shorter.returns)
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
     if isinstance(planner, ThinkingMDPO):
         seconds = trial.conditions.decision_seconds
         row |= _decisions(planner, seconds, episodes, row.get("note"))
         if planner.thinker is not None:
-            row[ALONE] = _json(_alone(problem, planner, episodes))
+            seeds = trial.conditions.episode_seeds(episodes)
+            row[ALONE] = _json(_alone(problem, planner, episodes, seeds).returns.tolist())
     return evaluation
 
 
-def _alone(problem: Problem, planner: ThinkingMDPO, episodes: int) -> Evaluation:
+def _alone(
+    problem: Problem, planner: ThinkingMDPO, episodes: int, seeds: int | list[int]
+) -> Evaluation:
     """The prepared policy without thinking, in the same episodes."""
     random = np.random.default_rng(0)  # it draws nothing
     return evaluate(
         make_environment(problem),
         lambda step, state: planner.act_alone(step, state, random),
         episodes,
-        _EVALUATION_SEED,
+        seeds,
     )
 
 
@@ -245,7 +261,7 @@ def _episodes(planner: Planner, conditions: Conditions, horizon: int) -> int:
         return wanted
     if planner.thinker is None:
         return max(wanted, _PLAIN_EPISODES)
-    if conditions.plays_all:
+    if conditions.as_published:
         return wanted
     return min(wanted, max(_FEWEST_EPISODES, _USUAL_STEPS * wanted // horizon))
 

@@ -31,7 +31,9 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trial,
     Trials,
 )
+from mdpo_rddl.policy.paired_episodes import STREAM
 from mdpo_rddl.problem.chance import rewards_are_certain
+from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -286,8 +288,8 @@ def _visited(policy: Prepared, has_time: Callable[[], bool]) -> list[tuple[int, 
     referee = Referee(env)
     found: list[tuple[int, State]] = []
     count, stride = 0, 1
-    for episode in range(_EPISODES):
-        state, step, done = env.reset(seed=policy.seed + episode)[0], 0, env.done
+    for seed in episode_seeds(STREAM + policy.seed, _EPISODES):
+        state, step, done = env.reset(seed=seed)[0], 0, env.done
         while not done and (len(found) < FEWEST_STATES or has_time()):
             known = known_at(policy, step, state, is_tried=True)
             if count % stride == 0:

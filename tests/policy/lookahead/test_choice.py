@@ -15,6 +15,7 @@ from helpers.slow_simulator import SlowSimulator
 from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
+from mdpo_rddl.bench.tasks.published_episodes import published_seeds
 from mdpo_rddl.planner.exact.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing
@@ -24,6 +25,7 @@ from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
+from mdpo_rddl.problem.evaluation import episode_seeds
 
 SECONDS = 0.5
 START = {"pulled": np.zeros(3, bool)}
@@ -96,6 +98,22 @@ def test_no_compilation_begins_that_would_end_late():
     assert {trial.note for trial in choice.trials} == {NO_TIME}
     assert choice.note == NO_TIME
     assert choice.seconds <= 50.0
+
+
+def test_the_states_of_trials_are_of_episodes_that_no_evaluation_plays(monkeypatch):
+    seeds, reset = [], RDDLEnv.reset
+
+    def spied(env, seed=None, **more):
+        seeds.append(seed)
+        return reset(env, seed=seed, **more)
+
+    monkeypatch.setattr(RDDLEnv, "reset", spied)
+    policy = lever_policy(NONE)
+    choosing._visited(policy, lambda: True)
+    played = {seed for seed in seeds if seed}  # legal actions are counted with 0
+    assert len(played) == 4
+    evaluated = {one for run in range(50) for one in episode_seeds(run, 50)}
+    assert not played & (evaluated | set(published_seeds(100)))
 
 
 def test_few_of_the_states_are_kept_while_they_are_visited(monkeypatch):
