@@ -123,17 +123,18 @@ def _induct(
     values = np.zeros(len(enumeration.states))
     if not len(decided):
         return 0.0, []
-    best_row, runs = np.full(len(decided), -1), []
+    best_row, runs, q = np.full(len(decided), -1), [], np.empty(len(enumeration.reward))
     for step in reversed(range(model.horizon)):
         limits.check_time()
         after = model.discount * (enumeration.transitions @ values)
-        q = enumeration.reward + after[enumeration.afterstate]
+        np.take(after, enumeration.afterstate, out=q, mode="clip")  # unlike "raise" without a copy
+        q += enumeration.reward
         best = np.maximum.reduceat(q, starts)
         # rounding shall not change the action from step to step
         enough = best - _TIE * (1 + np.abs(best))
-        keep = (best_row >= 0) & (q[best_row] >= enough)
-        candidates = np.where(q >= np.repeat(enough, counts), np.arange(len(q)), len(q))
-        chosen = np.where(keep, best_row, np.minimum.reduceat(candidates, starts))
+        lost = np.flatnonzero((best_row < 0) | (q[best_row] < enough))
+        chosen = best_row.copy()
+        chosen[lost] = _first_rows(q, enough[lost], starts[lost], counts[lost])
         values[decided] = best
         if kept is not None:
             kept[step] = values
@@ -142,3 +143,23 @@ def _induct(
         runs.append((step, decided[changed], enumeration.action[chosen[changed]]))
         best_row = chosen
     return float(values[0]), runs
+
+
+def _first_rows(
+    q: np.ndarray, enough: np.ndarray, starts: np.ndarray, counts: np.ndarray
+) -> np.ndarray:
+    """The first row of each of some states [N] whose value is enough.
+
+    Args:
+      q: values of all rows.
+      enough: what each state asks for [N].
+      starts: the first row of each state [N].
+      counts: how many rows it has, at least one [N].
+    """
+    if not len(starts):
+        return starts
+    ends = np.cumsum(counts)
+    first = ends - counts
+    rows = np.arange(ends[-1]) + np.repeat(starts - first, counts)
+    found = np.where(q[rows] >= np.repeat(enough, counts), rows, len(q))
+    return np.minimum.reduceat(found, first)
