@@ -171,8 +171,8 @@ def test_the_table_has_scores_in_equal_steps(tmp_path):
     assert "| SysAdmin_MDP_ippc2011 | 1 | memory | 0.000 |  | 0.000 |" in table
     assert "In equal steps: At 0.99 of the best published return or above: 1 of 3. " in table
     assert table.endswith(
-        "Mean before the last step below PROST's with 1 s: on 1 of 1 domains: "
-        "Traffic_MDP_ippc2014 (-68.55, PROST -27.62).\n"
+        "Mean below PROST's with 1 s: on 1 of 1 domains: Traffic_MDP_ippc2014 (-40, PROST -27.62); "
+        "before the last step on 1 of 1 domains: Traffic_MDP_ippc2014 (-68.55, PROST -27.62).\n"
     )
 
 

@@ -76,14 +76,20 @@ def _said(records: Records, scores: np.ndarray, shorter: Mapping[Task, float | N
     if scores.shape[1] == 1:
         return [*said, *_certainly_below(records), *_thinking(records)]
     equal = f"In equal steps: {totals(scores[:, 1])}"
-    return [*said, equal, _behind_prost(shorter), *_thinking(records)]
+    behind = _behind_prost(mean_returns(records)), _behind_prost(shorter)
+    prost = f"Mean below PROST's with 1 s: {behind[0]}; before the last step {behind[1]}."
+    return [*said, equal, prost, *_thinking(records)]
 
 
-def _behind_prost(shorter: Mapping[Task, float | None]) -> str:
-    """On which domains PROST's mean with 1 s a decision is above ours, of as many steps."""
+def _behind_prost(means: Mapping[Task, float | None]) -> str:
+    """On which domains PROST's mean with 1 s a decision is above ours, and both.
+
+    Args:
+      means: of our returns on the tasks.
+    """
     domains: dict[str, list[tuple[float, float]]] = {}
     for task, row in published().items():
-        ours = shorter.get(task)
+        ours = means.get(task)
         if row["prost_1"] and ours is not None:
             domains.setdefault(task.problem, []).append((ours, float(row["prost_1"])))
     behind = []
@@ -91,8 +97,7 @@ def _behind_prost(shorter: Mapping[Task, float | None]) -> str:
         ours, prost = np.mean(pairs, axis=0)
         if ours < prost:
             behind.append(f"{problem} ({rounded(ours, 4)}, PROST {rounded(prost, 4)})")
-    counted = f"{len(behind)} of {len(domains)} domains"
-    return f"Mean before the last step below PROST's with 1 s: on {counted}{_listed(behind)}."
+    return f"on {len(behind)} of {len(domains)} domains{_listed(behind)}"
 
 
 def _listed(names: Sequence[str]) -> str:
