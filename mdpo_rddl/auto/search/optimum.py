@@ -127,12 +127,13 @@ def _induct(
     for step in reversed(range(model.horizon)):
         limits.check_time()
         after = model.discount * (enumeration.transitions @ values)
-        np.take(after, enumeration.afterstate, out=q, mode="clip")  # unlike "raise" without a copy
+        # none is out of range; for "raise" numpy would make another array
+        np.take(after, enumeration.afterstate, out=q, mode="clip")
         q += enumeration.reward
         best = np.maximum.reduceat(q, starts)
         # rounding shall not change the action from step to step
         enough = best - _TIE * (1 + np.abs(best))
-        lost = np.flatnonzero((best_row < 0) | (q[best_row] < enough))
+        lost = np.flatnonzero((best_row < 0) | ~(q[best_row] >= enough))
         chosen = best_row.copy()
         chosen[lost] = _first_rows(q, enough[lost], starts[lost], counts[lost])
         values[decided] = best

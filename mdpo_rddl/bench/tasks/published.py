@@ -121,6 +121,8 @@ def score(mean: float, row: Mapping[str, str]) -> float:
 def score_in_equal_steps(mean: float, shorter: float, row: Mapping[str, str]) -> float:
     """The score against the best one of PROST's means, or of the others', whichever is lower.
 
+    It is 0 at the no-op's or random return of all steps, against PROST, too.
+
     Args:
       mean: return.
       shorter: mean return before the last step, which is compared with those of PROST at 1, 3 and

@@ -1,18 +1,19 @@
 """The episodes that the published returns are of.
 
-JaxPlan's authors played twenty on the exact environment of pyRDDLGym 1.4.4, whose default seeds are
-the numbers of Fibonacci: each episode has the same random numbers for every planner and time a
-decision. Played with these seeds the no-op returns what they published on all tasks but Tamarisk 3,
-5, 7 and 9; the order in which two fluents of Tamarisk draw changed from run to run there. PROST was
-played by `RDDLSimAgent` of that version, which ends an episode one step before the horizon
-(github.com/mike-gimelfarb/ICAPS2024Exp; branch version_1.4.4_stable of pyRDDLGym).
+JaxPlan's authors played twenty on the exact environment of pyRDDLGym 1 (branch ICAPS2024), which
+seeds its episodes with the Fibonacci numbers unless it is told otherwise. So JaxPlan, GurobiPlan,
+PROST and the no-op had the same random numbers at each time a decision, but where several fluents
+of one level draw: their order changed from process to process. PROST was played by `RDDLSimAgent`,
+which ended an episode one step before the horizon. DiSProD had later seeds, and PROST at IPPC 2014
+other episodes. Sources: github.com/mike-gimelfarb/ICAPS2024Exp; `tools/published_noop.py` plays the
+no-op with these seeds beside what they published.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-# of pyRDDLGym's seeds, which episodes after the fortieth would reach
+# of pyRDDLGym's seeds, reached in the 46th episode
 _MODULUS = 2**31 - 1
 
 

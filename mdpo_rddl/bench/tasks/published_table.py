@@ -48,7 +48,7 @@ def published_table(records: Records) -> str:
         ours = [measured[task], *([shorter[task]] if is_shorter_known else [])]
         scores.append(_scores(ours, row))
         shown = ["" if mean is None else rounded(mean, 6) for mean in ours]
-        shown[0] = failed.get(task, shown[0]) if measured[task] is None else shown[0]
+        shown[0] = shown[0] or failed[task]
         pairs = zip(shown, scores[-1], strict=True)
         cells = [cell for mean, scored in pairs for cell in (mean, f"{scored:.3f}")]
         cells += [_number(row["best"]), row["best_by"]]
@@ -75,7 +75,7 @@ def _said(records: Records, scores: np.ndarray, shorter: Mapping[Task, float | N
     said = [totals(scores[:, 0])]
     if scores.shape[1] == 1:
         return [*said, *_certainly_below(records), *_thinking(records)]
-    equal = f"In equal steps: {totals(scores[:, 1])}"
+    equal = f"The same in equal steps: {totals(scores[:, 1])}"
     behind = _behind_prost(mean_returns(records)), _behind_prost(shorter)
     prost = f"Mean below PROST's with 1 s: {behind[0]}; before the last step {behind[1]}."
     return [*said, equal, prost, *_thinking(records)]
@@ -85,18 +85,20 @@ def _behind_prost(means: Mapping[Task, float | None]) -> str:
     """On which domains PROST's mean with 1 s a decision is above ours, and both.
 
     Args:
-      means: of our returns on the tasks.
+      means: of our returns on the tasks, None where it failed.
     """
     domains: dict[str, list[tuple[float, float]]] = {}
     for task, row in published().items():
-        ours = means.get(task)
-        if row["prost_1"] and ours is not None:
-            domains.setdefault(task.problem, []).append((ours, float(row["prost_1"])))
+        if row["prost_1"] and task in means:
+            ours = means[task]
+            failed = -np.inf if ours is None else ours
+            domains.setdefault(task.problem, []).append((failed, float(row["prost_1"])))
     behind = []
     for problem, pairs in domains.items():
         ours, prost = np.mean(pairs, axis=0)
         if ours < prost:
-            behind.append(f"{problem} ({rounded(ours, 4)}, PROST {rounded(prost, 4)})")
+            shown = rounded(ours, 4) if np.isfinite(ours) else "failed"
+            behind.append(f"{problem} ({shown}, PROST {rounded(prost, 4)})")
     return f"on {len(behind)} of {len(domains)} domains{_listed(behind)}"
 
 
@@ -121,8 +123,6 @@ def _certainly_below(records: Records) -> list[str]:
         returns = common_returns(played) if played else None
         interval = (-np.inf, -np.inf) if returns is None else mean_interval(returns)
         below += interval is not None and score(interval[1], row) < AT_THE_BEST
-    if not measured:
-        return []
     return [f"Below {AT_THE_BEST:g} with all of the 95% interval of its episodes: {below}."]
 
 

@@ -103,8 +103,8 @@ class Conditions:
         columns = THINKING_COLUMNS if self.decision_seconds else COLUMNS
         return (*columns, SHORTER) if self.as_published else columns
 
-    def episode_seeds(self, episodes: int) -> int | list[int]:
-        """Seeds as `evaluate` takes them."""
+    def seeds_of(self, episodes: int) -> int | list[int]:
+        """The seeds of so many episodes, as `evaluate` takes them."""
         return published_seeds(episodes) if self.as_published else _EVALUATION_SEED
 
     @property
@@ -222,21 +222,23 @@ def _play(trial: TaskTrial, row: dict[str, Any]) -> Evaluation:
     random = np.random.default_rng(trial.seed)
     episodes = _episodes(planner, trial.conditions, problem.horizon)
     env = make_environment(problem)
-    shorter = ShorterReturns(problem.horizon, env.discount)
+    as_published = trial.conditions.as_published
+    shorter = ShorterReturns(problem.horizon, env.discount) if as_published else None
     evaluation = evaluate(
         env,
         lambda step, state: planner.act(step, state, random),
         episodes,
-        trial.conditions.episode_seeds(episodes),
+        trial.conditions.seeds_of(episodes),
         recorder=shorter,
     )
-    row[SHORTER] = _json(shorter.returns)
+    if shorter is not None:
+        row[SHORTER] = _json(shorter.returns)
     row["play_seconds"] = round(time.perf_counter() - prepared, 2)
     if isinstance(planner, ThinkingMDPO):
         seconds = trial.conditions.decision_seconds
         row |= _decisions(planner, seconds, episodes, row.get("note"))
         if planner.thinker is not None:
-            seeds = trial.conditions.episode_seeds(episodes)
+            seeds = trial.conditions.seeds_of(episodes)
             row[ALONE] = _json(_alone(problem, planner, episodes, seeds).returns.tolist())
     return evaluation
 

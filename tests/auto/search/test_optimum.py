@@ -110,3 +110,17 @@ def test_fluents_that_share_a_draw_are_drawn_together(tmp_path):
 def test_a_spent_time_is_given_up(tmp_path):
     with pytest.raises(NotEnumerableError, match="more than 0 s"):
         find_optimum(toys.walk(tmp_path, 3), 0)
+
+
+def test_the_first_row_that_is_enough_is_found_for_each_state():
+    random = np.random.default_rng(0)
+    counts = random.integers(1, 6, 200)
+    starts = np.cumsum(counts) - counts
+    q = random.integers(0, 3, counts.sum()).astype(float)  # with ties
+    enough = np.maximum.reduceat(q, starts)
+    some = random.permutation(200)[:80]
+    found = optimum._first_rows(q, enough[some], starts[some], counts[some])
+    rows = [range(starts[each], starts[each] + counts[each]) for each in some]
+    by_loop = [next(r for r in rs if q[r] >= enough[e]) for rs, e in zip(rows, some, strict=True)]
+    assert found.tolist() == by_loop
+    assert len(optimum._first_rows(q, enough[:0], starts[:0], counts[:0])) == 0
