@@ -84,7 +84,7 @@ def test_the_published_seeds_are_the_numbers_of_fibonacci():
 
 @pytest.mark.parametrize(
     ("problem", "instance"),
-    [("Traffic_MDP_ippc2014", "7"), ("Elevators_MDP_ippc2011", "1"), ("HVAC_ippc2023", "1")],
+    [("Traffic_MDP_ippc2014", "7"), ("Elevators_MDP_ippc2011", "1"), ("Reservoir_ippc2023", "3")],
 )
 def test_the_no_op_returns_what_was_published(problem, instance):
     env = make_environment(load_problem(problem, instance))
