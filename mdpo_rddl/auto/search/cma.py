@@ -80,6 +80,8 @@ class Adaptation:
             population_size=sampling.population,
             seed=sampling.seed,
         )
+        # cmaes leaves what was in memory there; a state must be restorable, and the same each time
+        self._optimizer._funhist_values[:] = 0.0
         self.iterations, self._flat = 0, 0
         # of the candidates, at each iteration
         self._medians: list[float] = []

@@ -107,3 +107,14 @@ def test_one_that_goes_on_is_left_at_the_same_iteration():
     again.restore(first.state())
     again.run(distance, until)
     assert again.iterations == at_once.iterations > 40
+
+
+@pytest.mark.parametrize("separable", [False, True])
+def test_a_state_holds_nothing_that_was_in_memory_before(separable, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "empty", lambda *shape: np.full(*shape, np.nan))
+        first, until = adaptation(iterations=3, separable=separable)
+    first.run(distance, until)
+    second, _ = adaptation(separable=separable)
+    second.restore(first.state())
+    assert second.iterations == first.iterations == 3
