@@ -81,7 +81,7 @@ class ThinkingMDPO(MDPO):
         now = self._clock()
         if step == 0:
             self._trial_began = now
-            self._thinker.method.reset()
+            self._thinker.begin()
         else:
             self._between = max(self._between, now - self._acted)
         action = self._thinker.decide(step, state, self._seconds_at(step, now))[0]

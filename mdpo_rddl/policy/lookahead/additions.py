@@ -28,29 +28,43 @@ class Additions:
 
     def reset(self) -> None:
         """The plan of a new episode adds nothing."""
-        assert self._components is not None  # `applies` was asked first
-        self._plan = np.zeros((self.depth, self._components.size), np.float32)
+        self._plan = np.zeros((self.depth, self._parts.size), np.float32)
+
+    def resume(self, changes: np.ndarray) -> None:
+        """An episode begins with a plan."""
+        self.reset()
+        self._plan = changes[: self.depth].astype(np.float32)
 
     def followed(self, base: np.ndarray) -> np.ndarray | None:
         """The plan, where it adds anything."""
+        self._base = base
         if not np.any(self._plan):
             return None
-        self._base = base
-        return self._candidates(self._plan[np.newaxis])[0]
+        return self._candidates(self._plan)
 
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
-        self._plan = one_step_later(chosen[np.newaxis, : self.depth])[0]
+        self._plan = one_step_later(chosen[np.newaxis], self.depth)[0]
 
     def _candidates(self, additions: np.ndarray) -> np.ndarray:
-        """Additions [P, k, D] as candidates: the first is an action in its box."""
-        parts = self._components
-        assert parts is not None
+        """Additions [..., k, D] as candidates: the first is an action in its box."""
         candidates = additions.astype(np.float32)
-        candidates[:, 0] = np.clip(candidates[:, 0] + self._base, parts.lower, parts.upper)
+        candidates[..., 0, :] = self._parts.changed(candidates[..., 0, :], self._base)
         return candidates
 
+    def _additions(self, candidates: np.ndarray) -> np.ndarray:
+        """Candidates [..., k, D] as additions, to the first action too."""
+        additions = candidates[..., : self.depth, :].copy()
+        additions[..., 0, :] = self._parts.changes(additions[..., 0, :], self._base)
+        return additions
 
-def one_step_later(additions: np.ndarray) -> np.ndarray:
-    """Additions [P, k, D] after the first step; nothing is added at the last one."""
-    return np.pad(additions[:, 1:], ((0, 0), (0, 1), (0, 0)))
+    @property
+    def _parts(self) -> Components:
+        assert self._components is not None  # `applies` was asked first
+        return self._components
+
+
+def one_step_later(additions: np.ndarray, depth: int) -> np.ndarray:
+    """Additions [P, n, D] at so many steps after the first; nothing is added after the last."""
+    later = additions[:, 1 : depth + 1]
+    return np.pad(later, ((0, 0), (0, depth - later.shape[1]), (0, 0)))

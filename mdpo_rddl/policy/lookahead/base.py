@@ -251,3 +251,11 @@ class Method(Protocol):
 
     def reset(self) -> None:
         """A new episode begins."""
+
+    def resume(self, changes: np.ndarray) -> None:
+        """A new episode begins, and a plan for it is known.
+
+        Args:
+          changes: of the policy's actions, the first one too, at the steps to come [n, D], as
+            `Components.changes` gives them; n is at least k.
+        """

@@ -32,7 +32,7 @@ from mdpo_rddl.policy.lookahead.trials import (
     Trials,
 )
 from mdpo_rddl.policy.paired_episodes import STREAM
-from mdpo_rddl.problem.chance import rewards_are_certain
+from mdpo_rddl.problem.chance import has_draws, rewards_are_certain
 from mdpo_rddl.problem.evaluation import episode_seeds
 from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.load import Problem, make_environment
@@ -207,7 +207,7 @@ def _tried(
             return found, shown
     within = until - clock()
     visited = _visited(policy, _lasting(_VISITING_SHARE * within, clock))
-    simulator = Simulator(policy, max(method.depth for method in methods), clock)
+    simulator = Simulator(policy, _depth(policy, methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
         return None, [*shown, *no_time]
     methods = [each for each in methods if each.is_for_chance or not simulator.is_random]
@@ -226,6 +226,13 @@ def _tried(
         given = seconds, policy.seed, clock, policy.is_unknown
         best = LookaheadPolicy(simulator, tried[0], *given) if tried else None
     return best, [*shown, *trials]
+
+
+def _depth(policy: Prepared, methods: Sequence[Method]) -> int:
+    """Steps of a candidate: where nothing is drawn whole plans are kept from episode to episode."""
+    depth = max(method.depth for method in methods)
+    is_whole = depth > 1 and not has_draws(policy.problem.model)
+    return max(depth, policy.problem.horizon) if is_whole else depth
 
 
 def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> LookaheadPolicy | None:

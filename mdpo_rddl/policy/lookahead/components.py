@@ -1,5 +1,6 @@
 """An action's components side by side: which there are and what they can be."""
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -124,6 +125,33 @@ class Components:
           depth: steps k of a candidate.
         """
         return max(1, _CANDIDATES_BYTES // (4 * depth * max(1, self.size)))
+
+    def changes(self, actions: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """How actions [..., D] differ from a base [D], as a later row of a candidate says it.
+
+        What is added to reals, and the number of a listed value, 0 where it is the base's. The
+        others count as the base's.
+        """
+        numbers = np.where(actions != base, 1.0 + actions - self.lowest, 0.0)
+        numbers = np.where(self._is_listed, numbers, 0.0)
+        return np.where(self.is_real, actions - base, numbers).astype(np.float32)
+
+    def changed(self, changes: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """The base [D] with changes [..., D] as `changes` gives them, the reals in their box."""
+        real = np.clip(base + changes, self.lower, self.upper)
+        listed = self._is_listed & (changes > 0.0)
+        actions = np.where(listed, self.lowest + changes - 1.0, base)
+        return np.where(self.is_real & (changes != 0.0), real, actions).astype(np.float32)
+
+    @functools.cached_property
+    def _is_listed(self) -> np.ndarray:
+        return np.array([bool(values) for values in self.values]) & ~self.is_real
+
+    @functools.cached_property
+    def lowest(self) -> np.ndarray:
+        """The first listed value of each component; 0 where none are listed [D]."""
+        lowest = [values[0] if values else 0.0 for values in self.values]
+        return np.array(lowest, np.float32)
 
     def flat(self, action: Mapping[str, Any]) -> np.ndarray:
         """An action as one vector [D]."""

@@ -95,6 +95,9 @@ class Coordinate:
     def reset(self) -> None:
         """Nothing is known for the next episode."""
 
+    def resume(self, changes: np.ndarray) -> None:
+        """Nothing is known for the next episode, plans of several steps are not made."""
+
 
 def _with(action: np.ndarray, place: int, value: float) -> np.ndarray:
     changed = action.copy()

@@ -13,6 +13,7 @@ from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
 from mdpo_rddl.policy.lookahead.belief import Believer, is_unmatched, known_at, note_played
 from mdpo_rddl.policy.lookahead.halving import Halving
+from mdpo_rddl.policy.lookahead.played_plan import PlayedPlan
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
@@ -85,6 +86,7 @@ class LookaheadPolicy(PolicyAgent):
         self.method, self.decisions = method, list[Decision]()
         self._is_unknown = is_unknown
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
+        self._plan = PlayedPlan(simulator.depth, simulator.components.size)
         self._random = np.random.default_rng(seed)
         self._known: Mapping[str, Any] = {}
         self._decided: Mapping[str, Any] = {}
@@ -124,8 +126,20 @@ class LookaheadPolicy(PolicyAgent):
         if is_grounded(model, observation):
             return grounded(model, self(step, lifted(model, observation)))
         if step == 0:
-            self.method.reset()
+            self.begin()
         return self.decide(step, observation)[0]
+
+    def begin(self) -> None:
+        """An episode begins: the last one again, as far as is known, where nothing is random."""
+        if self._simulator.is_random:
+            self.forget()
+        else:
+            self.method.resume(self._plan.begin_again())
+
+    def forget(self) -> None:
+        """An episode begins of which nothing is known."""
+        self._plan.forget()
+        self.method.reset()
 
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """As `PolicyAgent.batch`; of several observations each is decided on from nothing.
@@ -146,7 +160,7 @@ class LookaheadPolicy(PolicyAgent):
             return super().batch(step, observations)
         actions = []
         for each in range(count):
-            self.method.reset()
+            self.forget()
             own = {name: values[each : each + 1] for name, values in observations.items()}
             actions.append(super().batch(step, own))
         return {name: np.concatenate([action[name] for action in actions]) for name in actions[0]}
@@ -180,6 +194,7 @@ class LookaheadPolicy(PolicyAgent):
         chosen = self._best(play, started, seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
+        self._plan.shift(candidate, components.changes(candidate[0], base[0]))
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
         self._known, self._decided = state, action
@@ -245,7 +260,7 @@ class LookaheadPolicy(PolicyAgent):
         followed = self.method.followed(play.base[0])
         if followed is None:
             return None
-        padded = self._padded(followed[np.newaxis])
+        padded = self._plan.padded(followed[np.newaxis])
         return padded[0] if self._simulator.legal(play.state, padded[:, 0])[0] else None
 
     def _finalists(self, play: Halving, until: float, followed: np.ndarray | None) -> np.ndarray:
@@ -260,7 +275,7 @@ class LookaheadPolicy(PolicyAgent):
             proposals = self.method.propose(gains, self._random)
             if not len(proposals):
                 break
-            proposals = self._padded(proposals)
+            proposals = self._plan.padded(proposals)
             legal = self._simulator.legal(play.state, proposals[:, 0])
             if not np.any(legal):
                 break
@@ -287,7 +302,9 @@ class LookaheadPolicy(PolicyAgent):
 
         def climb(ascent: Ascent, rates: np.ndarray, share: float) -> Climbed | None:
             depth = ascent.candidates.shape[1]
-            padded, place = ascent.changed(self._padded), (play.state, play.step)
+            place, missing = (play.state, play.step), simulator.depth - depth
+            padded = ascent.changed(lambda part: np.pad(part, ((0, 0), (0, missing), (0, 0))))
+            padded = padded._replace(candidates=self._plan.padded(ascent.candidates))
             # what the method does not keep must not move
             all_rates = rates[:, np.newaxis] * (np.arange(simulator.depth) < depth)
             found = simulator.climb(place, padded, all_rates, min(share * seconds, most))
@@ -298,11 +315,6 @@ class LookaheadPolicy(PolicyAgent):
 
         base, capacity = play.base[0], simulator.challengers(WIDE)
         return Situation(base, capacity, climb, simulator.climbers)
-
-    def _padded(self, candidates: np.ndarray) -> np.ndarray:
-        """Candidates with as many steps as the simulator's; nothing is added at the last ones."""
-        missing = self._simulator.depth - candidates.shape[1]
-        return np.pad(candidates, ((0, 0), (0, missing), (0, 0)))
 
     def _new_seed(self) -> int:
         return int(self._random.integers(2**31))

@@ -66,3 +66,6 @@ class FirstActions:
 
     def reset(self) -> None:
         """Nothing is known for the next episode."""
+
+    def resume(self, changes: np.ndarray) -> None:
+        """Nothing is known for the next episode, plans of several steps are not made."""

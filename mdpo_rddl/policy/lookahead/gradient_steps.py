@@ -48,8 +48,7 @@ class GradientSteps(Additions):
         start = known._replace(candidates=self._candidates(known.candidates))
         climbed = situation.climb(start, np.array([_RATE]), _SHARE)
         if climbed is not None:
-            reached = climbed.ascent.candidates.copy()
-            reached[:, 0] -= self._base
+            reached = self._additions(climbed.ascent.candidates)
             self._ascent = climbed.ascent._replace(candidates=reached)
 
     def propose(self, gains: Sequence[Gain], random: np.random.Generator) -> np.ndarray:
@@ -66,5 +65,8 @@ class GradientSteps(Additions):
         is_end = np.array_equal(self._candidates(self._ascent.candidates)[0], chosen[: self.depth])
         self._refused = 0 if is_end else self._refused + 1
         goes_on = self._refused < _MOST_REFUSED
-        self._ascent = self._ascent.changed(one_step_later) if goes_on else None
+        self._ascent = self._ascent.changed(self._later) if goes_on else None
         self._refused %= _MOST_REFUSED
+
+    def _later(self, part: np.ndarray) -> np.ndarray:
+        return one_step_later(part, self.depth)

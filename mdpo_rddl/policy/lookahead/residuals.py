@@ -71,9 +71,7 @@ class Residuals(Additions):
         if climbed is None:
             self._climbed = self._climbed[:0]
             return
-        reached = climbed.ascent.candidates.copy()
-        reached[:, 0] -= self._base
-        self._climbed = reached
+        self._climbed = self._additions(climbed.ascent.candidates)
         if self.adaptive:
             self._sigma = _SIGMA * climbed.sigma[0]
 
@@ -85,10 +83,9 @@ class Residuals(Additions):
             centres, known = np.stack([zero, self._plan]), [self._plan, *self._climbed]
         else:
             centres = self._best(gains)
-            known = [centres.mean(axis=0), centres[: max(1, len(centres) // 2)].mean(axis=0)]
-        assert self._components is not None
+            known = [self._mean(centres), self._mean(centres[: max(1, len(centres) // 2)])]
         count = max(_POPULATIONS[number], self._capacity - len(known))
-        count = min(count, self._components.most_candidates(self.depth))
+        count = min(count, self._parts.most_candidates(self.depth))
         around = centres[random.integers(len(centres), size=count)]
         scale = 0.5**number * _SMALLEST_SHARE ** random.random((count, 1, 1), np.float32)
         samples = around + scale * self._noise(random, count)
@@ -101,14 +98,15 @@ class Residuals(Additions):
         self._elites = sorted([*self._elites, *better], key=lambda gain: -gain.mean)[:_ELITES]
         if not self._elites:
             return np.zeros_like(self._plan)[np.newaxis]
-        additions = np.stack([gain.candidate[: self.depth] for gain in self._elites])
-        additions[:, 0] -= self._base
-        return additions
+        return self._additions(np.stack([gain.candidate for gain in self._elites]))
+
+    def _mean(self, centres: np.ndarray) -> np.ndarray:
+        """Of additions [E, k, D]; what is no real as in the first of them [k, D]."""
+        return np.where(self._parts.is_real, centres.mean(axis=0), centres[0])
 
     def _noise(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Coloured noise on some of the components [P, k, D], in their own values."""
-        parts = self._components
-        assert parts is not None
+        parts = self._parts
         white = random.standard_normal((count, self.depth, parts.size), np.float32)
         frequencies = np.maximum(np.fft.rfftfreq(self.depth), 1.0 / self.depth)
         weights = (frequencies ** (-_COLOUR / 2.0)).astype(np.float32)
@@ -126,8 +124,7 @@ class Residuals(Additions):
         self, candidates: np.ndarray, random: np.random.Generator, known: int
     ) -> np.ndarray:
         """Changes one discrete component of the first action of some samples."""
-        parts = self._components
-        assert parts is not None
+        parts = self._parts
         if parts.discrete:
             for candidate in candidates[known:]:
                 if random.random() < _DISCRETE_SHARE:
@@ -138,4 +135,4 @@ class Residuals(Additions):
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
         super().shift(chosen)
-        self._climbed = one_step_later(self._climbed)
+        self._climbed = one_step_later(self._climbed, self.depth)

@@ -45,7 +45,6 @@ class Sequences:
     is_for_chance: bool = True
     _components: Components | None = field(default=None, init=False)
     _places: np.ndarray = field(default_factory=lambda: np.zeros(0, int), init=False)
-    _lowest: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _noop: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _known: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
@@ -57,10 +56,8 @@ class Sequences:
     def applies(self, components: Components) -> bool:
         """Some component has values that can be listed."""
         self._components, self._places = components, np.array(components.discrete, int)
-        self._lowest = np.zeros(components.size, np.float32)
-        self._lowest[self._places] = [components.values[place][0] for place in self._places]
         self._noop = np.zeros(components.size, np.float32)
-        self._noop[self._places] = self._numbers(components.noop)[self._places]
+        self._noop[self._places] = (1.0 + components.noop - components.lowest)[self._places]
         self.reset()
         return bool(components.discrete)
 
@@ -69,6 +66,12 @@ class Sequences:
         self._elites = []
         self._known = np.zeros((0, self.depth, self._parts.size), np.float32)
         self._plan = np.zeros((self.depth, self._parts.size), np.float32)
+
+    def resume(self, changes: np.ndarray) -> None:
+        """An episode begins with a plan."""
+        self.reset()
+        self._plan = changes[: self.depth].astype(np.float32)
+        self._known = self._plan[np.newaxis][: int(np.any(self._plan))]
 
     def begin(self, situation: Situation) -> None:
         """Starts with what the decisions before have found."""
@@ -90,23 +93,23 @@ class Sequences:
             proposed, parents = [], np.stack(found) if found else nothing
         children = self._children(parents, self._count, random)
         candidates = _distinct(np.concatenate([*proposed, children])[: self._count])
-        candidates[:, 0] = self._first_actions(candidates[:, 0])
+        candidates[:, 0] = self._parts.changed(candidates[:, 0], self._base)
         differs = np.any(candidates[:, 0] != self._base, axis=1)
         return candidates[differs | np.any(candidates[:, 1:], axis=(1, 2))]
 
     def followed(self, base: np.ndarray) -> np.ndarray | None:
         """The rest of what was chosen, where it changes anything."""
+        self._base = base
         if not np.any(self._plan):
             return None
-        self._base = base
         plan = self._plan.copy()
-        plan[0] = self._first_actions(plan[0])
+        plan[0] = self._parts.changed(plan[0], self._base)
         return plan
 
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of what was chosen, and of what else was found, is known at the next step."""
         found = [chosen, *(gain.candidate for gain in self._elites)]
-        later = np.stack([candidate[1 : self.depth] for candidate in found])
+        later = np.stack([candidate[1 : self.depth + 1] for candidate in found])
         rest = np.pad(later, ((0, 0), (0, self.depth - later.shape[1]), (0, 0)))
         self._plan, self._known = rest[0], _distinct(rest[np.any(rest, axis=(1, 2))])
         # the next decision may have no time to propose anything
@@ -117,19 +120,10 @@ class Sequences:
         assert self._components is not None  # `applies` was asked first
         return self._components
 
-    def _numbers(self, values: np.ndarray) -> np.ndarray:
-        """Which of their components' values these are, counted from 1 [D]."""
-        return 1.0 + values - self._lowest
-
-    def _first_actions(self, rows: np.ndarray) -> np.ndarray:
-        """Changes of the first action as the actions themselves [P, D]."""
-        return np.where(rows > 0.0, self._lowest + rows - 1.0, self._base).astype(np.float32)
-
     def _changes(self, candidate: np.ndarray) -> np.ndarray:
         """A candidate [k, D] with the changes of the policy's first action in its first row."""
         changes = candidate[: self.depth].copy()
-        differs = changes[0] != self._base
-        changes[0] = np.where(differs, self._numbers(changes[0]), 0.0)
+        changes[0] = self._parts.changes(changes[0], self._base)
         return changes
 
     def _single(self, random: np.random.Generator) -> np.ndarray:
@@ -151,7 +145,7 @@ class Sequences:
         """Gives a component a value at some steps of changes [k, D]."""
         if self._parts.most == 1:
             changes[steps] = self._noop
-        changes[steps, place] = 1.0 + value - self._lowest[place]
+        changes[steps, place] = 1.0 + value - self._parts.lowest[place]
 
     def _children(self, parents: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
         """Mutated parents [P, k, D]."""

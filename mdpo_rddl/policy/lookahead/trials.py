@@ -119,8 +119,8 @@ class Trials:
         step, state = place
         chosen, base = [], np.zeros(0)
         for thinker in self.thinkers:
-            # what a method knows belongs to another episode
-            thinker.method.reset()
+            # what is known belongs to another episode
+            thinker.forget()
             _, candidate, base = thinker.decide(step, state, seconds)
             chosen.append(candidate)
         seeds = range(number * _TEST_CALLS, (number + 1) * _TEST_CALLS)

@@ -262,3 +262,14 @@ def test_a_call_has_no_more_candidates_than_there_are_actions():
     assert simulator.scenarios(WIDE) >= 128 // 2**3
     # nothing is random
     assert prepared((1, 0, 1)).challengers(WIDE) == 2**3 - 1
+
+
+@pytest.mark.parametrize(("likelihood", "expected"), [("1.0", "resume"), ("0.75", "reset")])
+def test_an_episode_is_begun_again_where_nothing_is_random(monkeypatch, likelihood, expected):
+    simulator, begun = prepared(NONE, LIKELIHOOD=likelihood), []
+    thinker = thinking(simulator, FirstActions())
+    for name in ("resume", "reset"):
+        monkeypatch.setattr(thinker.method, name, lambda *_, name=name: begun.append(name))
+    for _ in range(2):
+        play(simulator.policy, thinker)
+    assert begun == [expected] * 2

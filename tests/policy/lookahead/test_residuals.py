@@ -86,6 +86,50 @@ def test_the_plan_that_was_played_is_shifted_until_the_episode_ends():
     np.testing.assert_array_equal(proposed(begun())[0, 1:], 0.0)
 
 
+def test_an_episode_may_begin_with_a_plan():
+    method, plan = begun(), np.zeros((6, 2), np.float32)
+    plan[:, 0] = 0.1, 0.2, 0.3, 0.4, 0.5, 0.6
+    method.resume(plan)
+    expected = plan[:4] + np.eye(4, 1) * BASE
+    np.testing.assert_allclose(method.followed(BASE), expected, atol=1e-6)
+    method.begin(Situation(BASE, 10, lambda *_: None))
+    np.testing.assert_allclose(proposed(method)[0], expected, atol=1e-6)
+    # a longer candidate has what comes after its own steps
+    whole = plan + np.eye(6, 1) * BASE
+    method.shift(whole)
+    expected = plan[1:5] + np.eye(4, 1) * BASE
+    np.testing.assert_allclose(method.followed(BASE), expected, atol=1e-6)
+
+
+def test_a_value_that_is_planned_is_chosen():
+    method = Residuals(depth=2)
+    parts = Components(
+        parts={"push": slice(0, 1), "gear": slice(1, 2)},
+        values=((), (-1.0, 0.0, 1.0)),
+        is_real=np.array([True, False]),
+        noop=np.zeros(2, np.float32),
+        lower=np.array([-1.0, -np.inf]),
+        upper=np.array([1.0, np.inf]),
+        units=np.array([2.0, 0.0], np.float32),
+        most=2,
+    )
+    assert method.applies(parts)
+    base = np.array([0.25, 1.0], np.float32)
+    changes = parts.changes(np.array([[2.0, 0.0], [0.25, 1.0]]), base)
+    np.testing.assert_array_equal(changes, [[1.75, 2.0], [0.0, 0.0]])
+    method.resume(changes)
+    # the real is in its box, and where nothing is changed the policy chooses
+    np.testing.assert_array_equal(method.followed(base), [[1.0, 0.0], [0.0, 0.0]])
+    # the best samples so far have values of their own, not a mean of them
+    method.begin(Situation(base, 10, lambda *_: None))
+    proposed(method)
+    gains = [
+        Gain(np.array([row, [0, 0]], np.float32), gain, 0.1)
+        for row, gain in (([0.0, -1.0], 2.0), ([0.5, 0.0], 1.0))
+    ]
+    np.testing.assert_array_equal(proposed(method, gains)[0, 0], [0.25, -1.0])
+
+
 def test_of_many_components_as_many_candidates_as_memory_is_meant_for():
     count, steps = 4000, 40
     many = Components(

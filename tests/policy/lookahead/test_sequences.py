@@ -105,6 +105,21 @@ def test_what_was_found_is_known_at_the_next_step_until_the_episode_ends():
     assert not np.any(propose(method)[0, 1:])
 
 
+def test_an_episode_may_begin_with_a_plan():
+    method, base = sequences(), np.zeros(3, np.float32)
+    plan = np.zeros((DEPTH + 2, 3), np.float32)
+    plan[0], plan[1], plan[DEPTH] = (2, 0, 0), (0, 0, 2), (1, 0, 0)
+    method.resume(plan)
+    expected = plan[:DEPTH].copy()
+    expected[0] = 1, 0, 0
+    np.testing.assert_array_equal(method.followed(base), expected)
+    method.begin(Situation(base, 20, lambda *_: None))
+    np.testing.assert_array_equal(propose(method)[0], expected)
+    # a longer candidate has what comes after its own steps
+    method.shift(np.concatenate([expected, plan[DEPTH:]]))
+    np.testing.assert_array_equal(method.followed(base)[-1], plan[DEPTH])
+
+
 def test_nothing_is_proposed_for_real_actions_alone():
     real = Components(
         parts={"push": slice(0, 1)},
