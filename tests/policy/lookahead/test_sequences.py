@@ -120,6 +120,20 @@ def test_an_episode_may_begin_with_a_plan():
     np.testing.assert_array_equal(method.followed(base)[-1], plan[DEPTH])
 
 
+def test_what_an_episode_has_found_is_played_in_the_next():
+    simulator, method = prepared(RULES=KEYED), Sequences(depth=2)
+    assert method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 4 * SECONDS, seed=0, clock=Ticking(0.01))
+    env = make_environment(simulator.policy.problem)
+    first = evaluate(env, thinker, episodes=1, seed=0).mean
+    assert first > 0.0
+    # nothing is proposed any more: the whole episode follows the plan, beyond two steps too
+    method.rounds = 0
+    assert evaluate(env, thinker, episodes=1, seed=0).mean == first
+    thinker.forget()
+    assert not np.any(thinker.decide(0, START)[0]["pull"])
+
+
 def test_nothing_is_proposed_for_real_actions_alone():
     real = Components(
         parts={"push": slice(0, 1)},
