@@ -11,7 +11,7 @@ from mdpo_rddl.bench.tasks.names import (
     PLANNERS,
     SHARING_TASKS,
 )
-from mdpo_rddl.cli.options import WHOLE, OneLineParser, number, positive_int, shard
+from mdpo_rddl.cli.options import WHOLE, OneLineParser, natural, number, positive_int, shard
 
 PUBLISHED = Path("results/published")
 PUBLISHED_THINKING = Path("results/published_thinking")
@@ -69,7 +69,7 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     sharing.add_argument("--decision-seconds", type=number(above=0), default=0.2)
     sharing.add_argument(
         "--decided",
-        type=positive_int,
+        type=natural,
         metavar="EPISODES",
         help="whose decisions' time the longer preparation has (default: all that are played)",
     )

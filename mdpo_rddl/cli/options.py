@@ -47,6 +47,13 @@ def positive_int(text: str) -> int:
     return value
 
 
+def natural(text: str) -> int:
+    """An integer of at least 0."""
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"must be an integer of at least 0, got {text!r}")
+    return int(text)
+
+
 def seed_int(text: str) -> int:
     """An integer from 0 to 2**31 - 1, which every generator accepts."""
     value = int(text) if text.isascii() and text.isdecimal() else -1

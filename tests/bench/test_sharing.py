@@ -50,6 +50,9 @@ def test_where_thinking_was_chosen_the_preparation_gets_its_time(tmp_path, monke
     asked.clear()
     run_sharing(tmp_path / "third", tasks, 1, QUICK, decided=1)
     assert asked[1] == ("40", "Gains", "mdpo", 40.0)
+    asked.clear()
+    run_sharing(tmp_path / "fourth", tasks, 1, QUICK, decided=0)
+    assert asked[1] == ("30", "Gains", "mdpo", 30.0)
 
 
 def test_the_table_worked_by_hand(tmp_path):
@@ -91,7 +94,7 @@ def test_the_command_prints_the_table(tmp_path, monkeypatch, capsys):
     assert asked == [(30.0, 0.2, 10)]
     assert "Thinking was chosen on 0 of 0 tasks" in capsys.readouterr().out
     with pytest.raises(SystemExit):
-        bench.main(["sharing", "--decided", "0", "--out", str(tmp_path)])
+        bench.main(["sharing", "--decided", "-1", "--out", str(tmp_path)])
     assert "--decided" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         bench.main(["sharing", "--decision-seconds", "0", "--out", str(tmp_path)])

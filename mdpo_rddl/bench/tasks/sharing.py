@@ -66,7 +66,8 @@ def run_sharing(
       seeds: of the preparation, from 0.
       conditions: of the trials with thinking.
       shard: (i, n): only every n-th task, from the i-th on.
-      decided: episodes whose decisions' time the longer preparation has; None for all.
+      decided: episodes whose decisions' time the longer preparation has; None for all, 0 for a
+        preparation that is no longer, but has no choice to make.
     """
     number, count = shard
     for task in tasks[number::count]:
@@ -82,7 +83,8 @@ def run_sharing(
 
 def _decisions(row: Row, episodes: int | None) -> int:
     """Of so many episodes, all of the row's if None, had none ended early."""
-    return (episodes or len(json.loads(row["returns"]))) * int(row["horizon"])
+    count = len(json.loads(row["returns"])) if episodes is None else episodes
+    return count * int(row["horizon"])
 
 
 def read_sharing(out: Path) -> dict[Task, Shared]:
