@@ -42,6 +42,7 @@ TABLES = {
     "published_second": lambda folder: published_table(read_published(folder / "rows.csv")),
     "published_undecided": lambda folder: published_table(read_published(folder / "rows.csv")),
     "sharing_episode": lambda folder: sharing_table(read_sharing(folder)),
+    "sharing_same": lambda folder: sharing_table(read_sharing(folder)),
     "sharing": lambda folder: sharing_table(read_sharing(folder)),
     "thinking_hidden": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
     "thinking_ipc2023": lambda folder: thinking_table(rows(folder, THINKING_COLUMNS)),
