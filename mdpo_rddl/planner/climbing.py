@@ -68,8 +68,9 @@ class Climbing:
     """Climbs the return of the relaxed model from a given state at a given step.
 
     Candidates are as in `mdpo_rddl.planner.exact.continuations`: an action, then additions to the
-    policy's real actions. Only real components move. The policy's own answer to other states is
-    held fixed in the gradient, which through many steps of it would grow without bound.
+    policy's real actions. Only real components move, and later changes of others are left out. The
+    policy's own answer to other states is held fixed in the gradient, which through many steps of
+    it would grow without bound.
     """
 
     def __init__(self, planner: MDPOPlanner) -> None:
@@ -106,7 +107,8 @@ class Climbing:
         scale = jnp.asarray(units, self._compiled.REAL)
 
         def sigma(gradient, start):
-            left = jnp.arange(len(gradient)) < self._planner.rddl.horizon - start
+            last = jnp.minimum(self._planner.rddl.horizon - start, size.window)
+            left = jnp.arange(len(gradient)) < last
             # steps without a gradient do not count
             known = jnp.where(left[:, jnp.newaxis], gradient, jnp.nan)
             return noise.profile({"actions": known}, (), len(gradient))[0].sigma

@@ -35,16 +35,9 @@ class Additions:
         self.reset()
         self._plan = changes[: self.depth].astype(np.float32)
 
-    def followed(self, base: np.ndarray) -> np.ndarray | None:
-        """The plan, where it adds anything."""
-        self._base = base
-        if not np.any(self._plan):
-            return None
-        return self._candidates(self._plan)
-
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
-        self._plan = one_step_later(chosen[np.newaxis], self.depth)[0]
+        self._plan = one_step_later(chosen[np.newaxis, : self.depth], chosen)[0]
 
     def _candidates(self, additions: np.ndarray) -> np.ndarray:
         """Additions [..., k, D] as candidates: the first is an action in its box."""
@@ -64,7 +57,14 @@ class Additions:
         return self._components
 
 
-def one_step_later(additions: np.ndarray, depth: int) -> np.ndarray:
-    """Additions [P, n, D] at so many steps after the first; nothing is added after the last."""
-    later = additions[:, 1 : depth + 1]
-    return np.pad(later, ((0, 0), (0, depth - later.shape[1]), (0, 0)))
+def one_step_later(additions: np.ndarray, plan: np.ndarray) -> np.ndarray:
+    """Additions [P, k, D] after the first step.
+
+    Args:
+      additions: to be moved on.
+      plan: that is followed [n, D], whose step after the additions' last is their new last one.
+    """
+    depth = additions.shape[1]
+    later = np.pad(additions[:, 1:], ((0, 0), (0, 1), (0, 0)))
+    later[:, -1] = plan[depth] if depth < len(plan) else 0.0
+    return later

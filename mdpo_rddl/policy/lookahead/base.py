@@ -232,21 +232,12 @@ class Method(Protocol):
           random: source of random numbers.
         """
 
-    def followed(self, base: np.ndarray) -> np.ndarray | None:
-        """What is left of the plan that the latest decision has chosen; None if nothing is.
-
-        Args:
-          base: the prepared policy's action now [D].
-
-        Returns:
-          A candidate [k, D].
-        """
-
     def shift(self, chosen: np.ndarray) -> None:
         """One step was played: what is known moves on with it.
 
         Args:
-          chosen: the candidate that was played [k, D].
+          chosen: the candidate that was played, with what is planned after its own steps [n, D];
+            n is at least k.
         """
 
     def reset(self) -> None:

@@ -57,6 +57,8 @@ _CERTAIN_SECONDS = 1.0
 _VISITING_SHARE = 0.1
 # what goes on with a policy of the underlying MDP may take; the rest is for the others, if need be
 _QMDP_SHARE = 0.75
+# so many candidates of a whole plan must fit into the memory that is meant for them
+_WHOLE_PLANS = 256
 # at so many states it is seen whether anything is random
 _PLACES = 12
 # the fractional parts of its multiples are spread evenly
@@ -205,9 +207,9 @@ def _tried(
         # in others' rollouts a policy goes on that is not played
         if found is not None or policy.vote is not None:
             return found, shown
-    within = until - clock()
+    within, components = until - clock(), Components.of(policy.planner)
     visited = _visited(policy, _lasting(_VISITING_SHARE * within, clock))
-    simulator = Simulator(policy, _depth(policy, methods), clock)
+    simulator = Simulator(policy, _depth(components, policy.problem, methods), clock)
     if not simulator.prepare(visited[0][1], seconds, until, visited[1:_PLACES]):
         return None, [*shown, *no_time]
     methods = [each for each in methods if each.is_for_chance or not simulator.is_random]
@@ -228,11 +230,15 @@ def _tried(
     return best, [*shown, *trials]
 
 
-def _depth(policy: Prepared, methods: Sequence[Method]) -> int:
-    """Steps of a candidate: where nothing is drawn whole plans are kept from episode to episode."""
+def _depth(components: Components, problem: Problem, methods: Sequence[Method]) -> int:
+    """Steps of a candidate: without draws whole plans are kept from episode to episode.
+
+    Where candidates of so many steps take too much memory plans are no longer than a method's.
+    """
     depth = max(method.depth for method in methods)
-    is_whole = depth > 1 and not has_draws(policy.problem.model)
-    return max(depth, policy.problem.horizon) if is_whole else depth
+    is_small = components.most_candidates(problem.horizon) >= _WHOLE_PLANS
+    is_whole = depth > 1 and is_small and not has_draws(problem.model)
+    return max(depth, problem.horizon) if is_whole else depth
 
 
 def _best(thinkers: Sequence[LookaheadPolicy], trials: Sequence[Trial]) -> LookaheadPolicy | None:

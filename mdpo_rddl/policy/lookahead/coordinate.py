@@ -85,10 +85,6 @@ class Coordinate:
                 found.append(_with(start, place, value))
         return np.array(found)
 
-    def followed(self, base: np.ndarray) -> np.ndarray | None:
-        """None: nothing but the first action is changed."""
-        return None
-
     def shift(self, chosen: np.ndarray) -> None:
         """Nothing is known for the next step."""
 

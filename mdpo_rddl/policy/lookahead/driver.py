@@ -86,10 +86,11 @@ class LookaheadPolicy(PolicyAgent):
         self.method, self.decisions = method, list[Decision]()
         self._is_unknown = is_unknown
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
-        self._plan = PlayedPlan(simulator.depth, simulator.components.size)
+        self._plan = PlayedPlan(simulator.depth, simulator.components)
         self._random = np.random.default_rng(seed)
         self._known: Mapping[str, Any] = {}
         self._decided: Mapping[str, Any] = {}
+        self._base = np.zeros(0)
 
     @property
     def problem(self) -> Problem:
@@ -130,8 +131,11 @@ class LookaheadPolicy(PolicyAgent):
         return self.decide(step, observation)[0]
 
     def begin(self) -> None:
-        """An episode begins: the last one again, as far as is known, where nothing is random."""
-        if self._simulator.is_random:
+        """An episode begins: the last one again, with its plan, where the model has no draws.
+
+        Who asks for the decision at step 0 by `decide` calls this before.
+        """
+        if self._simulator.may_draw:
             self.forget()
         else:
             self.method.resume(self._plan.begin_again())
@@ -163,6 +167,7 @@ class LookaheadPolicy(PolicyAgent):
             self.forget()
             own = {name: values[each : each + 1] for name, values in observations.items()}
             actions.append(super().batch(step, own))
+        self.forget()
         return {name: np.concatenate([action[name] for action in actions]) for name in actions[0]}
 
     def decide(
@@ -194,10 +199,10 @@ class LookaheadPolicy(PolicyAgent):
         chosen = self._best(play, started, seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
-        self._plan.shift(candidate, components.changes(candidate[0], base[0]))
+        self._plan.shift(candidate, base[0])
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
-        self._known, self._decided = state, action
+        self._known, self._decided, self._base = state, action, base[0]
         note_played(self.base, state, action)
         gain, error = 0.0, 0.0
         if chosen is not None:
@@ -214,18 +219,20 @@ class LookaheadPolicy(PolicyAgent):
           actions: per action fluent [*shape].
         """
         note_played(self.base, self._known, actions)
-        if self._decided and not self._is_decided(actions):
+        if self._decided and not self._is_decided(played := self._flat(actions)):
+            self._plan.replace(played, self._base)
             last = self.decisions[-1]
             self.decisions[-1] = last._replace(left_base=False, gain=0.0, error=0.0, replaced=True)
 
-    def _is_decided(self, actions: Mapping[str, Any]) -> bool:
-        """Whether these are what was decided last, but for rounding."""
-        components, planner = self._simulator.components, self.base.planner
-        played, decided = (
-            components.flat({name: planner.numbers(name, value) for name, value in each.items()})
-            for each in (actions, self._decided)
-        )
-        return bool(np.allclose(played, decided, rtol=1e-6))
+    def _is_decided(self, played: np.ndarray) -> bool:
+        """Whether this [D] is what was decided last, but for rounding."""
+        return bool(np.allclose(played, self._flat(self._decided), rtol=1e-6))
+
+    def _flat(self, actions: Mapping[str, Any]) -> np.ndarray:
+        """Actions as one vector [D]."""
+        planner = self.base.planner
+        numbers = {name: planner.numbers(name, value) for name, value in actions.items()}
+        return self._simulator.components.flat(numbers)
 
     def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
         """The finalist to play; None for the base.
@@ -253,15 +260,18 @@ class LookaheadPolicy(PolicyAgent):
             goes_on = followed is not None and np.array_equal(gain.candidate, followed)
             return gain.mean > (0.0 if goes_on else _ERRORS * gain.error)
 
-        return max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
+        return max(filter(is_good, tested), key=self._worth, default=None)
 
     def _followed(self, play: Halving) -> np.ndarray | None:
-        """What is left of the plan that is followed [k, D], where its next action is legal."""
-        followed = self.method.followed(play.base[0])
-        if followed is None:
-            return None
-        padded = self._plan.padded(followed[np.newaxis])
-        return padded[0] if self._simulator.legal(play.state, padded[:, 0])[0] else None
+        """What is left of the plan [n, D]; where its next action is illegal, without that one."""
+        followed = self._plan.followed(play.base[0])
+        if followed is not None and not self._simulator.legal(play.state, followed[:1])[0]:
+            followed[0] = play.base[0]
+        return followed if followed is not None and np.any(followed != play.base) else None
+
+    def _worth(self, gain: Gain) -> float:
+        """By what candidates are compared: without chance a plan is kept, and all its gain had."""
+        return gain.rate if self._simulator.is_random else gain.mean
 
     def _finalists(self, play: Halving, until: float, followed: np.ndarray | None) -> np.ndarray:
         """The best of all rounds, the plan that is followed among them [n, k, D]."""
@@ -286,7 +296,7 @@ class LookaheadPolicy(PolicyAgent):
             best |= {gain.candidate.tobytes(): gain for gain in gains[:most] if gain.mean > 0.0}
             if not gains:
                 break
-        ranked = sorted(best.values(), key=lambda gain: -gain.rate)
+        ranked = sorted(best.values(), key=self._worth, reverse=True)
         found = [gain.candidate for gain in ranked[:most]]
         if followed is not None and not any(np.array_equal(each, followed) for each in found):
             found = [*found[: most - 1], followed]

@@ -57,10 +57,6 @@ class FirstActions:
         differs = np.any(self._actions != self._base, axis=1)
         return random.permutation(self._actions[differs])[:, np.newaxis]
 
-    def followed(self, base: np.ndarray) -> np.ndarray | None:
-        """None: nothing but the first action is changed."""
-        return None
-
     def shift(self, chosen: np.ndarray) -> None:
         """Nothing is known for the next step."""
 

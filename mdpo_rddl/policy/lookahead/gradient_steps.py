@@ -64,9 +64,9 @@ class GradientSteps(Additions):
             return
         is_end = np.array_equal(self._candidates(self._ascent.candidates)[0], chosen[: self.depth])
         self._refused = 0 if is_end else self._refused + 1
-        goes_on = self._refused < _MOST_REFUSED
-        self._ascent = self._ascent.changed(self._later) if goes_on else None
+        ascent, goes_on = self._ascent, self._refused < _MOST_REFUSED
+        self._ascent = None
+        if goes_on:
+            moved = ascent.changed(lambda part: one_step_later(part, np.zeros_like(chosen)))
+            self._ascent = moved._replace(candidates=one_step_later(ascent.candidates, chosen))
         self._refused %= _MOST_REFUSED
-
-    def _later(self, part: np.ndarray) -> np.ndarray:
-        return one_step_later(part, self.depth)

@@ -135,4 +135,4 @@ class Residuals(Additions):
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of the plan that was played."""
         super().shift(chosen)
-        self._climbed = one_step_later(self._climbed, self.depth)
+        self._climbed = one_step_later(self._climbed, chosen)

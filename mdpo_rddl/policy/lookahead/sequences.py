@@ -48,7 +48,6 @@ class Sequences:
     _noop: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
     _known: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
-    _plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
     _elites: list[Gain] = field(default_factory=list, init=False)
     _is_first: bool = field(default=True, init=False)
     _count: int = field(default=0, init=False)
@@ -65,13 +64,12 @@ class Sequences:
         """No changes are known in a new episode."""
         self._elites = []
         self._known = np.zeros((0, self.depth, self._parts.size), np.float32)
-        self._plan = np.zeros((self.depth, self._parts.size), np.float32)
 
     def resume(self, changes: np.ndarray) -> None:
         """An episode begins with a plan."""
         self.reset()
-        self._plan = changes[: self.depth].astype(np.float32)
-        self._known = self._plan[np.newaxis][: int(np.any(self._plan))]
+        plan = changes[np.newaxis, : self.depth].astype(np.float32)
+        self._known = plan[: int(np.any(plan))]
 
     def begin(self, situation: Situation) -> None:
         """Starts with what the decisions before have found."""
@@ -97,21 +95,12 @@ class Sequences:
         differs = np.any(candidates[:, 0] != self._base, axis=1)
         return candidates[differs | np.any(candidates[:, 1:], axis=(1, 2))]
 
-    def followed(self, base: np.ndarray) -> np.ndarray | None:
-        """The rest of what was chosen, where it changes anything."""
-        self._base = base
-        if not np.any(self._plan):
-            return None
-        plan = self._plan.copy()
-        plan[0] = self._parts.changed(plan[0], self._base)
-        return plan
-
     def shift(self, chosen: np.ndarray) -> None:
         """The rest of what was chosen, and of what else was found, is known at the next step."""
         found = [chosen, *(gain.candidate for gain in self._elites)]
         later = np.stack([candidate[1 : self.depth + 1] for candidate in found])
         rest = np.pad(later, ((0, 0), (0, self.depth - later.shape[1]), (0, 0)))
-        self._plan, self._known = rest[0], _distinct(rest[np.any(rest, axis=(1, 2))])
+        self._known = _distinct(rest[np.any(rest, axis=(1, 2))])
         # the next decision may have no time to propose anything
         self._elites = []
 

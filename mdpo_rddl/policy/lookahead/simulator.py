@@ -61,7 +61,7 @@ class Simulator:
 
         Args:
           policy: what plays after the first actions.
-          depth: steps k of a candidate.
+          depth: steps n of a candidate, at least as many as a method changes.
           clock: tells the seconds.
         """
         self.policy, self.depth = policy, depth

@@ -119,10 +119,10 @@ class Trials:
         step, state = place
         chosen, base = [], np.zeros(0)
         for thinker in self.thinkers:
-            # what is known belongs to another episode
-            thinker.forget()
             _, candidate, base = thinker.decide(step, state, seconds)
             chosen.append(candidate)
+            # what is known of this state is of no episode that is played
+            thinker.forget()
         seeds = range(number * _TEST_CALLS, (number + 1) * _TEST_CALLS)
         most = self.simulator.challengers(NARROW)
         differs = [p for p, candidate in enumerate(chosen) if not np.array_equal(candidate, base)]

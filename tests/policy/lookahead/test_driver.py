@@ -13,6 +13,7 @@ from mdpo_rddl.policy.lookahead.coordinate import Coordinate
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.halving import Halving
+from mdpo_rddl.policy.lookahead.played_plan import PlayedPlan
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.policy.lookahead.statistics import decision_figures
 from mdpo_rddl.problem.evaluation import evaluate
@@ -136,14 +137,18 @@ def test_noise_alone_is_no_reason_to_leave_the_base():
     assert figures["left_base"] == sum(decision.left_base for decision in thinker.decisions)
 
 
-class Following(FirstActions):
-    """Proposes nothing, and follows a plan that pulls the first arm."""
+class Silent(FirstActions):
+    """Proposes nothing."""
 
     def propose(self, gains, random):
         return np.zeros((0, 1, 3), np.float32)
 
-    def followed(self, base):
-        return np.array([[1.0, 0.0, 0.0]], np.float32)
+
+@pytest.fixture
+def follows(monkeypatch):
+    """A plan that pulls the first arm is followed."""
+    plan = np.eye(12, 3, dtype=np.float32) * [1, 0, 0]
+    monkeypatch.setattr(PlayedPlan, "followed", lambda *_: plan.copy())
 
 
 @dataclass
@@ -158,11 +163,12 @@ class Uncertain(SlowSimulator):
         return np.repeat(self.mean + noise[np.newaxis], len(candidates) - 1, axis=0)
 
 
+@pytest.mark.usefixtures("follows")
 @pytest.mark.parametrize(
     ("mean", "call", "is_left"), [(0.1, 0.2, True), (-0.1, 0.2, False), (-0.1, 0.3, True)]
 )
 def test_a_plan_goes_on_as_long_as_it_gains_or_nothing_else_is_known(mean, call, is_left):
-    clock, method = Stopped(), Following()
+    clock, method = Stopped(), Silent()
     simulator = Uncertain(lever_policy(NONE), clock, {WIDE: 0.0, NARROW: call}, mean=mean)
     if call > 0.25:
         simulator.durations[WIDE] = call
@@ -176,12 +182,6 @@ def test_a_plan_goes_on_as_long_as_it_gains_or_nothing_else_is_known(mean, call,
     assert abs(decision.gain) <= decision.error
 
 
-class AlsoFollowing(FirstActions):
-    """Proposes all actions, and follows a plan that pulls the first arm."""
-
-    followed = Following.followed
-
-
 @dataclass
 class Overrunning(SlowSimulator):
     """Calls of a search take far longer than is expected."""
@@ -192,8 +192,9 @@ class Overrunning(SlowSimulator):
         return found
 
 
+@pytest.mark.usefixtures("follows")
 def test_a_plan_goes_on_where_its_test_comes_too_late():
-    clock, method = Stopped(), AlsoFollowing()
+    clock, method = Stopped(), FirstActions()
     simulator = Overrunning(lever_policy(NONE), clock, {WIDE: 0.001, NARROW: 0.001})
     method.applies(simulator.components)
     thinker = LookaheadPolicy(simulator, method, 0.25, seed=0, clock=clock)
@@ -264,12 +265,86 @@ def test_a_call_has_no_more_candidates_than_there_are_actions():
     assert prepared((1, 0, 1)).challengers(WIDE) == 2**3 - 1
 
 
-@pytest.mark.parametrize(("likelihood", "expected"), [("1.0", "resume"), ("0.75", "reset")])
-def test_an_episode_is_begun_again_where_nothing_is_random(monkeypatch, likelihood, expected):
-    simulator, begun = prepared(NONE, LIKELIHOOD=likelihood), []
-    thinker = thinking(simulator, FirstActions())
-    for name in ("resume", "reset"):
-        monkeypatch.setattr(thinker.method, name, lambda *_, name=name: begun.append(name))
+class Paying(SlowSimulator):
+    """Nothing is random; to pull the first arm pays 10 at the third step and costs 1 at others."""
+
+    is_legal = True
+
+    def legal(self, state, actions):
+        return np.full(len(actions), self.is_legal)
+
+    def gains(self, kind, state, step, candidates, seed):
+        self.clock.now += self.durations[kind]
+        pulled = candidates[:, :, 0] > 0.0
+        pays = np.where(step + np.arange(candidates.shape[1]) == 2, 10.0, -1.0)
+        returns = pulled @ pays
+        return (returns[1:] - returns[0])[:, np.newaxis]
+
+
+def paying():
+    clock = Stopped()
+    durations = {WIDE: 0.001, NARROW: 0.001}
+    simulator = Paying(lever_policy(NONE), clock, durations, may_draw=False, is_random=False)
+    method = FirstActions()
+    method.applies(simulator.components)
+    return simulator, LookaheadPolicy(simulator, method, 0.25, seed=0, clock=clock)
+
+
+def pulled(thinker, steps=4):
+    return [bool(thinker(step, START)["pull"][0]) for step in range(steps)]
+
+
+def test_what_an_episode_has_found_is_played_in_the_next():
+    simulator, thinker = paying()
+    assert pulled(thinker) == [False, False, True, False]
+    # whatever else is pulled now has the plan after it, and so has the policy's own action
     for _ in range(2):
-        play(simulator.policy, thinker)
-    assert begun == [expected] * 2
+        thinker.decisions.clear()
+        assert pulled(thinker) == [False, False, True, False]
+        gains = [decision.gain for decision in thinker.decisions]
+        assert gains == pytest.approx([10.0 / 3.0, 10.0 / 2.0, 10.0, 0.0])
+    # of what was not played the plan is kept, and without a search there is nothing else
+    assert pulled(thinker, 2) == [False, False]
+    simulator.durations[WIDE] = 1.0
+    assert pulled(thinker) == [False, False, True, False]
+    thinker.forget()
+    assert pulled(thinker) == [False] * 4
+
+
+def test_the_rest_of_a_plan_goes_on_where_its_next_action_is_illegal():
+    simulator, thinker = paying()
+    for step in range(4):
+        plan = np.zeros((12, 3), np.float32)
+        plan[0, 0] = step in (0, 2)
+        thinker._plan.shift(plan, np.zeros(3, np.float32))
+    simulator.is_legal = False
+    assert not thinker(0, START)["pull"][0]
+    assert thinker.decisions[-1].gain == pytest.approx(10.0 / 3.0)
+
+
+def test_an_action_that_was_replaced_is_not_played_in_the_next_episode():
+    simulator, thinker = paying()
+    for step in range(4):
+        action = thinker(step, START)
+        if step == 2:
+            thinker.was_played({"pull": np.zeros(3, bool)})
+            assert action["pull"][0]
+            assert thinker.decisions[-1].replaced
+    simulator.durations[WIDE] = 1.0
+    assert pulled(thinker) == [False] * 4
+
+
+@pytest.mark.parametrize("may_draw", [False, True])
+def test_an_episode_begins_with_a_plan_where_nothing_is_drawn(may_draw):
+    simulator, thinker = paying()
+    simulator.may_draw = may_draw
+    pulled(thinker)
+    simulator.durations[WIDE] = 1.0
+    assert pulled(thinker)[2] == (not may_draw)
+
+
+def test_several_observations_leave_nothing_for_an_episode():
+    simulator, thinker = paying()
+    thinker.batch(2, {"pulled": np.zeros((2, 3), bool)})
+    simulator.durations[WIDE] = 1.0
+    assert pulled(thinker) == [False] * 4

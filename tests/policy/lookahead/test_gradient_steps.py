@@ -68,7 +68,25 @@ def test_the_ascent_moves_on_with_the_plan():
     np.testing.assert_allclose(again.first[0], 4.0 * rest)
     np.testing.assert_allclose(again.second[0], 8.0 * rest)
     assert again.steps == [10]
-    np.testing.assert_allclose(method.followed(BASE), with_base(rest))
+    np.testing.assert_allclose(proposed(method)[0], with_base(rest))
+
+
+def test_what_is_planned_after_the_ascent_comes_with_it():
+    climb = Climb()
+    method = begun(climb)
+    plan = np.full((6, 2), 0.5)
+    method.shift(np.concatenate([proposed(method)[1], plan[4:]]))
+    begun(climb, method)
+    given = climb.given[1]
+    expected = np.array([[0.25] * 2] * 3 + [[0.5] * 2])
+    np.testing.assert_allclose(given.candidates, [with_base(expected)])
+    assert not np.any(given.first[0, 3])
+    assert np.all(given.first[0, :3] == 1.0)
+    # a plan for another episode begins without moments
+    method.resume(plan)
+    begun(climb, method)
+    np.testing.assert_allclose(climb.given[2].candidates, [with_base(plan[:4])])
+    assert climb.given[2].steps == [0]
 
 
 def test_what_is_refused_again_and_again_begins_anew():
@@ -77,11 +95,11 @@ def test_what_is_refused_again_and_again_begins_anew():
         method = begun(climb, method)
         method.shift(with_base(np.zeros((4, 2))).astype(np.float32))
     assert [ascent.steps[0] for ascent in climb.given] == [0, 10, 20, 30, 40, 0]
-    assert method.followed(BASE) is None
+    np.testing.assert_array_equal(proposed(method)[0], with_base(np.zeros((4, 2))))
     method.shift(proposed(method)[1])
-    assert np.any(method.followed(BASE) != with_base(np.zeros((4, 2))))
+    assert np.any(proposed(method)[0] != with_base(np.zeros((4, 2))))
     method.reset()
-    assert method.followed(BASE) is None
+    np.testing.assert_array_equal(proposed(method)[0], with_base(np.zeros((4, 2))))
 
 
 @pytest.mark.long
