@@ -71,7 +71,8 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
         "--decided",
         type=natural,
         metavar="EPISODES",
-        help="whose decisions' time the longer preparation has (default: all that are played)",
+        help="whose decisions' time the other preparation has, too (default: all that are played; "
+        "0: only the choice is left out)",
     )
     sharing.set_defaults(run="sharing", out=Path("results/sharing"))
     thinking = commands.add_parser(

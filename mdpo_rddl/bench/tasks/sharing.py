@@ -1,7 +1,7 @@
 """Where time is better spent: at the decisions, or before the first of them.
 
 Ours prepares for a while and may then think at its decisions. Where it chose to, the same task is
-prepared once more, longer by the time of all decisions of all episodes or of fewer episodes, and
+prepared once more, longer by the time of the decisions of all episodes, of some, or of none, and
 the policy is played alone.
 """
 
@@ -28,7 +28,7 @@ from mdpo_rddl.errors import InputError
 _THINKING = "thinking"
 _VERDICTS = {1: "better", 0: "as good", -1: "worse"}
 _HEADS = (
-    *("problem", "instance", "method", "with thinking", "prepared longer", "for (s)"),
+    *("problem", "instance", "method", "with thinking", "policy alone", "prepared for (s)"),
     *("gained by thinking (95% interval)", "verdict"),
 )
 
@@ -41,8 +41,8 @@ class Shared:
 
     Attributes:
       thinking: rows of the policy that may think, one for each seed.
-      longer: rows of the policy that was prepared longer; empty where no seed has thought.
-      seconds: of the longer preparation.
+      longer: rows of the other preparation, mostly longer; empty where no seed has thought.
+      seconds: of the other preparation.
     """
 
     thinking: list[Row] = field(default_factory=list)
@@ -66,7 +66,7 @@ def run_sharing(
       seeds: of the preparation, from 0.
       conditions: of the trials with thinking.
       shard: (i, n): only every n-th task, from the i-th on.
-      decided: episodes whose decisions' time the longer preparation has; None for all, 0 for a
+      decided: episodes whose decisions' time the other preparation has, too; None for all, 0 for a
         preparation that is no longer, but has no choice to make.
     """
     number, count = shard

@@ -255,12 +255,26 @@ class LookaheadPolicy(PolicyAgent):
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
         if followed is not None and all(gain.mean == -np.inf for gain in tested):
             return Gain(followed, 0.0, 0.0)
+        return self._chosen(tested, followed)
+
+    def _chosen(self, tested: Sequence[Gain], followed: np.ndarray | None) -> Gain | None:
+        """The finalist that gains most a step, if any gains; None for the base.
+
+        Without chance a plan is kept and all of its gain had: no other gains less than it.
+        """
+
+        def goes_on(gain: Gain) -> bool:
+            return followed is not None and np.array_equal(gain.candidate, followed)
+
+        least = -np.inf
+        if not self._simulator.is_random:
+            least = max((gain.mean for gain in tested if goes_on(gain)), default=least)
 
         def is_good(gain: Gain) -> bool:
-            goes_on = followed is not None and np.array_equal(gain.candidate, followed)
-            return gain.mean > (0.0 if goes_on else _ERRORS * gain.error)
+            error = 0.0 if goes_on(gain) else _ERRORS * gain.error
+            return gain.mean > error and gain.mean >= least
 
-        return max(filter(is_good, tested), key=self._worth, default=None)
+        return max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
 
     def _followed(self, play: Halving) -> np.ndarray | None:
         """What is left of the plan [n, D]; where its next action is illegal, without that one."""
@@ -268,10 +282,6 @@ class LookaheadPolicy(PolicyAgent):
         if followed is not None and not self._simulator.legal(play.state, followed[:1])[0]:
             followed[0] = play.base[0]
         return followed if followed is not None and np.any(followed != play.base) else None
-
-    def _worth(self, gain: Gain) -> float:
-        """By what candidates are compared: without chance a plan is kept, and all its gain had."""
-        return gain.rate if self._simulator.is_random else gain.mean
 
     def _finalists(self, play: Halving, until: float, followed: np.ndarray | None) -> np.ndarray:
         """The best of all rounds, the plan that is followed among them [n, k, D]."""
@@ -296,7 +306,7 @@ class LookaheadPolicy(PolicyAgent):
             best |= {gain.candidate.tobytes(): gain for gain in gains[:most] if gain.mean > 0.0}
             if not gains:
                 break
-        ranked = sorted(best.values(), key=self._worth, reverse=True)
+        ranked = sorted(best.values(), key=lambda gain: -gain.rate)
         found = [gain.candidate for gain in ranked[:most]]
         if followed is not None and not any(np.array_equal(each, followed) for each in found):
             found = [*found[: most - 1], followed]
