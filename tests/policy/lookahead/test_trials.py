@@ -117,3 +117,16 @@ def test_where_time_is_short_decisions_are_too():
     (trial,) = tried.at(states(8), 0.1)
     assert (trial.mean, trial.note) == (None, NO_TIME)
     assert clock.now < 0.2
+
+
+def test_nothing_of_a_trial_is_left_for_an_episode():
+    clock, method, state = Stopped(), FirstActions(), {"pulled": np.zeros(3, bool)}
+    durations = {WIDE: 0.001, NARROW: 0.001}
+    simulator = SlowSimulator(lever_policy(NONE), clock, durations, may_draw=False)
+    method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 0.25, seed=0, clock=clock)
+    (trial,) = Trials([thinker], simulator, 0.25, clock).at([(2, state)] * 3, np.inf)
+    assert trial.pays
+    # without time for a search there is nothing but the plan
+    durations[WIDE] = 1.0
+    assert not thinker(0, state)["pull"].any()
