@@ -255,24 +255,10 @@ class LookaheadPolicy(PolicyAgent):
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
         if followed is not None and all(gain.mean == -np.inf for gain in tested):
             return Gain(followed, 0.0, 0.0)
-        return self._chosen(tested, followed)
-
-    def _chosen(self, tested: Sequence[Gain], followed: np.ndarray | None) -> Gain | None:
-        """The finalist that gains most a step, if any gains; None for the base.
-
-        Without chance a plan is kept and all of its gain had: no other gains less than it.
-        """
-
-        def goes_on(gain: Gain) -> bool:
-            return followed is not None and np.array_equal(gain.candidate, followed)
-
-        least = -np.inf
-        if not self._simulator.is_random:
-            least = max((gain.mean for gain in tested if goes_on(gain)), default=least)
 
         def is_good(gain: Gain) -> bool:
-            error = 0.0 if goes_on(gain) else _ERRORS * gain.error
-            return gain.mean > error and gain.mean >= least
+            goes_on = followed is not None and np.array_equal(gain.candidate, followed)
+            return gain.mean > (0.0 if goes_on else _ERRORS * gain.error)
 
         return max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
 

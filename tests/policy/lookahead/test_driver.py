@@ -348,21 +348,3 @@ def test_several_observations_leave_nothing_for_an_episode():
     thinker.batch(2, {"pulled": np.zeros((2, 3), bool)})
     simulator.durations[WIDE] = 1.0
     assert pulled(thinker) == [False] * 4
-
-
-def test_nothing_replaces_a_plan_that_gains_more():
-    simulator, thinker = paying()
-    pulled(thinker)
-
-    # a change of the first action alone gains more a step, and less in all
-    def gains(kind, state, step, candidates, seed):
-        simulator.clock.now += simulator.durations[kind]
-        rows, first = candidates[1:], candidates[0, 0]
-        single, plan = np.any(rows[:, 0] != first, axis=1), np.any(rows[:, 1:], axis=(1, 2))
-        return np.where(single, 4.0, 10.0 * plan)[:, np.newaxis]
-
-    simulator.gains = gains
-    assert not thinker(0, START)["pull"].any()
-    simulator.is_random = True
-    thinker.forget()
-    assert thinker.decide(0, START)[0]["pull"].any()
