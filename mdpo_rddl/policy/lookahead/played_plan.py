@@ -16,7 +16,7 @@ class PlayedPlan:
 
     Attributes:
       depth: number of steps n of a whole plan, at least k.
-      components: D of an action.
+      components: of an action, D of them.
     """
 
     depth: int
