@@ -90,7 +90,7 @@ class LookaheadPolicy(PolicyAgent):
         self._random = np.random.default_rng(seed)
         self._known: Mapping[str, Any] = {}
         self._decided: Mapping[str, Any] = {}
-        self._base = np.zeros(0)
+        self._base_action = np.zeros(0)
 
     @property
     def problem(self) -> Problem:
@@ -202,7 +202,7 @@ class LookaheadPolicy(PolicyAgent):
         self._plan.shift(candidate, base[0])
         left = bool(np.any(candidate[0] != base[0]))
         action = components.action(candidate[0], proposed) if left else proposed
-        self._known, self._decided, self._base = state, action, base[0]
+        self._known, self._decided, self._base_action = state, action, base[0]
         note_played(self.base, state, action)
         gain, error = 0.0, 0.0
         if chosen is not None:
@@ -220,7 +220,7 @@ class LookaheadPolicy(PolicyAgent):
         """
         note_played(self.base, self._known, actions)
         if self._decided and not self._is_decided(played := self._flat(actions)):
-            self._plan.replace(played, self._base)
+            self._plan.replace(played, self._base_action)
             last = self.decisions[-1]
             self.decisions[-1] = last._replace(left_base=False, gain=0.0, error=0.0, replaced=True)
 

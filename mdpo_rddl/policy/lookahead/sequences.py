@@ -69,7 +69,7 @@ class Sequences:
         """An episode begins with a plan."""
         self.reset()
         plan = changes[np.newaxis, : self.depth].astype(np.float32)
-        self._known = plan[: int(np.any(plan))]
+        self._known = plan if np.any(plan) else plan[:0]
 
     def begin(self, situation: Situation) -> None:
         """Starts with what the decisions before have found."""
