@@ -23,6 +23,7 @@ from mdpo_rddl.policy.lookahead.base import Tabled
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
+from mdpo_rddl.policy.lookahead.sequences import Sequences
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.policy.lookahead.trials import NO_TIME, Trial
 from mdpo_rddl.problem.evaluation import episode_seeds
@@ -297,3 +298,25 @@ def test_states_are_visited_as_play_would(monkeypatch):
     monkeypatch.setattr(RDDLEnv, "step", watched)
     assert choosing._visited(Eager(), lambda: True)
     assert max(played) <= 1
+
+
+@pytest.mark.parametrize(
+    ("chance", "wanted", "depth"), [(False, 1, 4), (True, 1, 2), (False, 10**9, 2)]
+)
+def test_candidates_reach_to_the_horizon_where_plans_are_kept(monkeypatch, chance, wanted, depth):
+    made = []
+
+    class Refusing(SlowSimulator):
+        def prepare(self, *_):
+            return False
+
+    def simulator(policy, depth, clock):
+        made.append(depth)
+        return Refusing(policy, clock, {})
+
+    monkeypatch.setattr(choosing, "Simulator", simulator)
+    monkeypatch.setattr(choosing, "has_draws", lambda model: chance)
+    monkeypatch.setattr(choosing, "_WHOLE_PLANS", wanted)
+    # the horizon is 4
+    choose(lever_policy(NONE), SECONDS, clock=Stopped(), methods=[Sequences(depth=2)])
+    assert made == [depth]
