@@ -35,8 +35,9 @@ class Decision(NamedTuple):
       seconds: wall time from the state to the action.
       calls: of the simulator.
       left_base: whether something else than the prepared policy's action was chosen, and played.
-      gain: what it is expected to return more than the base, in fresh rollouts; 0 for the base.
-        Of a candidate that changes later steps too, what it gains a step.
+      gain: what the episode is expected to return more for it, in fresh rollouts. Where nothing is
+        random, more than the plan that was followed. Else more than the base, 0 where its action
+        is played; of a candidate that changes later steps too, what it gains a step.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
       replaced: whether another action than the decision's was played, which it expects no gain of.
@@ -196,7 +197,7 @@ class LookaheadPolicy(PolicyAgent):
         base = np.zeros((self._simulator.depth, components.size), np.float32)
         base[0] = components.flat(proposed)
         play = Halving(self._simulator, state, step, base, self._clock, self._new_seed)
-        chosen = self._best(play, started, seconds)
+        chosen, kept = self._best(play, started, seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
         self._plan.shift(candidate, base[0])
@@ -204,9 +205,7 @@ class LookaheadPolicy(PolicyAgent):
         action = components.action(candidate[0], proposed) if left else proposed
         self._known, self._decided, self._base_action = state, action, base[0]
         note_played(self.base, state, action)
-        gain, error = 0.0, 0.0
-        if chosen is not None:
-            gain, error = chosen.rate, chosen.error / chosen.steps
+        gain, error = self._expected(chosen, kept if step else 0.0, left)
         took = self._clock() - started
         unmatched = is_unmatched(state)
         self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))
@@ -234,33 +233,52 @@ class LookaheadPolicy(PolicyAgent):
         numbers = {name: planner.numbers(name, value) for name, value in actions.items()}
         return self._simulator.components.flat(numbers)
 
-    def _best(self, play: Halving, started: float, seconds: float) -> Gain | None:
-        """The finalist to play; None for the base.
+    def _expected(self, chosen: Gain | None, kept: float, left: bool) -> tuple[float, float]:
+        """A decision's gain and its error, as `Decision` has them.
+
+        Args:
+          chosen: what is played; None for the base.
+          kept: what the plan gains that the episode has followed so far.
+          left: whether the base's action is not played.
+        """
+        if chosen is None or (self._simulator.is_random and not left):
+            return 0.0, 0.0
+        if self._simulator.is_random:
+            return chosen.rate, chosen.error / chosen.steps
+        return chosen.mean - kept, chosen.error
+
+    def _best(self, play: Halving, started: float, seconds: float) -> tuple[Gain | None, float]:
+        """The finalist to play, None for the base; and what the plan gains that was followed.
 
         A plan that an earlier decision has begun goes on as long as it gains anything: it may have
-        paid its price already, and where the policy is no more ready to go on alone.
+        paid its price already, and where the policy is no more ready to go on alone. Of one that
+        does not, or was not tested, the gain is 0.
         """
         if self._is_unknown is not None and not self._is_unknown(play.state):
-            return None
+            return None, 0.0
         followed = self._followed(play)
         test_until = started + _TEST_SHARE * seconds
         a_test = self._simulator.seconds(NARROW, play.step)
         search_until = min(started + _SEARCH_SHARE * seconds, test_until - a_test)
         if self._clock() + self._simulator.seconds(WIDE, play.step) > search_until:
             self._simulator.expect_less()
-            return None if followed is None else Gain(followed, 0.0, 0.0)
+            return None if followed is None else Gain(followed, 0.0, 0.0), 0.0
         finalists = self._finalists(play, search_until, followed)
         if not len(finalists):
-            return None
+            return None, 0.0
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
         if followed is not None and all(gain.mean == -np.inf for gain in tested):
-            return Gain(followed, 0.0, 0.0)
+            return Gain(followed, 0.0, 0.0), 0.0
+
+        def goes_on(gain: Gain) -> bool:
+            return followed is not None and np.array_equal(gain.candidate, followed)
 
         def is_good(gain: Gain) -> bool:
-            goes_on = followed is not None and np.array_equal(gain.candidate, followed)
-            return gain.mean > (0.0 if goes_on else _ERRORS * gain.error)
+            return gain.mean > (0.0 if goes_on(gain) else _ERRORS * gain.error)
 
-        return max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
+        kept = max((gain.mean for gain in tested if goes_on(gain)), default=0.0)
+        best = max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
+        return best, max(0.0, kept)
 
     def _followed(self, play: Halving) -> np.ndarray | None:
         """What is left of the plan [n, D]; where its next action is illegal, without that one."""

@@ -17,15 +17,14 @@ def decision_figures(decisions: Sequence[Decision], budget: float, episodes: int
       episodes: how many were played.
     """
     seconds = np.array([decision.seconds for decision in decisions] or [0.0])
-    left = [decision for decision in decisions if decision.left_base]
     return {
         "decisions": len(decisions),
-        "left_base": len(left),
+        "left_base": sum(decision.left_base for decision in decisions),
         "replaced": sum(decision.replaced for decision in decisions),
         "mean_seconds": float(seconds.mean()),
         "p99_seconds": float(np.quantile(seconds, 0.99)),
         "max_seconds": float(seconds.max()),
         "within_budget": float(np.mean(seconds <= 1.1 * budget)),
         "unmatched_beliefs": sum(decision.unmatched for decision in decisions),
-        "expected_gain": sum(decision.gain for decision in left) / max(1, episodes),
+        "expected_gain": sum(decision.gain for decision in decisions) / max(1, episodes),
     }

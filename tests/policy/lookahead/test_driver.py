@@ -269,6 +269,7 @@ class Paying(SlowSimulator):
     """Nothing is random; to pull the first arm pays 10 at the third step and costs 1 at others."""
 
     is_legal = True
+    pays = ((2, 10.0),)
 
     def legal(self, state, actions):
         return np.full(len(actions), self.is_legal)
@@ -276,8 +277,8 @@ class Paying(SlowSimulator):
     def gains(self, kind, state, step, candidates, seed):
         self.clock.now += self.durations[kind]
         pulled = candidates[:, :, 0] > 0.0
-        pays = np.where(step + np.arange(candidates.shape[1]) == 2, 10.0, -1.0)
-        returns = pulled @ pays
+        steps = step + np.arange(candidates.shape[1])
+        returns = pulled @ np.array([dict(self.pays).get(step, -1.0) for step in steps])
         return (returns[1:] - returns[0])[:, np.newaxis]
 
 
@@ -302,13 +303,26 @@ def test_what_an_episode_has_found_is_played_in_the_next():
         thinker.decisions.clear()
         assert pulled(thinker) == [False, False, True, False]
         gains = [decision.gain for decision in thinker.decisions]
-        assert gains == pytest.approx([10.0 / 3.0, 10.0 / 2.0, 10.0, 0.0])
+        assert gains == pytest.approx([10.0, 0.0, 0.0, 0.0])
     # of what was not played the plan is kept, and without a search there is nothing else
     assert pulled(thinker, 2) == [False, False]
     simulator.durations[WIDE] = 1.0
     assert pulled(thinker) == [False, False, True, False]
     thinker.forget()
     assert pulled(thinker) == [False] * 4
+
+
+def test_decisions_expect_what_they_add_to_the_plan_that_is_followed():
+    simulator, thinker = paying()
+    assert pulled(thinker) == [False, False, True, False]
+    assert [decision.gain for decision in thinker.decisions] == [0.0, 0.0, 10.0, 0.0]
+    thinker.decisions.clear()
+    # the plan is known from the start on, and mended at the second step
+    simulator.pays = ((1, 3.0), (2, 10.0))
+    assert pulled(thinker) == [False, True, True, False]
+    assert [decision.gain for decision in thinker.decisions] == [10.0, 3.0, 0.0, 0.0]
+    figures = decision_figures(thinker.decisions, budget=0.25, episodes=1)
+    assert figures["expected_gain"] == 13.0
 
 
 def test_the_rest_of_a_plan_goes_on_where_its_next_action_is_illegal():
@@ -319,7 +333,7 @@ def test_the_rest_of_a_plan_goes_on_where_its_next_action_is_illegal():
         thinker._plan.shift(plan, np.zeros(3, np.float32))
     simulator.is_legal = False
     assert not thinker(0, START)["pull"][0]
-    assert thinker.decisions[-1].gain == pytest.approx(10.0 / 3.0)
+    assert thinker.decisions[-1].gain == pytest.approx(10.0)
 
 
 def test_an_action_that_was_replaced_is_not_played_in_the_next_episode():
