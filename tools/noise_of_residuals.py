@@ -27,7 +27,7 @@ COLUMNS = (
 def row(folder: Path, seconds: float, within: float) -> dict[str, Any]:
     """Both gains at the states that one run's policy visits."""
     policy = load_policy(folder)
-    methods = [Residuals("adaptive"), Residuals("isotropic", adaptive=False)]
+    methods = [Residuals(name="adaptive"), Residuals(name="isotropic", adaptive=False)]
     found: dict[str, Any] = {"problem": policy.problem.label, "seconds": seconds}
     for trial in choose(policy, seconds, within, methods=methods).trials:
         if trial.mean is None or trial.error is None:

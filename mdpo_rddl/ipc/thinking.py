@@ -7,7 +7,12 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.ipc.mdpo import MDPO, race_seconds
-from mdpo_rddl.policy.lookahead.choice import choice_share, choose, longest_choice
+from mdpo_rddl.policy.lookahead.choice import (
+    NOTHING_TRIED,
+    choice_share,
+    choose,
+    longest_choice,
+)
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.problem.load import Problem
@@ -31,11 +36,11 @@ class ThinkingMDPO(MDPO):
         """Knows no trial's time yet, without which it does not think."""
         super().__init__(clock=clock)
         self._trial_seconds, self._trial_began = 0.0, 0.0
-        # when the last action was given, and the longest that the environment has taken since
+        # when the last action was given, and the longest that the environment has taken after one
         self._acted, self._between = 0.0, 0.0
         self._each_seconds: float | None = None
         self._thinker: LookaheadPolicy | None = None
-        self._note = "nothing was tried"
+        self._note = NOTHING_TRIED
 
     @property
     def thinker(self) -> LookaheadPolicy | None:
@@ -57,6 +62,7 @@ class ThinkingMDPO(MDPO):
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy, and in a part of the time for whether to think."""
+        self._thinker, self._note = None, NOTHING_TRIED
         decision, kept = self._decision_of(problem), 0.0
         if decision >= _SHORTEST_SECONDS:
             kept = min(choice_share(problem) * race_seconds(seconds), longest_choice(decision))

@@ -14,6 +14,8 @@ from mdpo_rddl.problem.episode import Verdict
 # by so much of itself a real number in 32 bit may be on the wrong side of a bound in 64 bit, and by
 # more where the bound is a difference
 _ROUNDING = (1e-6, 1e-5)
+LARGEST_ROUNDING = max(_ROUNDING)
+"""By so much of its distance from the no-op a legal real action is moved at most."""
 
 
 def action_box(env: RDDLEnv) -> dict[str, tuple[Any, Any]]:

@@ -43,7 +43,7 @@ def test_where_thinking_was_chosen_the_preparation_gets_its_time(tmp_path, monke
     ]
     found = read_sharing(tmp_path)
     assert found[Task("Gains", "1")].seconds == 60.0
-    assert not found[Task("None", "1")].longer
+    assert not found[Task("None", "1")].alone
     asked.clear()
     run_sharing(tmp_path / "second", tasks, 1, QUICK, (1, 2))
     assert {problem for _, problem, *_ in asked} == {"None"}
@@ -55,16 +55,23 @@ def test_where_thinking_was_chosen_the_preparation_gets_its_time(tmp_path, monke
     assert asked[1] == ("30", "Gains", "mdpo", 30.0)
 
 
+def test_a_folder_has_one_other_preparation_of_a_task(tmp_path):
+    for seconds, task in (("38", "A"), ("110", "A"), ("54", "B")):
+        add(tmp_path / seconds, COLUMNS, Task(task, "1"), "mdpo", [1.0])
+    with pytest.raises(InputError, match=r"38/rows\.csv: A 1 has rows of 110 s as well$"):
+        read_sharing(tmp_path)
+
+
 def test_the_table_worked_by_hand(tmp_path):
-    thinking, longer = tmp_path / "thinking", tmp_path / "70"
+    thinking, alone = tmp_path / "thinking", tmp_path / "70"
     toy, lost, level, plain, failed = (Task(name, "1") for name in "ABCDE")
     for task, returns in ((toy, [3.0, 5.0]), (lost, [1.0, 1.0]), (level, [0.0, 4.0])):
         add(thinking, THINKING_COLUMNS, task, "mdpo-thinking", returns, method="sequences")
-        add(longer, COLUMNS, task, "mdpo", [2.0, 4.0] if task != level else [2.0, 2.0])
+        add(alone, COLUMNS, task, "mdpo", [2.0, 4.0] if task != level else [2.0, 2.0])
     # one more seed, in which the policy played alone, and more episodes
     other = {"seed": 1, "note": "no gain"}
     add(thinking, THINKING_COLUMNS, toy, "mdpo-thinking", [5.0, 7.0, 99.0], **other)
-    add(longer, COLUMNS, toy, "mdpo", [4.0, 6.0], seed=1)
+    add(alone, COLUMNS, toy, "mdpo", [4.0, 6.0], seed=1)
     add(thinking, THINKING_COLUMNS, plain, "mdpo-thinking", [7.0], note="no gain")
     add(thinking, THINKING_COLUMNS, failed, "mdpo-thinking", [])
     table = sharing_table(read_sharing(tmp_path))

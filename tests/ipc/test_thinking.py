@@ -9,7 +9,7 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.ipc import thinking
 from mdpo_rddl.ipc.planner import Improving, Restorable, Timed
 from mdpo_rddl.ipc.thinking import ThinkingMDPO
-from mdpo_rddl.policy.lookahead.choice import Choice
+from mdpo_rddl.policy.lookahead.choice import NOTHING_TRIED, Choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
@@ -87,6 +87,14 @@ def test_no_trial_runs_out_of_time(ready):
     # a second trial has its own time
     began = clock.now
     assert play(planner, clock)[1][-1] - began <= 0.7 * 2.0
+
+
+def test_a_preparation_begins_anew(ready):
+    planner, _ = ready(8.0, 0.01)
+    assert planner.thinker is not None
+    planner.prepare(lever_policy(NONE).problem, 60.0, 0)
+    assert planner.thinker is None
+    assert planner.note == NOTHING_TRIED
 
 
 def test_the_thinker_is_told_what_is_played_instead(ready, monkeypatch):

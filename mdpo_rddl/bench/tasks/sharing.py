@@ -41,12 +41,12 @@ class Shared:
 
     Attributes:
       thinking: rows of the policy that may think, one for each seed.
-      longer: rows of the other preparation, mostly longer; empty where no seed has thought.
+      alone: rows of the policy alone, after the other preparation; empty where no seed has thought.
       seconds: of the other preparation.
     """
 
     thinking: list[Row] = field(default_factory=list)
-    longer: list[Row] = field(default_factory=list)
+    alone: list[Row] = field(default_factory=list)
     seconds: float = 0.0
 
 
@@ -61,7 +61,7 @@ def run_sharing(
     """Plays with thinking and, where it was chosen, without; rows that are there stay.
 
     Args:
-      out: results folder, with one folder for thinking and one for each longer preparation.
+      out: results folder, with one folder for thinking and one for each other preparation.
       tasks: in the order in which they are tried.
       seeds: of the preparation, from 0.
       conditions: of the trials with thinking.
@@ -77,8 +77,8 @@ def run_sharing(
         if not decisions:
             continue
         seconds = conditions.seconds + max(decisions) * conditions.decision_seconds
-        longer = Conditions(seconds, conditions.episodes, conditions.memory_gb)
-        run_tasks(out / f"{seconds:g}", [task], [OURS], seeds, longer)
+        alone = Conditions(seconds, conditions.episodes, conditions.memory_gb)
+        run_tasks(out / f"{seconds:g}", [task], [OURS], seeds, alone)
 
 
 def _decisions(row: Row, episodes: int | None) -> int:
@@ -91,7 +91,7 @@ def read_sharing(out: Path) -> dict[Task, Shared]:
     """What `run_sharing` has measured so far.
 
     Raises:
-      InputError: if a file holds anything else.
+      InputError: if a file holds anything else, or a task has two other preparations.
     """
     found: dict[Task, Shared] = {}
     for row in Records(out / _THINKING / "rows.csv", THINKING_COLUMNS, KEYS).rows:
@@ -106,7 +106,10 @@ def read_sharing(out: Path) -> dict[Task, Shared]:
             raise InputError(f"{path}: its folder is not named by a time in seconds") from error
         for row in Records(path, COLUMNS, KEYS).rows:
             shared = found.setdefault(_task(row), Shared())
-            shared.longer.append(row)
+            if shared.alone and shared.seconds != seconds:
+                label = f"{row['problem']} {row['instance']}"
+                raise InputError(f"{path}: {label} has rows of {shared.seconds:g} s as well")
+            shared.alone.append(row)
             shared.seconds = seconds
     return found
 
@@ -120,8 +123,8 @@ def sharing_table(measured: Mapping[Task, Shared]) -> str:
         methods = "; ".join(
             dict.fromkeys(row["method"] for row in shared.thinking if row["method"])
         )
-        if methods and shared.longer:
-            cells, sign = paired(shared.thinking, shared.longer)
+        if methods and shared.alone:
+            cells, sign = paired(shared.thinking, shared.alone)
             signs.append(sign)
             ours, theirs, gain = cells
             seconds = f"{shared.seconds:g}"

@@ -7,6 +7,7 @@ import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components, some
+from mdpo_rddl.policy.lookahead.one_step import OneStep
 
 _MOST_PROPOSALS = 600
 # the best changes are also tried together, so many at once
@@ -14,7 +15,7 @@ _TOGETHER = (2, 3, 4, 6, 8)
 
 
 @dataclass
-class Coordinate:
+class Coordinate(OneStep):
     """Changes one component of the best action so far, or exchanges two, and so on.
 
     Gains are kept: the next round begins at the best action of the last one, and the changes that
@@ -22,11 +23,8 @@ class Coordinate:
     """
 
     name: str = "coordinate-wise"
-    depth: int = 1
     rounds: int = 3
     _components: Components | None = field(default=None, init=False)
-    climbs: bool = False
-    is_for_chance: bool = True
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
 
     def applies(self, components: Components) -> bool:
@@ -84,15 +82,6 @@ class Coordinate:
                 start = centre if back is None else _with(centre, back, float(parts.noop[back]))
                 found.append(_with(start, place, value))
         return np.array(found)
-
-    def shift(self, chosen: np.ndarray) -> None:
-        """Nothing is known for the next step."""
-
-    def reset(self) -> None:
-        """Nothing is known for the next episode."""
-
-    def resume(self, changes: np.ndarray) -> None:
-        """Nothing is known for the next episode, plans of several steps are not made."""
 
 
 def _with(action: np.ndarray, place: int, value: float) -> np.ndarray:

@@ -12,10 +12,12 @@ from mdpo_rddl.planner.climbing import Ascent
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.lookahead.base import Climbed, Gain, Method, Prepared, Situation
 from mdpo_rddl.policy.lookahead.belief import Believer, is_unmatched, known_at, note_played
+from mdpo_rddl.policy.lookahead.expectation import Expectation
 from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.played_plan import PlayedPlan
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.legality import LARGEST_ROUNDING
 from mdpo_rddl.problem.load import Problem
 
 # of a decision's time: when the search ends, when the finalists' test ends
@@ -23,6 +25,8 @@ _SEARCH_SHARE, _TEST_SHARE = 0.65, 0.9
 # the base is left for a gain of more than so many errors
 _ERRORS = 1.0
 _MOST_TEST_CALLS = 30
+# real actions that are played differ by so little at most from what was decided
+_ROUNDING = 2.0 * LARGEST_ROUNDING
 # time for so many calls of the simulator in each round
 _ROUND_CALLS = 1.5
 
@@ -36,11 +40,11 @@ class Decision(NamedTuple):
       calls: of the simulator.
       left_base: whether something else than the prepared policy's action was chosen, and played.
       gain: what the episode is expected to return more for it, in fresh rollouts. Where nothing is
-        random, more than the plan that was followed. Else more than the base, 0 where its action
-        is played; of a candidate that changes later steps too, what it gains a step.
+        random, more than with the plan that was followed. Else more than with the base, 0 where its
+        action is played; of a candidate that changes later steps too, what it gains a step.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
-      replaced: whether another action than the decision's was played, which it expects no gain of.
+      replaced: whether another action than the decision's was played; of that no gain is expected.
     """
 
     step: int
@@ -88,6 +92,8 @@ class LookaheadPolicy(PolicyAgent):
         self._is_unknown = is_unknown
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
         self._plan = PlayedPlan(simulator.depth, simulator.components)
+        discount = float(simulator.policy.problem.model.discount)
+        self._expectation = Expectation(simulator.is_random, discount)
         self._random = np.random.default_rng(seed)
         self._known: Mapping[str, Any] = {}
         self._decided: Mapping[str, Any] = {}
@@ -139,11 +145,13 @@ class LookaheadPolicy(PolicyAgent):
         if self._simulator.may_draw:
             self.forget()
         else:
+            self._expectation.begin()
             self.method.resume(self._plan.begin_again())
 
-    def forget(self) -> None:
-        """An episode begins of which nothing is known."""
-        self._plan.forget()
+    def forget(self, step: int = 0) -> None:
+        """Nothing is known of the episode whose next decision is the one at this step."""
+        self._plan.forget(step)
+        self._expectation.begin()
         self.method.reset()
 
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -192,12 +200,14 @@ class LookaheadPolicy(PolicyAgent):
         self, step: int, state: Mapping[str, Any], seconds: float
     ) -> tuple[Mapping[str, Any], np.ndarray, np.ndarray]:
         started = self._clock()
+        if step != self._plan.step:
+            self.forget(step)
         components, state = self._simulator.components, known_at(self.base, step, state)
         proposed = self.base(step, state)
         base = np.zeros((self._simulator.depth, components.size), np.float32)
         base[0] = components.flat(proposed)
         play = Halving(self._simulator, state, step, base, self._clock, self._new_seed)
-        chosen, kept = self._best(play, started, seconds)
+        chosen, tested = self._best(play, started, seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
         self._plan.shift(candidate, base[0])
@@ -205,7 +215,7 @@ class LookaheadPolicy(PolicyAgent):
         action = components.action(candidate[0], proposed) if left else proposed
         self._known, self._decided, self._base_action = state, action, base[0]
         note_played(self.base, state, action)
-        gain, error = self._expected(chosen, kept if step else 0.0, left)
+        gain, error = self._expectation.decided(step, chosen, tested, left)
         took = self._clock() - started
         unmatched = is_unmatched(state)
         self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))
@@ -221,11 +231,14 @@ class LookaheadPolicy(PolicyAgent):
         if self._decided and not self._is_decided(played := self._flat(actions)):
             self._plan.replace(played, self._base_action)
             last = self.decisions[-1]
-            self.decisions[-1] = last._replace(left_base=False, gain=0.0, error=0.0, replaced=True)
+            gain = self._expectation.replaced(last.step)
+            self.decisions[-1] = last._replace(left_base=False, gain=gain, error=0.0, replaced=True)
 
     def _is_decided(self, played: np.ndarray) -> bool:
-        """Whether this [D] is what was decided last, but for rounding."""
-        return bool(np.allclose(played, self._flat(self._decided), rtol=1e-6))
+        """Whether this [D] is what was decided last, but for what a referee rounds."""
+        parts, decided = self._simulator.components, self._flat(self._decided)
+        rounded = _ROUNDING * np.maximum(np.abs(decided), np.abs(decided - parts.noop))
+        return bool(np.all(np.abs(played - decided) <= np.where(parts.is_real, rounded, 0.0)))
 
     def _flat(self, actions: Mapping[str, Any]) -> np.ndarray:
         """Actions as one vector [D]."""
@@ -233,42 +246,29 @@ class LookaheadPolicy(PolicyAgent):
         numbers = {name: planner.numbers(name, value) for name, value in actions.items()}
         return self._simulator.components.flat(numbers)
 
-    def _expected(self, chosen: Gain | None, kept: float, left: bool) -> tuple[float, float]:
-        """A decision's gain and its error, as `Decision` has them.
+    def _best(
+        self, play: Halving, started: float, seconds: float
+    ) -> tuple[Gain | None, Gain | None]:
+        """The finalist to play, None for the base; and the plan that was followed, if tested.
 
-        Args:
-          chosen: what is played; None for the base.
-          kept: what the plan gains that the episode has followed so far.
-          left: whether the base's action is not played.
-        """
-        if chosen is None or (self._simulator.is_random and not left):
-            return 0.0, 0.0
-        if self._simulator.is_random:
-            return chosen.rate, chosen.error / chosen.steps
-        return chosen.mean - kept, chosen.error
-
-    def _best(self, play: Halving, started: float, seconds: float) -> tuple[Gain | None, float]:
-        """The finalist to play, None for the base; and what the plan gains that was followed.
-
-        A plan that an earlier decision has begun goes on as long as it gains anything: it may have
-        paid its price already, and where the policy is no more ready to go on alone. Of one that
-        does not, or was not tested, the gain is 0.
+        A plan that an earlier decision has begun needs no gain beyond its error: it may have
+        paid its price already, and where the policy is no more ready to go on alone.
         """
         if self._is_unknown is not None and not self._is_unknown(play.state):
-            return None, 0.0
+            return None, None
         followed = self._followed(play)
         test_until = started + _TEST_SHARE * seconds
         a_test = self._simulator.seconds(NARROW, play.step)
         search_until = min(started + _SEARCH_SHARE * seconds, test_until - a_test)
         if self._clock() + self._simulator.seconds(WIDE, play.step) > search_until:
             self._simulator.expect_less()
-            return None if followed is None else Gain(followed, 0.0, 0.0), 0.0
+            return None if followed is None else Gain(followed, 0.0, 0.0), None
         finalists = self._finalists(play, search_until, followed)
         if not len(finalists):
-            return None, 0.0
+            return None, None
         tested = play.test(finalists, test_until, _MOST_TEST_CALLS)
         if followed is not None and all(gain.mean == -np.inf for gain in tested):
-            return Gain(followed, 0.0, 0.0), 0.0
+            return Gain(followed, 0.0, 0.0), None
 
         def goes_on(gain: Gain) -> bool:
             return followed is not None and np.array_equal(gain.candidate, followed)
@@ -276,9 +276,8 @@ class LookaheadPolicy(PolicyAgent):
         def is_good(gain: Gain) -> bool:
             return gain.mean > (0.0 if goes_on(gain) else _ERRORS * gain.error)
 
-        kept = max((gain.mean for gain in tested if goes_on(gain)), default=0.0)
         best = max(filter(is_good, tested), key=lambda gain: gain.rate, default=None)
-        return best, max(0.0, kept)
+        return best, next(filter(goes_on, tested), None)
 
     def _followed(self, play: Halving) -> np.ndarray | None:
         """What is left of the plan [n, D]; where its next action is illegal, without that one."""

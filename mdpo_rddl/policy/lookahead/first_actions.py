@@ -8,12 +8,13 @@ import numpy as np
 
 from mdpo_rddl.policy.lookahead.base import Gain, Situation
 from mdpo_rddl.policy.lookahead.components import Components
+from mdpo_rddl.policy.lookahead.one_step import OneStep
 
 _MOST_ACTIONS = 400
 
 
 @dataclass
-class FirstActions:
+class FirstActions(OneStep):
     """Every joint action at once, the policy afterwards.
 
     The rollout algorithm: one step of policy improvement at the state at hand (Bertsekas,
@@ -21,11 +22,8 @@ class FirstActions:
     """
 
     name: str = "first actions"
-    depth: int = 1
     rounds: int = 1
     _actions: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
-    climbs: bool = False
-    is_for_chance: bool = True
     _base: np.ndarray = field(default_factory=lambda: np.zeros(0), init=False)
 
     def applies(self, components: Components) -> bool:
@@ -56,12 +54,3 @@ class FirstActions:
             return np.zeros((0, 1, len(self._base)), np.float32)
         differs = np.any(self._actions != self._base, axis=1)
         return random.permutation(self._actions[differs])[:, np.newaxis]
-
-    def shift(self, chosen: np.ndarray) -> None:
-        """Nothing is known for the next step."""
-
-    def reset(self) -> None:
-        """Nothing is known for the next episode."""
-
-    def resume(self, changes: np.ndarray) -> None:
-        """Nothing is known for the next episode, plans of several steps are not made."""

@@ -23,17 +23,28 @@ class PlayedPlan:
     components: Components
     _rest: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), init=False)
     _played: list[np.ndarray] = field(default_factory=list, init=False)
+    _first: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.forget()
 
-    def forget(self) -> None:
-        """Nothing is known of the episode that begins."""
+    @property
+    def step(self) -> int:
+        """The number of the next decision."""
+        return self._first + len(self._played)
+
+    def forget(self, step: int = 0) -> None:
+        """Nothing is known of an episode whose next decision is the one at this step."""
         self._rest = np.zeros((self.depth, self.components.size), np.float32)
-        self._played = []
+        self._played, self._first = [], step
 
     def begin_again(self) -> np.ndarray:
-        """The latest episode begins again: what was changed, and was still to be, in it [n, D]."""
+        """The latest episode begins again: what was changed, and was still to be, in it [n, D].
+
+        Nothing where its beginning is not known.
+        """
+        if self._first > 0:
+            self.forget()
         known = np.concatenate([np.reshape(self._played, (-1, self.components.size)), self._rest])
         self._rest, self._played = known[: self.depth].astype(np.float32), []
         return self._rest

@@ -23,6 +23,7 @@ WIDE, NARROW = "wide", "narrow"
 _CLIMBERS = 4
 # over how many scenarios and steps their return is differentiated, if anything is random
 _CLIMB_SCENARIOS, _CLIMB_WINDOW = 4, 100
+_CLIMB_STREAM = 2**31  # no key of the rollouts that test what is found
 _NOISE = AdaptiveNoise(sigma_min=0.1, sigma_max=1.0)
 _MEASURED_STEPS, _MOST_CLIMBS = 20, 5000
 # candidates of a call, the base among them; the rest of its size are scenarios
@@ -31,7 +32,7 @@ _CANDIDATES = {WIDE: 32, NARROW: 4}
 _FEWEST_SEQUENCES = 16
 # enough where nothing is random: two that are the same tell that, more that none owes to rounding
 _CERTAIN_SCENARIOS = {WIDE: 2, NARROW: 8}
-# how far actions are from the policy's where that is found out, in units of the components
+# how far real actions are moved where that is found out, in units of the components
 _SPREAD = 0.3
 _FEWEST, _MOST = 128, 4096
 # of the time of a decision, and at most, a call may take
@@ -207,10 +208,9 @@ class Simulator:
     ) -> tuple[Ascent, np.ndarray]:
         assert self._climb is not None  # `prepare_climbing` was called
         where = self._numbers(place[0]), place[1]
-        key = jax.random.PRNGKey(place[1])
+        key = jax.random.fold_in(jax.random.PRNGKey(place[1]), _CLIMB_STREAM)
         found = self._climb(key, self._policy_arguments, where, ascent, rates, steps)
-        reached, sigma = jax.tree.map(np.asarray, found)
-        return reached, sigma
+        return jax.tree.map(np.asarray, found)
 
     def scenarios(self, kind: str) -> int:
         """Scenarios of one call."""

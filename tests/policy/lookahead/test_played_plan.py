@@ -47,6 +47,19 @@ def test_the_same_episode_begins_with_what_was_played_in_it(plan):
     assert plan.padded(rows(7, 8)[np.newaxis])[0].tolist() == rows(7, 8, 3, 0).tolist()
 
 
+def test_a_plan_knows_its_step(plan):
+    assert plan.step == 0
+    play(plan, 1, 2)
+    assert plan.step == 2
+    plan.forget(7)
+    assert plan.step == 7
+    play(plan, 1)
+    assert plan.step == 8
+    # what came before is not known
+    assert plan.begin_again().tolist() == rows(0, 0, 0, 0).tolist()
+    assert plan.step == 0
+
+
 def test_what_was_not_played_yet_is_still_planned(plan):
     play(plan, 1, 2, 3, 4)
     plan.begin_again()
