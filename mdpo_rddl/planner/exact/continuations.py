@@ -218,10 +218,9 @@ class Continuations:
         """The row's actions at the first step, the policy's as the row changes them at others."""
         first, numbers = self._tree(row), self.changes.numbers(row)
         later = {name: self._changed(name, actions[name], numbers[name]) for name in actions}
-        if self._lowest and self._legal.is_needed:
+        if self._legal.is_needed:
             legal = self._legal.is_legal(later, state)
-            for name in self._lowest:
-                later[name] = jnp.where(legal, later[name], actions[name])
+            later = {name: jnp.where(legal, later[name], actions[name]) for name in actions}
         return {
             name: jnp.where(is_first, first[name].astype(value.dtype), later[name])
             for name, value in actions.items()

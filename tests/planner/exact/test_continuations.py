@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from helpers.levers import lever_policy
+from helpers.problems import TINY_DOMAIN, TINY_INSTANCE
 from helpers.toys import problem_from
 
 from mdpo_rddl.planner.build import build_planner
@@ -95,9 +96,9 @@ def test_what_is_legal():
     np.testing.assert_array_equal(legality(state, actions), [True, False, True])
 
 
-def returns_of_plan(policy, plan):
+def returns_of_plan(policy, plan, state=NOWHERE):
     program = Continuations(policy.planner).compile(Size(1, 1))
-    given = policy.params, policy.policy_hyperparams, NOWHERE, 0, np.array([plan], np.float32)
+    given = policy.params, policy.policy_hyperparams, state, 0, np.array([plan], np.float32)
     return float(program(jax.random.PRNGKey(0), *given)[0, 0])
 
 
@@ -111,3 +112,18 @@ def test_a_later_row_that_is_illegal_is_not_played():
     policy = lever_policy((1, 0, 0), MOST="1")
     # two arms at once, then the third instead of the first
     assert returns_of_plan(policy, [(1, 0, 0), (2, 0, 2), (1, 0, 2)]) == 1.0 + 1.0 + 3.0 + 1.0
+
+
+def test_later_additions_to_reals_that_are_illegal_are_not_played():
+    limit = "action-preconditions { (sum_{?u : unit} [push(?u)]) <= 0.75;"
+    domain = TINY_DOMAIN.replace("action-preconditions {", limit)
+    instance = TINY_INSTANCE.replace("_HORIZON", "3").replace("_SPREAD", "0.0")
+    problem, config = problem_from(domain + instance), auto_preset("t").without_section("Search")
+    planner = build_planner(problem, config).planner
+    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
+    policy = Policy(problem, config, planner, params, unit_hyperparams(planner), seed=0)
+    start = {"x": np.array([0.0, 0.0])}
+    plan = [(0.25, 0.25), (0.375, 0.5)]
+    assert returns_of_plan(policy, plan, start) == -2 * (0.25 + 0.0625 + 0.0625)
+    plan = [(0.25, 0.25), (0.25, 0.25)]
+    assert returns_of_plan(policy, plan, start) == -2 * (0.25 + 0.0625)
