@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 
 from mdpo_rddl.cli.bench_parser import bench_parser
-from mdpo_rddl.cli.bench_tasks_parser import default_published
+from mdpo_rddl.cli.bench_tasks_parser import default_folder
 from mdpo_rddl.cli.ending import ending_in_order, without_waiting
 from mdpo_rddl.cli.importing import ended_at_once
 from mdpo_rddl.cli.logs import show_log
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 from mdpo_rddl.cli.bench_commands import COMMANDS
 
             if options.out is None:
-                options.out = default_published(options.decision_seconds)
+                options.out = default_folder(options.run, options.decision_seconds)
             with results_lock(options):
                 table = COMMANDS[options.run](options)
                 write_atomically(options.out / "table.md", table)

@@ -13,13 +13,10 @@ from mdpo_rddl.bench.tasks.names import (
 )
 from mdpo_rddl.cli.options import WHOLE, OneLineParser, natural, number, positive_int, shard
 
-PUBLISHED = Path("results/published")
-PUBLISHED_THINKING = Path("results/published_thinking")
 
-
-def default_published(decision_seconds: float) -> Path:
-    """Where `published` writes to, if nothing else is said."""
-    return PUBLISHED_THINKING if decision_seconds else PUBLISHED
+def default_folder(command: str, decision_seconds: float) -> Path:
+    """Where a command writes to whose decisions may take time, if nothing else is said."""
+    return Path("results") / (f"{command}_thinking" if decision_seconds else command)
 
 
 def add_task_commands(commands: Any) -> list[OneLineParser]:
@@ -31,21 +28,23 @@ def add_task_commands(commands: Any) -> list[OneLineParser]:
     everywhere.add_argument("--planners", nargs="+", choices=PLANNERS, default=list(PLANNERS))
     everywhere.set_defaults(run="everywhere", out=Path("results/everywhere"))
     published = commands.add_parser("published", help="81 tasks with published returns")
-    published.add_argument(
-        "--decision-seconds",
-        type=number(at_least=0),
-        default=0.0,
-        help=f"of each decision; the default folder is then {PUBLISHED_THINKING} (default: 0)",
-    )
     published.set_defaults(run="published")
     report = commands.add_parser(
         "published-report", help="the table and the picture of published, from its rows alone"
     )
-    report.set_defaults(run="published-report", out=PUBLISHED)
+    report.set_defaults(run="published-report", out=default_folder("published", 0.0))
     ippc2014 = commands.add_parser(
         "ippc2014", help="forty instances of the 2014 competition, beside PROST's returns there"
     )
-    ippc2014.set_defaults(run="ippc2014", out=Path("results/ippc2014"))
+    ippc2014.set_defaults(run="ippc2014")
+    for command, name in ((published, "published"), (ippc2014, "ippc2014")):
+        folder = default_folder(name, 1.0)
+        command.add_argument(
+            "--decision-seconds",
+            type=number(at_least=0),
+            default=0.0,
+            help=f"of each decision; the default folder is then {folder} (default: 0)",
+        )
     ablation = commands.add_parser(
         "ablation", help="the race without each arm that had a part in its policy"
     )

@@ -2,12 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.ippc2014 import competition, ippc2014_table, run_ippc2014
 from mdpo_rddl.bench.tasks.published import published
-from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, Conditions
+from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, THINKING_COLUMNS, Conditions
 from mdpo_rddl.cli import bench
 
 TABLE = """\
@@ -59,6 +60,27 @@ def test_the_table_compares_ours_with_the_winner(tmp_path):
     assert ippc2014_table(records) == TABLE
 
 
+def test_the_table_says_where_thinking_has_paid(tmp_path):
+    records = Records(tmp_path / "rows.csv", THINKING_COLUMNS, KEYS)
+    for planner, returns in {
+        "mdpo-thinking": [-12.0, -11.0],
+        "noop": [-57.0],
+        "random": [-52.0],
+    }.items():
+        found = {"status": "ok", "mean": np.mean(returns), "returns": json.dumps(returns)}
+        if planner == "mdpo-thinking":
+            found |= {"decision_seconds": 0.2, "method": "sequences", "alone": "[-14.0, -13.0]"}
+        figures = (found.get(name, "") for name in THINKING_COLUMNS[len(KEYS) :])
+        records.add("Traffic_MDP_ippc2014", "2", planner, 0, *figures)
+    *_, row, _, totals, _, said = ippc2014_table(records).splitlines()
+    assert row == "| Traffic_MDP_ippc2014 | 2 | -11.5 |  | 1.005 | -11.7 | -57 | -52 |"
+    assert totals.startswith("At 0.99 of PROST's return or above: 1 of 1.")
+    assert said == (
+        "Ours with 0.2 s a decision, used on 1 tasks. Against the same policy alone in the same "
+        "episodes: better on 1, as good on 0, worse on 0."
+    )
+
+
 def test_a_run_asks_for_ours_and_the_floor(tmp_path, monkeypatch, capsys):
     asked = []
 
@@ -71,6 +93,8 @@ def test_a_run_asks_for_ours_and_the_floor(tmp_path, monkeypatch, capsys):
     assert [([task.instance for task in tasks], planners) for tasks, planners in asked] == [
         (["4", "8"], ("mdpo", "noop", "random"))
     ]
+    run_ippc2014(tmp_path, ["Traffic_MDP_ippc2014:2"], 1, Conditions(1.0, 1, 4.0, 0.2))
+    assert asked[1][1] == ("mdpo-thinking", "noop", "random")
     words = ["ippc2014", "--problems", "Traffic_MDP_ippc2014:3", "--out", str(tmp_path)]
     assert bench.main(words) == 2
     assert "there are no published returns of 'Traffic_MDP_ippc2014:3'" in capsys.readouterr().err

@@ -39,17 +39,18 @@ def test_ours_plays_all_of_the_published_episodes(monkeypatch, tmp_path):
     assert asked == [replace(QUICK, decision_seconds=0.5, as_published=True)]
 
 
-def test_thinking_has_a_folder_of_its_own(monkeypatch, tmp_path):
+@pytest.mark.parametrize("command", ["published", "ippc2014"])
+def test_thinking_has_a_folder_of_its_own(command, monkeypatch):
     asked = []
 
     def run(out, problems, seeds, conditions, shard):
         asked.append((out, conditions.decision_seconds))
         raise InputError("enough")
 
-    monkeypatch.setattr("mdpo_rddl.cli.bench_tasks.run_published", run)
+    monkeypatch.setattr(f"mdpo_rddl.cli.bench_tasks.run_{command}", run)
     for words in ([], ["--decision-seconds", "0.2"], ["--decision-seconds", "1", "--out", "x"]):
-        assert bench.main(["published", *words]) == 2
-    folders = [Path("results/published"), Path("results/published_thinking"), Path("x")]
+        assert bench.main([command, *words]) == 2
+    folders = [Path("results") / command, Path("results") / f"{command}_thinking", Path("x")]
     assert asked == list(zip(folders, [0.0, 0.2, 1.0], strict=True))
 
 

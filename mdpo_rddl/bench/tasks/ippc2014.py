@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
-from mdpo_rddl.bench.common.markdown import rounded, table_row
+from mdpo_rddl.bench.common.markdown import rounded, table_head, table_row
 from mdpo_rddl.bench.common.records import Records
 from mdpo_rddl.bench.tasks.everywhere import by_task
-from mdpo_rddl.bench.tasks.names import NOOP, OURS, RANDOM
+from mdpo_rddl.bench.tasks.names import NOOP, OURS, RANDOM, THINKING
 from mdpo_rddl.bench.tasks.published import only, score
-from mdpo_rddl.bench.tasks.published_table import totals
+from mdpo_rddl.bench.tasks.published_table import against_alone, totals
 from mdpo_rddl.bench.tasks.trial import OK, Conditions, Task, run_tasks
 
-_PLANNERS = (OURS, NOOP, RANDOM)
+_HEADS = "problem", "instance", "ours", "optimum", "score", "PROST", "no-op", "random"
 _BEST = "PROST's return"
 
 
@@ -52,22 +52,24 @@ def run_ippc2014(
     """
     number, count = shard
     tasks = only(list(competition()), problems)
-    return run_tasks(out, tasks[number::count], _PLANNERS, seeds, conditions)
+    ours = THINKING if conditions.decision_seconds else OURS
+    return run_tasks(out, tasks[number::count], (ours, NOOP, RANDOM), seeds, conditions)
 
 
 def ippc2014_table(records: Records) -> str:
     """Markdown: each instance's mean return and score beside PROST's return, and the totals.
 
-    Where the optimum is proven, what the score lacks is chance: thirty episodes are few.
+    Where the optimum is proven, what the score lacks is chance: thirty episodes are few. Of ours
+    with time at the decisions it is told as well on how many instances that was used, and paid.
     """
-    head = "| problem | instance | ours | optimum | score | PROST | no-op | random |"
-    lines = [head, "|" + "---|" * 8]
+    lines = table_head(_HEADS)
     scores, is_proven, measured = list[float](), list[bool](), by_task(records)
     for task, prost in competition().items():
         rows = measured.get((task.problem, task.instance), {})
-        if not all(name in rows for name in _PLANNERS):
+        found = rows.get(THINKING) or rows.get(OURS)
+        if found is None or not {NOOP, RANDOM} <= rows.keys():
             continue
-        ours, noop, random = (rows[name] for name in _PLANNERS)
+        ours, noop, random = found, rows[NOOP], rows[RANDOM]
         against = {"noop": _mean(noop), "random": _mean(random), "best": str(prost)}
         scores.append(score(float(ours["mean"]), against) if ours["status"] == OK else 0.0)
         is_proven.append(ours["arms"] == DYNAMIC_PROGRAMMING)
@@ -78,6 +80,8 @@ def ippc2014_table(records: Records) -> str:
     lines += ["", totals(np.array(scores), _BEST)]
     if len(others) < len(scores):
         lines += ["", f"Without the proven optima. {totals(others, _BEST)}"]
+    if said := against_alone(records):
+        lines += ["", " ".join(said)]
     return "\n".join(lines) + "\n"
 
 

@@ -74,11 +74,11 @@ def _said(records: Records, scores: np.ndarray, shorter: Mapping[Task, float | N
         return [totals(scores)]
     said = [totals(scores[:, 0])]
     if scores.shape[1] == 1:
-        return [*said, *_certainly_below(records), *_thinking(records)]
+        return [*said, *_certainly_below(records), *against_alone(records)]
     equal = f"The same in equal steps: {totals(scores[:, 1])}"
     behind = _behind_prost(mean_returns(records)), _behind_prost(shorter)
     prost = f"Mean below PROST's with 1 s: {behind[0]}; before the last step {behind[1]}."
-    return [*said, equal, prost, *_thinking(records)]
+    return [*said, equal, prost, *against_alone(records)]
 
 
 def _behind_prost(means: Mapping[Task, float | None]) -> str:
@@ -126,7 +126,7 @@ def _certainly_below(records: Records) -> list[str]:
     return [f"Below {AT_THE_BEST:g} with all of the 95% interval of its episodes: {below}."]
 
 
-def _thinking(records: Records) -> list[str]:
+def against_alone(records: Records) -> list[str]:
     """How long decisions were, and where trials had chosen to use that; nothing without time."""
     times = {row["decision_seconds"] for row in records.rows if row.get("decision_seconds")}
     if not times:
