@@ -15,7 +15,7 @@ from mdpo_rddl.cli.options import WHOLE, OneLineParser, natural, number, positiv
 
 
 def default_folder(command: str, decision_seconds: float) -> Path:
-    """Where a command writes to whose decisions may take time, if nothing else is said."""
+    """The results folder of a command; with time at the decisions it has another one."""
     return Path("results") / (f"{command}_thinking" if decision_seconds else command)
 
 

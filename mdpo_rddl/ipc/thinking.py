@@ -2,17 +2,13 @@
 
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mdpo_rddl.ipc.mdpo import MDPO, race_seconds
-from mdpo_rddl.policy.lookahead.choice import (
-    NOTHING_TRIED,
-    choice_share,
-    choose,
-    longest_choice,
-)
+from mdpo_rddl.policy.lookahead.choice import choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
 from mdpo_rddl.problem.load import Problem
@@ -23,6 +19,7 @@ _SHARE = 0.7
 _LONGEST_SECONDS, _BANKED = 1.0, 2.0
 # shorter ones do not pay for their overhead
 _SHORTEST_SECONDS = 0.01
+_NOTHING_TRIED = "nothing was tried"
 
 
 class ThinkingMDPO(MDPO):
@@ -36,11 +33,15 @@ class ThinkingMDPO(MDPO):
         """Knows no trial's time yet, without which it does not think."""
         super().__init__(clock=clock)
         self._trial_seconds, self._trial_began = 0.0, 0.0
+        self._each_seconds: float | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Nothing is known of a problem."""
         # when the last action was given, and the longest that the environment has taken after one
         self._acted, self._between = 0.0, 0.0
-        self._each_seconds: float | None = None
         self._thinker: LookaheadPolicy | None = None
-        self._note = NOTHING_TRIED
+        self._note = _NOTHING_TRIED
 
     @property
     def thinker(self) -> LookaheadPolicy | None:
@@ -62,11 +63,16 @@ class ThinkingMDPO(MDPO):
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
         """Looks for a policy, and in a part of the time for whether to think."""
-        self._thinker, self._note = None, NOTHING_TRIED
+        self._begin()
         decision, kept = self._decision_of(problem), 0.0
         if decision >= _SHORTEST_SECONDS:
             kept = min(choice_share(problem) * race_seconds(seconds), longest_choice(decision))
         super().prepare(problem, seconds - kept, seed)
+
+    def restore(self, problem: Problem, folder: Path) -> None:
+        """Reads the policy, which plays alone until it is improved."""
+        self._begin()
+        super().restore(problem, folder)
 
     def improve(self, seconds: float) -> None:
         """Tries whether to think, and how, now that the policy is kept."""

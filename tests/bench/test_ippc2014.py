@@ -76,7 +76,7 @@ def test_the_table_says_where_thinking_has_paid(tmp_path):
     assert row == "| Traffic_MDP_ippc2014 | 2 | -11.5 |  | 1.005 | -11.7 | -57 | -52 |"
     assert totals.startswith("At 0.99 of PROST's return or above: 1 of 1.")
     assert said == (
-        "Ours with 0.2 s a decision, used on 1 tasks. Against the same policy alone in the same "
+        "Ours with 0.2 s a decision, used on 1 task. Against the same policy alone in the same "
         "episodes: better on 1, as good on 0, worse on 0."
     )
 

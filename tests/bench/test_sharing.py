@@ -55,6 +55,21 @@ def test_where_thinking_was_chosen_the_preparation_gets_its_time(tmp_path, monke
     assert asked[1] == ("30", "Gains", "mdpo", 30.0)
 
 
+def test_another_preparation_is_refused_before_it_is_played(tmp_path, monkeypatch):
+    task = Task("Gains", "1")
+    add(tmp_path / "thinking", THINKING_COLUMNS, task, "mdpo-thinking", [1.0], method="sequences")
+    add(tmp_path / "38", COLUMNS, task, "mdpo", [1.0])
+    monkeypatch.setattr("mdpo_rddl.bench.tasks.sharing._decisions", lambda *_: 20)
+
+    def run(out, *_):
+        assert out.name == "thinking"
+        return Records(out / "rows.csv", THINKING_COLUMNS, KEYS)
+
+    monkeypatch.setattr("mdpo_rddl.bench.tasks.sharing.run_tasks", run)
+    with pytest.raises(InputError, match=r"Gains 1 has rows of 38 s; use another folder$"):
+        run_sharing(tmp_path, [task], 1, QUICK)
+
+
 def test_a_folder_has_one_other_preparation_of_a_task(tmp_path):
     for seconds, task in (("38", "A"), ("110", "A"), ("54", "B")):
         add(tmp_path / seconds, COLUMNS, Task(task, "1"), "mdpo", [1.0])

@@ -9,7 +9,7 @@ from helpers.slow_simulator import SlowSimulator
 from mdpo_rddl.ipc import thinking
 from mdpo_rddl.ipc.planner import Improving, Restorable, Timed
 from mdpo_rddl.ipc.thinking import ThinkingMDPO
-from mdpo_rddl.policy.lookahead.choice import NOTHING_TRIED, Choice
+from mdpo_rddl.policy.lookahead.choice import Choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.first_actions import FirstActions
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE
@@ -94,7 +94,7 @@ def test_a_preparation_begins_anew(ready):
     assert planner.thinker is not None
     planner.prepare(lever_policy(NONE).problem, 60.0, 0)
     assert planner.thinker is None
-    assert planner.note == NOTHING_TRIED
+    assert planner.note == "nothing was tried"
 
 
 def test_the_thinker_is_told_what_is_played_instead(ready, monkeypatch):

@@ -59,17 +59,17 @@ def run_ippc2014(
 def ippc2014_table(records: Records) -> str:
     """Markdown: each instance's mean return and score beside PROST's return, and the totals.
 
-    Where the optimum is proven, what the score lacks is chance: thirty episodes are few. Of ours
-    with time at the decisions it is told as well on how many instances that was used, and paid.
+    Where the optimum is proven, what the score lacks is chance: thirty episodes are few. With time
+    at the decisions the table says as well on how many instances ours has used it, and gained.
     """
     lines = table_head(_HEADS)
     scores, is_proven, measured = list[float](), list[bool](), by_task(records)
     for task, prost in competition().items():
         rows = measured.get((task.problem, task.instance), {})
-        found = rows.get(THINKING) or rows.get(OURS)
-        if found is None or not {NOOP, RANDOM} <= rows.keys():
+        ours = rows.get(THINKING) or rows.get(OURS)
+        if ours is None or not {NOOP, RANDOM} <= rows.keys():
             continue
-        ours, noop, random = found, rows[NOOP], rows[RANDOM]
+        noop, random = rows[NOOP], rows[RANDOM]
         against = {"noop": _mean(noop), "random": _mean(random), "best": str(prost)}
         scores.append(score(float(ours["mean"]), against) if ours["status"] == OK else 0.0)
         is_proven.append(ours["arms"] == DYNAMIC_PROGRAMMING)

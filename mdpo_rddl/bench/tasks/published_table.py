@@ -133,7 +133,8 @@ def against_alone(records: Records) -> list[str]:
         return []
     chosen = [row for row in records.rows if row["method"]]
     tasks = {Task(row["problem"], row["instance"]) for row in chosen}
-    said = f"Ours with {', '.join(sorted(times))} s a decision, used on {len(tasks)} tasks."
+    count = f"{len(tasks)} task" if len(tasks) == 1 else f"{len(tasks)} tasks"
+    said = f"Ours with {', '.join(sorted(times))} s a decision, used on {count}."
     signs = [
         paired_returns(np.array(json.loads(row["returns"])), np.array(json.loads(row[ALONE]))).sign
         for row in chosen

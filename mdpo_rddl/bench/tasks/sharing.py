@@ -68,6 +68,9 @@ def run_sharing(
       shard: (i, n): only every n-th task, from the i-th on.
       decided: episodes whose decisions' time the other preparation has, too; None for all, 0 for a
         preparation that is no longer, but has no choice to make.
+
+    Raises:
+      InputError: if the folder has a task's rows with another preparation.
     """
     number, count = shard
     for task in tasks[number::count]:
@@ -77,6 +80,10 @@ def run_sharing(
         if not decisions:
             continue
         seconds = conditions.seconds + max(decisions) * conditions.decision_seconds
+        known = read_sharing(out).get(task, Shared())
+        if known.alone and known.seconds != seconds:
+            label = f"{task.problem} {task.instance}".strip()
+            raise InputError(f"{out}: {label} has rows of {known.seconds:g} s; use another folder")
         alone = Conditions(seconds, conditions.episodes, conditions.memory_gb)
         run_tasks(out / f"{seconds:g}", [task], [OURS], seeds, alone)
 

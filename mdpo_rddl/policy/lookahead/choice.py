@@ -40,7 +40,6 @@ from mdpo_rddl.problem.load import Problem, make_environment
 _EPISODES = 4
 # where compilation took longer than expected, so much of the time is there for trials all the same
 _BEYOND = 0.1
-NOTHING_TRIED = "nothing was tried"
 OPTIMAL = "the optimum is proven"
 PLANS = "the policy plans at each decision as it is"
 RAISES = "the environment raises an error in play"
@@ -87,8 +86,6 @@ class Choice:
         """Why the plain policy is played; empty if it is not."""
         if self.policy is not None:
             return ""
-        if not self.trials:
-            return self.reason or NOTHING_TRIED
         short = all(trial.note == NO_TIME for trial in self.trials)
         return self.reason or (NO_TIME if short else "no gain")
 

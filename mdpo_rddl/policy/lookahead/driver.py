@@ -39,9 +39,10 @@ class Decision(NamedTuple):
       seconds: wall time from the state to the action.
       calls: of the simulator.
       left_base: whether something else than the prepared policy's action was chosen, and played.
-      gain: what the episode is expected to return more for it, in fresh rollouts. Where nothing is
-        random, more than with the plan that was followed. Else more than with the base, 0 where its
-        action is played; of a candidate that changes later steps too, what it gains a step.
+      gain: what the episode is expected to return more for it, in fresh rollouts; 0 without them.
+        Where nothing is random, what it adds to what the episode's decisions before it expect.
+        Else, more than for the base, 0 where its action is played; of a candidate that changes
+        later steps too, what it gains a step.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
       replaced: whether another action than the decision's was played; of that no gain is expected.
@@ -91,7 +92,7 @@ class LookaheadPolicy(PolicyAgent):
         self.method, self.decisions = method, list[Decision]()
         self._is_unknown = is_unknown
         self._simulator, self._seconds, self._clock = simulator, seconds, clock
-        self._plan = PlayedPlan(simulator.depth, simulator.components)
+        self._plan = PlayedPlan(simulator.depth, simulator.horizon, simulator.components)
         discount = float(simulator.policy.problem.model.discount)
         self._expectation = Expectation(simulator.is_random, discount)
         self._random = np.random.default_rng(seed)
@@ -142,17 +143,22 @@ class LookaheadPolicy(PolicyAgent):
 
         Who asks for the decision at step 0 by `decide` calls this before.
         """
-        if self._simulator.may_draw:
-            self.forget()
-        else:
-            self._expectation.begin()
-            self.method.resume(self._plan.begin_again())
+        self._expectation.begin()
+        self._go_to(0)
 
-    def forget(self, step: int = 0) -> None:
-        """Nothing is known of the episode whose next decision is the one at this step."""
-        self._plan.forget(step)
+    def forget(self) -> None:
+        """An episode begins of which nothing is known."""
+        self._plan.forget()
         self._expectation.begin()
         self.method.reset()
+
+    def _go_to(self, step: int) -> None:
+        """The next decision is the one at this step; by chance, that of an unknown episode."""
+        if self._simulator.may_draw:
+            self.forget()
+        self._plan.go_to(step)
+        if not self._simulator.may_draw:
+            self.method.resume(self._plan.rest)
 
     def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """As `PolicyAgent.batch`; of several observations each is decided on from nothing.
@@ -201,13 +207,13 @@ class LookaheadPolicy(PolicyAgent):
     ) -> tuple[Mapping[str, Any], np.ndarray, np.ndarray]:
         started = self._clock()
         if step != self._plan.step:
-            self.forget(step)
+            self._go_to(step)
         components, state = self._simulator.components, known_at(self.base, step, state)
         proposed = self.base(step, state)
         base = np.zeros((self._simulator.depth, components.size), np.float32)
         base[0] = components.flat(proposed)
         play = Halving(self._simulator, state, step, base, self._clock, self._new_seed)
-        chosen, tested = self._best(play, started, seconds)
+        chosen, followed = self._best(play, started, seconds)
         candidate = base if chosen is None else chosen.candidate
         self.method.shift(candidate)
         self._plan.shift(candidate, base[0])
@@ -215,7 +221,7 @@ class LookaheadPolicy(PolicyAgent):
         action = components.action(candidate[0], proposed) if left else proposed
         self._known, self._decided, self._base_action = state, action, base[0]
         note_played(self.base, state, action)
-        gain, error = self._expectation.decided(step, chosen, tested, left)
+        gain, error = self._expectation.decided(step, chosen, followed, left)
         took = self._clock() - started
         unmatched = is_unmatched(state)
         self.decisions.append(Decision(step, took, play.calls, left, gain, error, unmatched))

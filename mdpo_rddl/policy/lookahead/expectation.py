@@ -1,4 +1,4 @@
-"""What an episode is expected to return more than with the prepared policy alone."""
+"""What thinking is expected to gain in an episode."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ _LEAST = NOT_FINITE / 1e6
 
 @dataclass
 class Expectation:
-    """What each decision adds to it.
+    """How much more than the prepared policy alone an episode is expected to return.
 
     Where returns differ from scenario to scenario a decision counts by itself, for what its
     candidate gains a step. Else the candidate is a plan that is followed, and its gain is counted
@@ -21,18 +21,20 @@ class Expectation:
 
     Attributes:
       is_random: whether returns differ from scenario to scenario.
-      discount: of a step; gains are returns from a decision on, but those of an episode are asked
-        for.
+      discount: of a step. A decision's rollouts are discounted from it on, and count in the return
+        of the episode with the discount of the steps before.
     """
 
     is_random: bool
     discount: float
+    # whether the plan that is followed is counted, and what the latest test has found of it
     _is_counted: bool = field(default=False, init=False)
     _counted: float = field(default=0.0, init=False)
+    _is_tested: bool = field(default=False, init=False)
 
     def begin(self) -> None:
         """An episode begins, of which nothing is counted yet."""
-        self._is_counted, self._counted = False, 0.0
+        self._is_counted, self._counted, self._is_tested = False, 0.0, False
 
     def decided(
         self, step: int, chosen: Gain | None, followed: Gain | None, left_base: bool
@@ -50,12 +52,14 @@ class Expectation:
             if chosen is None or not left_base:
                 return 0.0, 0.0
             return weight * chosen.rate, weight * chosen.error / chosen.steps
-        is_known = self._is_counted and followed is not None and followed.mean > _LEAST
-        self._counted = followed.mean if is_known and followed is not None else 0.0
+        self._is_tested = chosen is None or chosen.mean != 0.0
+        if not self._is_tested:
+            return 0.0, 0.0
+        self._counted = 0.0
+        if self._is_counted and followed is not None and followed.mean > _LEAST:
+            self._counted = followed.mean
         if chosen is None:
             return weight * (0.0 - self._counted), 0.0
-        if chosen.mean == 0.0:
-            return 0.0, 0.0
         goes_on = followed is not None and np.array_equal(chosen.candidate, followed.candidate)
         error = 0.0 if self._is_counted and goes_on else chosen.error
         self._is_counted = True
@@ -64,8 +68,10 @@ class Expectation:
     def replaced(self, step: int) -> float:
         """What the latest decision adds if another action was played in the end.
 
-        What was counted of the plan is taken back; what is left of it is counted at the next
-        decision.
+        What was counted of the plan is taken back, as far as the decision has tested it; what is
+        left of it is counted at the next decision.
         """
-        lost, self._is_counted = self._counted, False
-        return self.discount**step * (0.0 - lost)
+        if not self._is_tested:
+            return 0.0
+        self._is_counted = False
+        return self.discount**step * (0.0 - self._counted)

@@ -23,7 +23,7 @@ WIDE, NARROW = "wide", "narrow"
 _CLIMBERS = 4
 # over how many scenarios and steps their return is differentiated, if anything is random
 _CLIMB_SCENARIOS, _CLIMB_WINDOW = 4, 100
-_CLIMB_STREAM = 2**31  # no key of the rollouts that test what is found
+_CLIMB_STREAM = 2**31  # other random keys than those of the rollouts
 _NOISE = AdaptiveNoise(sigma_min=0.1, sigma_max=1.0)
 _MEASURED_STEPS, _MOST_CLIMBS = 20, 5000
 # candidates of a call, the base among them; the rest of its size are scenarios

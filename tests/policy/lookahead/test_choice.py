@@ -192,8 +192,8 @@ def test_a_call_of_another_length_does_where_it_cannot_be_compiled_again():
     assert not Simulator(lever_policy(NONE), 1, Ticking(0.01)).prepare(START, 0.02, until=0.7)
 
 
-def test_no_gain_is_of_trials():
-    assert choosing.Choice(None, [], "", 0.0).note == choosing.NOTHING_TRIED
+def test_without_trials_there_was_no_time():
+    assert choosing.Choice(None, [], "", 0.0).note == NO_TIME
     assert choosing.Choice(None, [Trial("sequences", 0.0, 1.0)], "", 0.0).note == "no gain"
 
 

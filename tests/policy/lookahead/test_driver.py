@@ -364,21 +364,25 @@ def test_gains_are_of_the_return_of_the_episode():
     assert [decision.gain for decision in thinker.decisions] == [4.0, 2.0, 1.0, 0.5]
 
 
-@pytest.mark.parametrize("steps", [(0, 1, 1, 2), (0, 2), (2, 2)])
-def test_a_plan_is_not_followed_at_other_steps_than_its_own(steps):
+@pytest.mark.parametrize("steps", [(0, 1, 1, 2), (0, 2), (2, 2), (0, 1, 2, 3, 3)])
+def test_a_plan_is_followed_at_its_own_steps(steps):
     simulator, thinker = paying()
     pulled(thinker)
     simulator.durations[WIDE] = 1.0
-    actions = [thinker(0, START) for _ in range(steps[0])]
-    actions += [thinker(step, START) for step in steps]
-    assert not any(action["pull"][0] for action in actions)
+    # the second time it is known all the same
+    for _ in range(2):
+        assert [bool(thinker(step, START)["pull"][0]) for step in steps] == [
+            step == 2 for step in steps
+        ]
 
 
-def test_an_episode_whose_beginning_is_not_known_is_not_played_again():
-    simulator, thinker = paying()
-    thinker.decide(2, START)
-    simulator.durations[WIDE] = 1.0
-    assert pulled(thinker) == [False] * 4
+def test_by_chance_a_step_that_is_not_the_next_one_is_of_an_unknown_episode():
+    simulator, method = prepared(NONE, LIKELIHOOD="0.75"), Noting()
+    assert method.applies(simulator.components)
+    thinker = LookaheadPolicy(simulator, method, 2 * SECONDS, seed=0, clock=Ticking(0.01))
+    for step in (0, 1, 1, 3):
+        thinker(step, START)
+    assert method.told == ["reset"] * 3
 
 
 class Noting(FirstActions):
@@ -479,5 +483,6 @@ def test_an_episode_begins_with_a_plan_where_nothing_is_drawn(may_draw):
 def test_several_observations_leave_nothing_for_an_episode():
     simulator, thinker = paying()
     thinker.batch(2, {"pulled": np.zeros((2, 3), bool)})
+    assert thinker.decisions[-1].left_base
     simulator.durations[WIDE] = 1.0
     assert pulled(thinker) == [False] * 4

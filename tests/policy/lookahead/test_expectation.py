@@ -70,3 +70,11 @@ def test_what_is_not_played_is_taken_back_and_the_rest_counts_again():
     expectation.decided(1, gain(16.0), gain(16.0), left_base=True)
     assert expectation.replaced(1) == -8.0
     assert expectation.decided(2, gain(12.0), gain(12.0), left_base=True) == (3.0, 0.125)
+
+
+def test_a_plan_that_goes_on_untested_is_not_counted_again():
+    expectation = certain()
+    assert expectation.decided(0, gain(10.0), None, left_base=True) == (10.0, 0.5)
+    expectation.decided(1, gain(0.0), None, left_base=True)
+    assert expectation.replaced(1) == 0.0
+    assert expectation.decided(2, gain(8.0), gain(8.0), left_base=True) == (0.0, 0.0)
