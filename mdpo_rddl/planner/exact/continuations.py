@@ -204,14 +204,14 @@ class Continuations:
         return ({**common[0], **first}, common[1]), (fluents, memory)
 
     def _rounded(self, key: Array, many: tuple[Any, Any]) -> dict[str, Array]:
-        """Fluents [C, N, *shape] whose reals differ a little between the scenarios."""
+        """Fluents [C, N, *shape] whose reals differ a little from the state's, the first's not."""
         fluents, ranges = dict(many[0]), self._planner.rddl.variable_ranges
         for number, name in enumerate(self._planner.rddl.state_fluents):
             if ranges[name] == "real":
                 value = fluents[name]
                 own = random.fold_in(key, number)
                 drawn = random.uniform(own, value.shape[1:], value.dtype, -1.0, 1.0)
-                fluents[name] = value * (1.0 + _ROUNDING * drawn)
+                fluents[name] = value * (1.0 + _ROUNDING * drawn.at[0].set(0.0))
         return fluents
 
     def _overridden(self, actions: Any, row: Array, is_first: Array, state: Any) -> Actions:

@@ -149,7 +149,7 @@ class LookaheadPolicy(PolicyAgent):
     def forget(self) -> None:
         """An episode begins of which nothing is known."""
         self._plan.forget()
-        self._expectation.begin()
+        self._expectation.forget()
         self.method.reset()
 
     def _go_to(self, step: int) -> None:

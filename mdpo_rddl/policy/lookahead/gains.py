@@ -9,7 +9,7 @@ NOT_FINITE = -1e30
 """For the gain of a return that is not finite, which must not look like one."""
 
 
-def paired_gains(returns: np.ndarray, steps: int) -> np.ndarray:
+def paired_gains(returns: np.ndarray, steps: int, is_certain: bool = False) -> np.ndarray:
     """What candidates return more than the first; zero where rounding may have made it.
 
     A sum of rewards is rounded at each step, by half a unit in its last place at most. Over T steps
@@ -18,6 +18,9 @@ def paired_gains(returns: np.ndarray, steps: int) -> np.ndarray:
     Args:
       returns: of the base and of n others [n + 1, N], of the type in which they were computed.
       steps: T, at least 1.
+      is_certain: whether the first scenario is what will be played, and the others differ from it
+        by rounding alone. None of them counts for more then: else a candidate would gain where
+        rounding lets the base return less than it will.
 
     Returns:
       The gains [n, N]; `NOT_FINITE` where a return is not finite.
@@ -28,7 +31,8 @@ def paired_gains(returns: np.ndarray, steps: int) -> np.ndarray:
     largest = np.maximum(np.abs(whole[1:]), np.abs(whole[:1]))
     rounding = np.finfo(returns.dtype).eps * math.sqrt(steps) * largest
     kept = np.where(np.abs(gains) > rounding, gains, 0.0)
-    return np.where(np.isfinite(gains), kept, NOT_FINITE)
+    found = np.where(np.isfinite(gains), kept, NOT_FINITE)
+    return np.minimum(found, found[:, :1]) if is_certain else found
 
 
 def steps_to_last_change(candidate: np.ndarray, base: np.ndarray, steps: int) -> int:

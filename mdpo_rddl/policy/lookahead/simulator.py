@@ -231,8 +231,7 @@ class Simulator:
 
         Else one that was slow by chance would be the last.
         """
-        for expected in (self._overhead, self._per_step):
-            expected.update({kind: _AFTER_NONE * each for kind, each in expected.items()})
+        self._per_step = {kind: _AFTER_NONE * each for kind, each in self._per_step.items()}
         overhead, each = self._climb_seconds
         # one call of far too many steps could not be ended
         self._climb_seconds = overhead, max(_AFTER_NONE * each, self._least_climb_seconds)
@@ -263,8 +262,7 @@ class Simulator:
           seed: of the scenarios.
 
         Returns:
-          The differences of the discounted returns to the horizon [n, N], zero where these are
-          no larger than the returns' rounding.
+          The differences of the discounted returns to the horizon [n, N], by `paired_gains`.
         """
         size = self._sizes[kind]
         missing = size.candidates - len(candidates)
@@ -272,14 +270,16 @@ class Simulator:
         started = self._clock()
         returns = self._returns(kind, state, step, padded, seed)
         self._measure(kind, step, self._clock() - started)
-        return paired_gains(returns[: len(candidates)], max(1, self.horizon - step))
+        steps = max(1, self.horizon - step)
+        return paired_gains(returns[: len(candidates)], steps, is_certain=not self.may_draw)
 
     def _measure(self, kind: str, step: int, seconds: float) -> None:
         if kind not in self._per_step:
             return
-        steps = max(1, self.horizon - step)
-        seen = max(0.0, seconds - self._overhead[kind]) / steps
-        self._per_step[kind] = max(_FORGETTING * self._per_step[kind], seen)
+        steps, known = max(1, self.horizon - step), self._per_step[kind]
+        more = max(0.0, seconds - self._overhead[kind]) - steps * known
+        # where few steps are left the overhead may be what is late
+        self._per_step[kind] = max(_FORGETTING * known, known + more / self.horizon)
 
     def _compile(self, kind: str, rollouts: int, state: Mapping[str, Any], base: Any) -> None:
         self._per_step.pop(kind, None)

@@ -79,6 +79,8 @@ def test_a_return_that_hangs_on_rounding_is_not_certain():
     assert np.all(returns(policy, *place) == 4.0)
     found = returns(policy, *place, is_rounded=True)
     assert set(found[0]) == {0.0, 4.0}
+    # the first scenario is the state's own
+    assert np.all(found[:, 0] == 4.0)
     np.testing.assert_array_equal(found[0], found[1])
     # beside the edge rounding makes no difference
     beside = *place[:3], {"height": np.array(0.70001, np.float32)}

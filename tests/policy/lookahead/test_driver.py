@@ -109,6 +109,17 @@ def test_one_slow_call_is_not_the_last():
     assert all(decision.seconds <= 2 * SECONDS for decision in thinker.decisions[1:])
 
 
+def test_a_late_call_near_the_end_says_little_of_the_next_episode():
+    clock = Ticking(0.01)
+    simulator = Simulator(lever_policy(NONE, LIKELIHOOD="0.75"), depth=1, clock=clock)
+    simulator.prepare(START, SECONDS)
+    candidates = np.zeros((1, 1, 3), np.float32)
+    clock.tick = 0.5
+    simulator.gains(WIDE, START, 3, candidates, 0)
+    # and not so much at each of the four steps
+    assert 0.5 < simulator.seconds(WIDE, 0) < 0.7
+
+
 @pytest.mark.parametrize("call", [0.004, 0.02, 0.04, 0.3])
 @pytest.mark.parametrize("method", [FirstActions, Coordinate])
 def test_a_decision_ends_in_time(method, call):
@@ -328,7 +339,7 @@ def test_decisions_expect_what_they_add_to_the_plan_that_is_followed():
     assert figures["expected_gain"] == 13.0
 
 
-def test_an_episode_expects_what_is_left_of_a_plan_without_time_at_its_first_decision():
+def test_an_episode_expects_of_a_plan_what_the_last_one_did_without_time_at_the_first_decision():
     simulator, thinker = paying()
     pulled(thinker)
     thinker.decisions.clear()
@@ -337,7 +348,7 @@ def test_an_episode_expects_what_is_left_of_a_plan_without_time_at_its_first_dec
     simulator.durations[WIDE] = 0.001
     for step in (1, 2, 3):
         thinker(step, START)
-    assert [decision.gain for decision in thinker.decisions] == [0.0, 10.0, 0.0, 0.0]
+    assert [decision.gain for decision in thinker.decisions] == [10.0, 0.0, 0.0, 0.0]
 
 
 def test_an_episode_expects_what_is_left_of_a_plan_where_an_action_is_replaced():

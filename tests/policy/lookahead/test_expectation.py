@@ -40,13 +40,30 @@ def test_a_plan_that_is_followed_counts_once():
     assert expectation.decided(4, gain(1.0), gain(1.0), left_base=True) == (0.0, 0.0)
 
 
-def test_a_plan_that_nobody_has_tested_counts_as_soon_as_it_is_tested():
+def test_a_plan_counts_anew_in_each_episode():
     expectation = certain()
-    assert expectation.decided(0, gain(0.0), None, left_base=True) == (0.0, 0.0)
-    assert expectation.decided(1, gain(8.0), gain(8.0), left_base=True) == (8.0, 0.5)
-    # and in each episode anew
+    expectation.decided(0, gain(10.0), None, left_base=True)
+    expectation.decided(1, gain(11.0), gain(9.0), left_base=True)
     expectation.begin()
-    assert expectation.decided(0, gain(10.0), gain(10.0), left_base=True) == (10.0, 0.5)
+    assert expectation.decided(0, gain(12.5), gain(12.5), left_base=True) == (12.5, 0.5)
+    # without time for a test as much as in the last episode, and once
+    expectation.begin()
+    for step, added in enumerate((12.5, 0.0, 0.0)):
+        assert expectation.decided(step, gain(0.0), None, left_base=True) == (added, 0.0)
+    # the policy alone may do badly by now
+    assert expectation.decided(3, gain(90.0), gain(90.0), left_base=True) == (0.0, 0.0)
+    expectation.forget()
+    assert expectation.decided(0, gain(0.0), None, left_base=True) == (0.0, 0.0)
+
+
+def test_what_is_replaced_is_not_expected_of_the_next_episode():
+    expectation = certain()
+    expectation.decided(0, gain(10.0), None, left_base=True)
+    expectation.decided(1, gain(9.0), gain(9.0), left_base=True)
+    assert expectation.replaced(1) == -9.0
+    expectation.decided(2, gain(5.0), gain(5.0), left_base=True)
+    expectation.begin()
+    assert expectation.decided(0, gain(0.0), None, left_base=True) == (6.0, 0.0)
 
 
 def test_what_is_left_of_a_plan_may_be_worth_less_than_nothing():

@@ -27,6 +27,14 @@ def test_rounding_is_no_gain_whatever_the_size_of_the_returns(size):
     np.testing.assert_allclose(paired_gains(better, STEPS), 1e-5 * better[:1], rtol=0.05)
 
 
+def test_what_will_be_played_bounds_what_rounding_makes_of_it():
+    # rounding lets the base miss 1 in the second scenario, and the third one's candidate
+    returns = np.array([[1.0, 0.0, 1.0], [0.75, 0.75, 0.75], [1.5, 1.5, 0.5]], np.float32)
+    assert paired_gains(returns, 1).tolist() == [[-0.25, 0.75, -0.25], [0.5, 1.5, -0.5]]
+    certain = paired_gains(returns, 1, is_certain=True)
+    assert certain.tolist() == [[-0.25, -0.25, -0.25], [0.5, 0.5, -0.5]]
+
+
 def test_a_return_that_is_not_finite_is_no_gain():
     returns = np.array([[1.0, -np.inf, np.inf], [np.nan, 2.0, np.inf], [3.0, 0.0, 0.0]], np.float32)
     lost = NOT_FINITE
