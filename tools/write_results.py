@@ -178,6 +178,7 @@ PIECES: dict[str, Callable[[], str]] = {
     "published": plain("published"),
     "published_thinking": plain("published_thinking"),
     "ippc2014": plain("ippc2014"),
+    "ippc2014_thinking": plain("ippc2014_thinking"),
     "anytime": plain("anytime"),
     "ablation": plain("ablation"),
     "ablation_settings": plain("ablation_settings"),
