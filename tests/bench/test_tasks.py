@@ -77,7 +77,7 @@ def test_rows_of_thinking_say_how_decisions_were_made(tmp_path, capsys):
     assert bench.main(["published-report", "--out", str(tmp_path)]) == 0
     table = capsys.readouterr().out
     assert "| Navigation_MDP_ippc2011 | 1 |" in table
-    assert "Ours with 0.5 s a decision, used on 1 tasks. Against the same policy alone" in table
+    assert "Ours with 0.5 s a decision, used on 1 task. Against the same policy alone" in table
     assert table.endswith("in the same episodes: better on 1, as good on 0, worse on 0.\n")
     assert max(json.loads(row["alone"])) < min(json.loads(row["returns"]))
     with pytest.raises(InputError, match="holds other results"):

@@ -45,7 +45,7 @@ class Decision(NamedTuple):
         later steps too, what it gains a step.
       error: the gain's standard error.
       unmatched: whether the belief had no particle that could have led to what was observed.
-      replaced: whether another action than the decision's was played; of that no gain is expected.
+      replaced: whether another action than the decision's was played; its gain is not expected.
     """
 
     step: int
