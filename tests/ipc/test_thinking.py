@@ -89,10 +89,16 @@ def test_no_trial_runs_out_of_time(ready):
     assert play(planner, clock)[1][-1] - began <= 0.7 * 2.0
 
 
-def test_a_preparation_begins_anew(ready):
+@pytest.mark.parametrize("is_restored", [False, True])
+def test_a_policy_plays_alone_until_it_is_improved(ready, is_restored, tmp_path):
     planner, _ = ready(8.0, 0.01)
+    planner.save(tmp_path)
     assert planner.thinker is not None
-    planner.prepare(lever_policy(NONE).problem, 60.0, 0)
+    problem = lever_policy(NONE).problem
+    if is_restored:
+        planner.restore(problem, tmp_path)
+    else:
+        planner.prepare(problem, 60.0, 0)
     assert planner.thinker is None
     assert planner.note == "nothing was tried"
 
