@@ -18,8 +18,6 @@ from helpers.sources import (
     violations,
 )
 
-MAX_LINES = 350
-
 # the rooms, each with those that it may import from; `errors` is everybody's
 ROOMS = {
     "machine": (),
@@ -227,11 +225,6 @@ def test_only_the_commands_print():
     printing = {module_name(path) for path in FILES if "print" in calls(path)}
     assert "mdpo_rddl.cli.bench" in printing
     assert all(is_of(name, "mdpo_rddl.cli") for name in printing)
-
-
-def test_a_file_can_be_read_in_one_sitting():
-    lengths = {module_name(path): len(path.read_text().splitlines()) for path in FILES}
-    assert {name: length for name, length in lengths.items() if length > MAX_LINES} == {}
 
 
 def test_pictures_are_drawn_into_memory_or_a_run_that_is_not_there_yet():
