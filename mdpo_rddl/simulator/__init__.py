@@ -1,0 +1,1 @@
+"""The exact model, many episodes side by side, on numpy alone."""

@@ -1,0 +1,244 @@
+"""The exact model of a problem, for many replicas at once.
+
+    simulator = Simulator(problem)
+    state = simulator.initial(1024)
+    step = simulator.step(state, {"fan-in": actions}, numpy.random.default_rng(0))
+
+Replicas are the last axis of all arrays: a fluent of three zones in 1,024 replicas is [3, 1024].
+The semantics are those of pyRDDLGym's `RDDLSimulator` and `RDDLEnv`; what would be an exception
+there is a mask here, so that a replica's error is its own.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from pyRDDLGym.core.compiler.initializer import RDDLValueInitializer
+from pyRDDLGym.core.compiler.levels import RDDLLevelAnalysis
+
+from mdpo_rddl.errors import InputError
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.simulator.compiler import DTYPES, Closure, Compiler, Frame, Node, UnsupportedError
+from mdpo_rddl.simulator.scopes import Scope
+
+# of so many numbers an array of a block still fits the cache beside a few others
+_BLOCK_NUMBERS = 2**15
+
+State = Mapping[str, np.ndarray]
+"""Per fluent that is no action, its value [*shape, B]."""
+
+
+class Step(NamedTuple):
+    """What a step of B replicas comes to.
+
+    Attributes:
+      state: after it.
+      rewards: [B], those of replicas with an error are 0.
+      terminated: [B], whether a termination condition holds.
+      broken: [B], whether a state invariant is violated, which ends the episode.
+      errors: [B], whether pyRDDLGym's environment would have raised an error.
+    """
+
+    state: State
+    rewards: np.ndarray
+    terminated: np.ndarray
+    broken: np.ndarray
+    errors: np.ndarray
+
+
+class Simulator:
+    """A problem's exact model on numpy.
+
+    Attributes:
+      problem: the problem.
+      shapes: of each fluent [*shape].
+      actions: names of the action fluents.
+      observed: names of what a policy sees: observation fluents, or state fluents.
+      noop: per action fluent its default [*shape].
+      block: so many replicas are simulated at once, the others after them.
+    """
+
+    def __init__(
+        self, problem: Problem, functions: Mapping[str, Callable[..., Any]] | None = None
+    ) -> None:
+        """Compiles the model's expressions to closures.
+
+        Args:
+          problem: a loaded problem.
+          functions: external Python functions that the domain calls, by name.
+
+        Raises:
+          InputError: for an expression that the simulator cannot evaluate.
+        """
+        model = self._model = problem.model
+        self.problem = problem
+        values = RDDLValueInitializer(model).initialize()
+        kinds = model.variable_types
+        arrays = {name: np.asarray(value) for name, value in values.items()}
+        self.shapes = {
+            name: tuple(model.object_counts(model.variable_params[name]))
+            for name in model.variable_params
+        }
+        self._rows = {name: math.prod(shape) for name, shape in self.shapes.items()}
+        self._initial = {
+            name: np.broadcast_to(array, self.shapes[name]).reshape(-1, 1)
+            for name, array in arrays.items()
+            if kinds[name] != "non-fluent"
+        }
+        constants = {
+            name: np.broadcast_to(array, self.shapes[name]).reshape(-1)
+            for name, array in arrays.items()
+            if kinds[name] == "non-fluent"
+        }
+        self.actions = list(model.action_fluents)
+        self.noop = {name: self._initial[name].reshape(self.shapes[name]) for name in self.actions}
+        self._next = dict(model.next_state)
+        self.observed = list(model.observ_fluents or model.state_fluents)
+        primed = set(self._next.values())
+        self._kept = [n for n in self._initial if n not in primed and n not in self.actions]
+        compiler = Compiler(model, constants, self.shapes, functions or {})
+        try:
+            self._compile(compiler)
+        except UnsupportedError as error:
+            raise InputError(f"{problem.domain_path}: {error}") from error
+        self.block = max(1, _BLOCK_NUMBERS // compiler.largest)
+
+    def _compile(self, compiler: Compiler) -> None:
+        model = self._model
+        nodes: list[tuple[str, str, Node]] = []
+        levels = RDDLLevelAnalysis(model, allow_synchronous_state=True).compute_levels()
+        for level in levels.values():
+            for name in level:
+                parameters, expression = model.cpfs[name]
+                sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
+                kind = compiler.kind(name)
+                node = compiler.lower(expression, Scope().extended(sizes))
+                nodes.append((name, kind, node))
+        reward = compiler.lower(model.reward, Scope())
+        masks = {
+            which: [compiler.lower(e, Scope()) for e in expressions]
+            for which, expressions in (
+                ("terminations", model.terminations),
+                ("invariants", model.invariants),
+                ("preconditions", model.preconditions),
+            )
+        }
+        self._cpfs = [(name, DTYPES[kind], compiler.link(node)) for name, kind, node in nodes]
+        self._reward = compiler.link(reward)
+        self._masks = {which: list(map(compiler.link, each)) for which, each in masks.items()}
+        self._slots = compiler.slots
+
+    def initial(self, replicas: int) -> State:
+        """The state in which episodes begin, for so many replicas."""
+        return {
+            name: np.broadcast_to(self._initial[name], (self._rows[name], replicas)).reshape(
+                *self.shapes[name], replicas
+            )
+            for name in self._kept
+        }
+
+    def observation(self, state: State) -> dict[str, np.ndarray]:
+        """What a policy sees in a state, per fluent [*shape, B]; before a step of a partially
+        observed problem the fluents' defaults."""
+        return {name: state[name] for name in self.observed}
+
+    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+        """Simulates one step of all replicas.
+
+        Args:
+          state: of B replicas.
+          actions: per action fluent [*shape, B], or what broadcasts to it; the no-op where one is
+            missing.
+          generator: numpy's, makes all draws.
+        """
+        replicas = next(iter(state.values())).shape[-1]
+        if replicas > self.block:
+            return self._in_blocks(state, actions, generator, replicas)
+        frame = self._frame(state, actions, generator, replicas)
+        values = frame.values
+        with np.errstate(all="ignore"):
+            for name, dtype, closure in self._cpfs:
+                values[name] = self._assigned(closure(frame), name, dtype, replicas)
+            rewards = np.broadcast_to(self._reward(frame)[0], replicas)
+            for name, following in self._next.items():
+                values[name] = values[following]
+            frame.forget()
+            terminated = self._any(self._masks["terminations"], frame)
+            broken = ~self._all(self._masks["invariants"], frame)
+        errors = frame.lost
+        rewards = np.where(errors, 0.0, rewards)
+        shapes = self.shapes
+        after = {name: values[name].reshape(*shapes[name], replicas) for name in self._kept}
+        return Step(after, rewards, terminated, broken, errors)
+
+    def ended(self, state: State) -> np.ndarray:
+        """[B], whether a termination condition holds in a state."""
+        frame = self._frame(state, {}, None, next(iter(state.values())).shape[-1])
+        with np.errstate(all="ignore"):
+            return self._any(self._masks["terminations"], frame)
+
+    def legal(self, state: State, actions: Mapping[str, Any]) -> np.ndarray:
+        """[B], whether actions keep all preconditions and max-nondef-actions in a state."""
+        replicas = next(iter(state.values())).shape[-1]
+        frame = self._frame(state, actions, None, replicas)
+        with np.errstate(all="ignore"):
+            legal = self._all(self._masks["preconditions"], frame) & ~frame.lost
+        most = self._model.max_allowed_actions
+        if most < sum(self._rows[name] for name in self.actions):
+            changed = sum(
+                (frame.values[name] != self._initial[name]).sum(axis=0) for name in self.actions
+            )
+            legal &= changed <= most
+        return legal
+
+    def _frame(
+        self, state: State, actions: Mapping[str, Any], generator: Any, replicas: int
+    ) -> Frame:
+        values = {
+            name: np.reshape(array, (self._rows[name], replicas)) for name, array in state.items()
+        }
+        for name in self.actions:
+            shape = (*self.shapes[name], replicas)
+            given = actions.get(name)
+            full = self._initial[name] if given is None else np.broadcast_to(given, shape)
+            full = np.broadcast_to(full.reshape(self._rows[name], -1), (self._rows[name], replicas))
+            values[name] = full.astype(self._initial[name].dtype, copy=False)
+        return Frame(values, generator, replicas, self._slots)
+
+    def _assigned(self, value: np.ndarray, name: str, dtype: Any, replicas: int) -> np.ndarray:
+        value = value.astype(dtype, copy=False)
+        shape = (self._rows[name], replicas)
+        return value if value.shape == shape else np.broadcast_to(value, shape)
+
+    def _in_blocks(
+        self, state: State, actions: Mapping[str, Any], generator: Any, replicas: int
+    ) -> Step:
+        full = {
+            name: np.broadcast_to(value, (*self.shapes[name], replicas))
+            for name, value in actions.items()
+        }
+        parts = []
+        for first in range(0, replicas, self.block):
+            which = slice(first, min(first + self.block, replicas))
+            part = {name: value[..., which] for name, value in state.items()}
+            taken = {name: value[..., which] for name, value in full.items()}
+            parts.append(self.step(part, taken, generator))
+        names = parts[0].state
+        joined = {n: np.concatenate([each.state[n] for each in parts], axis=-1) for n in names}
+        rest = (np.concatenate(each) for each in list(zip(*parts, strict=True))[1:])
+        return Step(joined, *rest)
+
+    @staticmethod
+    def _any(closures: list[Closure], frame: Frame) -> np.ndarray:
+        result = np.zeros(frame.replicas, bool)
+        for closure in closures:
+            result |= closure(frame)[0].astype(bool)
+        return result
+
+    @staticmethod
+    def _all(closures: list[Closure], frame: Frame) -> np.ndarray:
+        result = np.ones(frame.replicas, bool)
+        for closure in closures:
+            result &= closure(frame)[0].astype(bool)
+        return result
