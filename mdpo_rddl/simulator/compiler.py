@@ -1107,7 +1107,7 @@ def _middle(op: str, kind: str, longest: int) -> Callable[[np.ndarray], np.ndarr
         function = AGGREGATIONS[op]
         if kind == "b" and op not in ("exists", "forall"):
             return lambda v: function.reduce(v.astype(INT), axis=1)
-        return lambda v: v[:, 0] if v.shape[1] == 1 else function.reduce(v, axis=1)
+        return lambda v: function.reduce(v, axis=1)
     if op == "avg":
         return lambda v: (_added(v) if kind == "f" else v.sum(axis=1, dtype=REAL)) / v.shape[1]
     if op == "argmin":
