@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pyRDDLGym.core.compiler.model import RDDLLiftedModel
+from pyRDDLGym.core.parser.expr import Expression
 
 from mdpo_rddl.simulator.laws import (
     ALIKE_RESULTS,
@@ -144,6 +145,10 @@ class Traits(NamedTuple):
     wild: bool
 
 
+# what an aggregation is a sum of, in the algebra in which it is one
+_FACTORS = {"exists": ("^", "&"), "forall": ("|",), "sum": ("*",)}
+# a scope of so many tuples is laid out in less than a tenth of a second
+_MANY_ROWS = 2**20
 _WILD = {"ln", "log", "exp", "pow", "tan", "acos", "asin", "cosh", "sinh", "sqrt", "fmod"}
 
 
@@ -170,14 +175,15 @@ class Compiler:
           shapes: of all fluents and non-fluents.
           functions: external Python functions, by name.
         """
-        self._model, self._constants, self._shapes = model, non_fluents, shapes
+        self._model, self._constants, self._shapes = model, dict(non_fluents), shapes
         self._functions = functions
         self._traits: dict[int, Traits] = {}
         self._texts: dict[int, tuple[str, tuple[str, ...]]] = {}
         self._nodes: dict[Any, Node] = {}
         self.slots = 0
         self.largest = 1
-        """The most rows of a node."""
+        """The most bytes of a node for one replica."""
+        self._made: list[Any] = []
 
     # --- what an expression reads --------------------------------------------------------
 
@@ -209,22 +215,9 @@ class Compiler:
                 free |= set(e.args[0])
         elif kind == "pyfunc":
             static, draws, free = False, True, free | set(e.args[0])
-        elif kind == "matrix":
-            raises = True
-            if name != "det":
-                free |= set(e.args[0])
-        elif kind == "func":
-            raises |= name in ("lngamma", "gamma") or (
-                name == "pow" and not self._is_nonnegative(e.args[1])
-            )
-            wild |= name in _WILD
-        elif kind == "arithmetic" and name == "/":
-            wild |= not e.args[1].is_constant_expression()
-        return Traits(free, static, draws, raises, wild)
-
-    @staticmethod
-    def _is_nonnegative(e: Any) -> bool:
-        return e.is_constant_expression() and e.args >= 0
+        elif kind == "matrix" and name != "det":
+            free |= set(e.args[0])
+        return Traits(free, static, draws, raises or _raises(e), wild or _is_wild(e))
 
     def _is_object(self, name: str, arguments: Any) -> bool:
         return not arguments and name not in self._shapes and self._model.is_object(name)
@@ -261,7 +254,8 @@ class Compiler:
         kind, name = e.etype
         traits = self.traits(e)
         if kind == "pvar":
-            return self._pvar(*e.args, scope)
+            variable, arguments = e.args
+            return self._pvar(variable, arguments, scope)
         method = getattr(self, f"_{kind}", None)
         if method is None:
             raise UnsupportedError(f"the simulator does not know the expression {kind} {name}")
@@ -286,7 +280,7 @@ class Compiler:
 
     def _counted(self, node: Node) -> Node:
         if node.value is None:
-            self.largest = max(self.largest, node.rows)
+            self.largest = max(self.largest, node.rows * np.dtype(DTYPES[node.kind]).itemsize)
         return node
 
     def link(self, node: Node) -> Closure:
@@ -351,58 +345,21 @@ class Compiler:
         rows = max(arg.rows for arg in args)
 
         def make(*fs: Closure) -> Closure:
-            # a ufunc writes into the array of an argument that nobody else reads
             into = None
             if isinstance(function, np.ufunc):
                 fits = (i for i, arg in enumerate(args) if arg.may_be_overwritten(rows, kind))
                 into = next(fits, None)
-            if len(fs) == 1:
-                (f,) = fs
-                if into is not None:
-
-                    def unary(s: Frame) -> np.ndarray:
-                        x = f(s)
-                        return function(x, out=x)
-
-                    return unary
-                return lambda s: function(f(s))
-            f, g = fs
-            left, right = args[0].value, args[1].value
-            if left is not None:
-                if into == 1:
-
-                    def from_left(s: Frame) -> np.ndarray:
-                        y = g(s)
-                        return function(left, y, out=y)
-
-                    return from_left
-                return lambda s: function(left, g(s))
-            if right is not None:
-                if into == 0:
-
-                    def to_right(s: Frame) -> np.ndarray:
-                        x = f(s)
-                        return function(x, right, out=x)
-
-                    return to_right
-                return lambda s: function(f(s), right)
-            if into == 0:
-
-                def into_left(s: Frame) -> np.ndarray:
-                    x = f(s)
-                    return function(x, g(s), out=x)
-
-                return into_left
-            if into == 1:
-
-                def into_right(s: Frame) -> np.ndarray:
-                    x, y = f(s), g(s)
-                    return function(x, y, out=y)
-
-                return into_right
-            return lambda s: function(f(s), g(s))
+            return _applied(function, fs, args, into)
 
         return self._over(args, make, rows, kind)
+
+    def fix(self, name: str, node: Node) -> bool:
+        """Makes a fluent whose value is known a constant; says whether it is."""
+        if node.value is None:
+            return False
+        value = node.value.astype(DTYPES[self.kind(name)])
+        self._constants[name] = np.broadcast_to(value[:, 0], math.prod(self._shapes[name]))
+        return True
 
     def _number(self, node: Node) -> Node:
         return self._cast(node, "i") if node.kind == "b" else node
@@ -472,6 +429,7 @@ class Compiler:
         return Node(rows, kind, lambda: lambda s: s.values[name], fresh=False)
 
     def kind(self, name: str) -> str:
+        """`b`, `i` or `f`, by the range of a fluent."""
         return {"bool": "b", "real": "f"}.get(self._model.variable_ranges[name], "i")
 
     def _literal(self, name: str) -> Node:
@@ -578,11 +536,8 @@ class Compiler:
     def _func(self, e: Any, scope: Scope) -> Node:
         _, name = e.etype
         nodes = [self._number(self.lower(arg, scope)) for arg in e.args]
-        kind = "f"
-        if name in WHOLE_RESULTS:
-            kind = "i"
-        elif name in ALIKE_RESULTS and all(node.kind == "i" for node in nodes):
-            kind = "i"
+        are_whole = all(node.kind == "i" for node in nodes)
+        kind = "i" if name in WHOLE_RESULTS or (name in ALIKE_RESULTS and are_whole) else "f"
         function = UNARY.get(name) if len(nodes) == 1 else BINARY.get(name)
         if function is None:
             raise UnsupportedError(f"the simulator does not know the function {name}")
@@ -632,7 +587,6 @@ class Compiler:
     def _choice(self, condition: Node, then: Node, other: Node) -> Node:
         kind = _promoted(then, other)
         rows = max(condition.rows, then.rows, other.rows)
-        as_bools = then.kind == "b" and other.kind == "b"
 
         def whole(value: np.ndarray, s: Frame) -> np.ndarray:
             shape = (rows, s.replicas)
@@ -647,9 +601,7 @@ class Compiler:
                     return whole(g(s), s)
                 x = within(s, where.any(axis=0), f) if then.checks else f(s)
                 y = within(s, ~where.all(axis=0), g) if other.checks else g(s)
-                if as_bools:
-                    return y ^ (where & (x ^ y))
-                return np.where(where, x, y)
+                return selected(where, x, y)
 
             return choice
 
@@ -676,6 +628,8 @@ class Compiler:
 
     def _aggregation(self, e: Any, scope: Scope) -> Node:
         _, op = e.etype
+        if (factored := self._factored(e, scope)) is not None:
+            return self.lower(factored, scope)
         *binders, body = e.args
         variables = [(name, self._count(kind)) for name, kind in typed(binders)]
         traits = self.traits(body)
@@ -708,6 +662,73 @@ class Compiler:
         if node.value is not None:
             return _constant(whole(node.value), kind)
         return self._over((node,), lambda f: lambda s: whole(f(s)), scope.rows, kind)
+
+    def _factored(self, e: Any, scope: Scope) -> Any:
+        """The aggregation with one variable eliminated after the other, where that has fewer rows.
+
+        exists_{y, z} [a(x, y) ^ b(y, z)] is exists_{y} [a(x, y) ^ exists_{z} [b(y, z)]], and the
+        inner one is evaluated once for each y. The same holds for `forall` and `|`, and for sums of
+        products of integers; sums of reals would be rounded otherwise.
+        """
+        op, (*binders, body) = e.etype[1], e.args
+        if op not in _FACTORS or self.traits(body).draws or self.traits(body).raises:
+            return None
+        factors = _flattened(body, _FACTORS[op])
+        if len(factors) == 1 or (op == "sum" and not all(map(self._is_whole, factors))):
+            return None
+        kinds = dict(typed(binders))
+        sizes = {name: self._count(kind) for name, kind in kinds.items()}
+        every = {**scope.sizes, **sizes}
+        cost, left = 0, dict(kinds)
+        while left:
+            reads = {v: [f for f in factors if v in self.traits(f).free] for v in left}
+            if not all(reads.values()):
+                return None
+            free = {v: frozenset().union(*(self.traits(f).free for f in reads[v])) for v in left}
+            variable = min(left, key=lambda v: math.prod(every[name] for name in free[v]))
+            kind, among = left.pop(variable), reads[variable]
+            inner = self._expression(op, [("typed_var", (variable, kind)), self._joined(op, among)])
+            outer, _ = scope.restricted(free[variable])
+            outer = outer.extended((v, sizes[v]) for v in left if v in free[variable])
+            cost += self._rows_of(inner, outer)
+            factors = [f for f in factors if f not in among] + [inner]
+        if 2 * cost >= self._rows_of(e, scope):
+            return None
+        return self._joined(op, factors)
+
+    def _rows_of(self, e: Any, scope: Scope) -> int:
+        """How many tuples an aggregation is laid out for, without conditions if those are many."""
+        op, (*binders, body) = e.etype[1], e.args
+        variables = [(name, self._count(kind)) for name, kind in typed(binders)]
+        rows = scope.rows * math.prod(size for _, size in variables)
+        if rows > _MANY_ROWS:
+            return rows
+        return self._laid_out(scope, variables, list(self._guards(body, op))).rows
+
+    def _expression(self, *content: Any) -> Any:
+        made = Expression(content)
+        self._made.append(made)  # what is known of expressions is kept by their identity
+        return made
+
+    def _joined(self, op: str, factors: Sequence[Any]) -> Any:
+        result = factors[0]
+        for factor in factors[1:]:
+            result = self._expression(_FACTORS[op][0], [result, factor])
+        return result
+
+    def _is_whole(self, e: Any) -> bool:
+        """Whether the value is a bool or an integer, as far as the form tells."""
+        kind, name = e.etype
+        if kind == "pvar":
+            is_fluent = not name.startswith("?") and name in self._shapes
+            return not is_fluent or self.kind(name) != "f"
+        if kind == "constant":
+            return not isinstance(e.args, float)
+        if kind == "aggregation":
+            return name in ("exists", "forall") or self._is_whole(e.args[-1])
+        if kind == "arithmetic":
+            return name != "/" and all(map(self._is_whole, e.args))
+        return kind in ("relational", "boolean")
 
     def _count(self, kind: str) -> int:
         return len(self._model.type_to_objects[kind])
@@ -967,7 +988,7 @@ class Compiler:
 # --- what the closures call ------------------------------------------------------------------
 
 
-def within(frame: Frame, active: np.ndarray, closure: Closure) -> np.ndarray:
+def within(frame: Frame, active: Any, closure: Closure) -> np.ndarray:
     """What a closure gives while these replicas alone can be lost."""
     outer = frame.active
     frame.active = active if outer is None else active & outer
@@ -988,6 +1009,58 @@ def sound(
         return values
     frame.lose(~fine)
     return [np.where(fine, value, other) for value, other in zip(values, safe, strict=True)]
+
+
+def _applied(
+    function: Callable[..., Any], fs: Sequence[Closure], args: Sequence[Node], into: int | None
+) -> Closure:
+    """A function of one or two arguments; the array of argument `into` takes the result."""
+    if len(fs) == 1:
+        (f,) = fs
+        return _into_unary(function, f) if into == 0 else lambda s: function(f(s))
+    f, g = fs
+    if into is not None:
+        return _into_binary(function, f, g, into)
+    left, right = args[0].value, args[1].value
+    if left is not None:
+        return lambda s: function(left, g(s))
+    if right is not None:
+        return lambda s: function(f(s), right)
+    return lambda s: function(f(s), g(s))
+
+
+def _into_unary(function: Callable[..., Any], f: Closure) -> Closure:
+    def unary(s: Frame) -> np.ndarray:
+        x = f(s)
+        return function(x, out=x)
+
+    return unary
+
+
+def _into_binary(function: Callable[..., Any], f: Closure, g: Closure, into: int) -> Closure:
+    def into_left(s: Frame) -> np.ndarray:
+        x = f(s)
+        return function(x, g(s), out=x)
+
+    def into_right(s: Frame) -> np.ndarray:
+        x, y = f(s), g(s)
+        return function(x, y, out=y)
+
+    return into_right if into else into_left
+
+
+def selected(where: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """`numpy.where` bit by bit: no branch that the processor would have to predict."""
+    if x.dtype == bool and y.dtype == bool:
+        return y ^ (where & (x ^ y))
+    dtype = np.result_type(x, y)
+    x, y = x.astype(dtype, copy=False), y.astype(dtype, copy=False)
+    mask = where.astype(INT)
+    np.negative(mask, out=mask)
+    bits = x.view(INT) ^ y.view(INT)
+    bits = bits & mask
+    bits = bits ^ y.view(INT)
+    return bits.view(dtype)
 
 
 def _constant(value: np.ndarray, kind: str | None = None) -> Node:
@@ -1014,6 +1087,23 @@ def _simple_first(args: Sequence[Any]) -> Sequence[Any]:
     return sorted(args, key=lambda e: not is_simple(e))
 
 
+def _raises(e: Any) -> bool:
+    """Whether pyRDDLGym may raise an error in this operation."""
+    kind, name = e.etype
+    if (kind, name) == ("func", "pow"):
+        exponent = e.args[1]
+        return not (exponent.is_constant_expression() and exponent.args >= 0)
+    return kind == "matrix" or (kind == "func" and name in ("lngamma", "gamma"))
+
+
+def _is_wild(e: Any) -> bool:
+    """Whether finite operands may have a result that is not finite."""
+    kind, name = e.etype
+    if (kind, name) == ("arithmetic", "/"):
+        return not e.args[1].is_constant_expression()
+    return kind == "func" and name in _WILD
+
+
 def _parts(e: Any) -> tuple[list[str], list[Any]]:
     """The variables that an expression binds, and its operands."""
     kind, name = e.etype
@@ -1037,6 +1127,12 @@ def _parts(e: Any) -> tuple[list[str], list[Any]]:
         *binders, bodies = e.args
         return [variable for variable, _ in typed(binders)], list(bodies)
     return [], list(e.args)
+
+
+def _flattened(e: Any, operators: tuple[str, ...]) -> list[Any]:
+    if e.etype[0] in ("boolean", "arithmetic") and e.etype[1] in operators and len(e.args) > 1:
+        return [factor for arg in e.args for factor in _flattened(arg, operators)]
+    return [e]
 
 
 def _replicas_first(value: np.ndarray, shape: tuple[int, ...], replicas: int) -> np.ndarray:
@@ -1066,7 +1162,7 @@ def _added(value: np.ndarray) -> np.ndarray:
 
 
 def _reduction(op: str, kind: str, counts: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Reduces rows that are sorted by the length of their segments; counts [K] are these lengths."""
+    """Reduces rows in segments of these lengths [K], shorter segments first."""
     reduce = _middle(op, kind, int(counts.max()))
     if counts.min() == counts.max():
         rows, count = len(counts), int(counts[0])
@@ -1132,7 +1228,7 @@ def _cholesky(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return factors, fine
 
 
-def _replica(mask: np.ndarray) -> np.ndarray:
+def _replica(mask: np.ndarray) -> Any:
     return mask.reshape(len(mask), -1).all(axis=1)
 
 

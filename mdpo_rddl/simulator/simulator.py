@@ -22,8 +22,12 @@ from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.simulator.compiler import DTYPES, Closure, Compiler, Frame, Node, UnsupportedError
 from mdpo_rddl.simulator.scopes import Scope
 
-# of so many numbers an array of a block still fits the cache beside a few others
-_BLOCK_NUMBERS = 2**15
+# A block of fewer replicas spends its time in the interpreter. More are simulated at once where an
+# array of theirs has no more bytes than the second number, fewer where it had more than the third.
+_BLOCK, _CACHED_BYTES, _BLOCK_BYTES = 1024, 2**18, 2**26
+# glibc maps an array above a threshold anew each time, page by page, and raises the threshold to
+# the size of the array that was freed last.
+_LARGE_ARRAY = 2**24
 
 State = Mapping[str, np.ndarray]
 """Per fluent that is no action, its value [*shape, B]."""
@@ -97,37 +101,47 @@ class Simulator:
         self.observed = list(model.observ_fluents or model.state_fluents)
         primed = set(self._next.values())
         self._kept = [n for n in self._initial if n not in primed and n not in self.actions]
-        compiler = Compiler(model, constants, self.shapes, functions or {})
         try:
-            self._compile(compiler)
+            self._compile(constants, functions or {})
         except UnsupportedError as error:
             raise InputError(f"{problem.domain_path}: {error}") from error
-        self.block = max(1, _BLOCK_NUMBERS // compiler.largest)
 
-    def _compile(self, compiler: Compiler) -> None:
+    def _compile(
+        self, constants: Mapping[str, np.ndarray], functions: Mapping[str, Callable[..., Any]]
+    ) -> None:
         model = self._model
-        nodes: list[tuple[str, str, Node]] = []
+        compiler = Compiler(model, constants, self.shapes, functions)
+        unprimed = {*model.derived_fluents, *model.interm_fluents}
+        nodes: list[tuple[str, Node]] = []
         levels = RDDLLevelAnalysis(model, allow_synchronous_state=True).compute_levels()
-        for level in levels.values():
-            for name in level:
-                parameters, expression = model.cpfs[name]
-                sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
-                kind = compiler.kind(name)
-                node = compiler.lower(expression, Scope().extended(sizes))
-                nodes.append((name, kind, node))
+        for name in (name for level in levels.values() for name in level):
+            parameters, expression = model.cpfs[name]
+            sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
+            node = compiler.lower(expression, Scope().extended(sizes))
+            nodes.append((name, node))
+            if name in unprimed:
+                compiler.fix(name, node)
         reward = compiler.lower(model.reward, Scope())
+        self._cpfs = [
+            (name, DTYPES[compiler.kind(name)], compiler.link(node)) for name, node in nodes
+        ]
+        self._reward = compiler.link(reward)
+        # conditions are looked at before the first step, too, where no fluent is derived yet
+        of_states = Compiler(model, constants, self.shapes, functions)
         masks = {
-            which: [compiler.lower(e, Scope()) for e in expressions]
+            which: [of_states.lower(e, Scope()) for e in expressions]
             for which, expressions in (
                 ("terminations", model.terminations),
                 ("invariants", model.invariants),
                 ("preconditions", model.preconditions),
             )
         }
-        self._cpfs = [(name, DTYPES[kind], compiler.link(node)) for name, kind, node in nodes]
-        self._reward = compiler.link(reward)
-        self._masks = {which: list(map(compiler.link, each)) for which, each in masks.items()}
-        self._slots = compiler.slots
+        self._masks = {which: list(map(of_states.link, each)) for which, each in masks.items()}
+        self._slots = max(compiler.slots, of_states.slots)
+        largest = max(compiler.largest, of_states.largest)
+        cached, memory = _CACHED_BYTES // largest, _BLOCK_BYTES // largest
+        self.block = max(cached, min(_BLOCK, memory), 1)
+        np.empty(_LARGE_ARRAY, np.uint8)
 
     def initial(self, replicas: int) -> State:
         """The state in which episodes begin, for so many replicas."""
