@@ -673,7 +673,7 @@ class Compiler:
         op, (*binders, body) = e.etype[1], e.args
         if op not in _FACTORS or self.traits(body).draws or self.traits(body).raises:
             return None
-        factors = _flattened(body, _FACTORS[op])
+        factors = _flattened(body, ("*", "^", "&") if op == "sum" else _FACTORS[op])
         if len(factors) == 1 or (op == "sum" and not all(map(self._is_whole, factors))):
             return None
         kinds = dict(typed(binders))
@@ -1141,18 +1141,29 @@ def _replicas_first(value: np.ndarray, shape: tuple[int, ...], replicas: int) ->
     return np.moveaxis(full.reshape(*shape, replicas), -1, 0)
 
 
+def _reduced(function: Any, value: np.ndarray) -> np.ndarray:
+    """Reduces axis 1 in order: many short segments term by term, which is what numpy is slow at."""
+    count = value.shape[1]
+    if count == 1 or count > value.shape[0]:
+        return function.reduce(value, axis=1, dtype=value.dtype)
+    result = function(value[:, 0], value[:, 1])
+    for number in range(2, count):
+        function(result, value[:, number], out=result)
+    return result
+
+
 def _added(value: np.ndarray) -> np.ndarray:
     """The sums [K, B] over the middle axis of [K, n, B], as numpy adds up n contiguous numbers."""
     count = value.shape[1]
     if count < _LANES:
-        return np.add.reduce(value, axis=1)
+        return _reduced(np.add, value)
     if count > _BLOCK:
         half = count // 2 - count // 2 % _LANES
         return _added(value[:, :half]) + _added(value[:, half:])
     blocks = count // _LANES
     rows, columns = value.shape[0], value.shape[2]
     lanes = value[:, : blocks * _LANES].reshape(rows, blocks, _LANES, columns)
-    r = np.add.reduce(lanes, axis=1) if blocks > 1 else lanes[:, 0]
+    r = _reduced(np.add, lanes)
     total = ((r[:, 0] + r[:, 1]) + (r[:, 2] + r[:, 3])) + (
         (r[:, 4] + r[:, 5]) + (r[:, 6] + r[:, 7])
     )
@@ -1195,15 +1206,15 @@ def _middle(op: str, kind: str, longest: int) -> Callable[[np.ndarray], np.ndarr
     """Reduces the middle axis of [K, n, B]."""
     if op == "sum" and kind == "b":
         if longest < 256:
-            return lambda v: np.add.reduce(v.view(np.uint8), axis=1, dtype=np.uint8).astype(INT)
+            return lambda v: _reduced(np.add, v.view(np.uint8)).astype(INT)
         return lambda v: np.add.reduce(v, axis=1, dtype=INT)
     if op == "sum" and kind == "f":
         return _added
     if op in AGGREGATIONS:
         function = AGGREGATIONS[op]
         if kind == "b" and op not in ("exists", "forall"):
-            return lambda v: function.reduce(v.astype(INT), axis=1)
-        return lambda v: function.reduce(v, axis=1)
+            return lambda v: _reduced(function, v.astype(INT))
+        return lambda v: _reduced(function, v)
     if op == "avg":
         return lambda v: (_added(v) if kind == "f" else v.sum(axis=1, dtype=REAL)) / v.shape[1]
     if op == "argmin":

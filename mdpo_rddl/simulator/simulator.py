@@ -24,7 +24,7 @@ from mdpo_rddl.simulator.scopes import Scope
 
 # A block of fewer replicas spends its time in the interpreter. More are simulated at once where an
 # array of theirs has no more bytes than the second number, fewer where it had more than the third.
-_BLOCK, _CACHED_BYTES, _BLOCK_BYTES = 1024, 2**18, 2**26
+_BLOCK, _CACHED_BYTES, _BLOCK_BYTES = 1024, 2**18, 2**23
 # glibc maps an array above a threshold anew each time, page by page, and raises the threshold to
 # the size of the array that was freed last.
 _LARGE_ARRAY = 2**24

@@ -63,7 +63,7 @@ def compare(problem: Problem) -> Agreement:
     """
     planner = make_planner(problem)
     chance, differences = False, []
-    compiled = _compile_sequences(planner)
+    compiled = compile_sequences(planner, _ROLLOUTS)
     for number in range(_SEQUENCES):
         actions = random_actions(problem, np.random.default_rng([0, number]))
         ours = compiled(jax.random.PRNGKey(number), actions)
@@ -169,10 +169,10 @@ def make_planner(problem: Problem) -> MDPOPlanner:
     )
 
 
-def _compile_sequences(
-    planner: MDPOPlanner,
+def compile_sequences(
+    planner: MDPOPlanner, rollouts: int
 ) -> Callable[[Array, Mapping[str, np.ndarray]], Episodes]:
-    """Rollouts of given actions on the compiled model."""
+    """So many rollouts of given actions [H, *shape] on the compiled model."""
     model = planner.test_compiled
 
     def policy(key, params, hyperparams, step, fluents, history):
@@ -184,12 +184,12 @@ def _compile_sequences(
             model,
             policy,
             planner.horizon,
-            _ROLLOUTS,
+            rollouts,
             RolloutOptions(check_constraints=True, differentiated=False),
         )
     )
     fluents, nonfluents = model.split_fluent_nonfluent(model.init_values)
-    start = jax.tree.map(lambda v: jnp.repeat(jnp.asarray(v)[None], _ROLLOUTS, 0), fluents)
+    start = jax.tree.map(lambda v: jnp.repeat(jnp.asarray(v)[None], rollouts, 0), fluents)
 
     def play(key: Array, actions: Mapping[str, np.ndarray]) -> Episodes:
         cast = {name: jnp.asarray(v, start[name].dtype) for name, v in actions.items()}
