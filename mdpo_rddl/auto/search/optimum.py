@@ -112,7 +112,7 @@ def find_optimum(
     if risk > 0.0:
         logger.warning(
             "a state in which no action is legal cannot be avoided: the best policy comes to one "
-            "with probability %.3g, which costs more than any legal play",
+            "with probability %.3g, which the optimum counts as less than any legal play",
             risk,
         )
     if kept is not None and not np.isfinite(kept).all():
