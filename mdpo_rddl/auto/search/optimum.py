@@ -9,13 +9,13 @@ the same way.
 
 A state d in which the episode goes on and no action is legal is a dead end. Where it can be avoided
 for certain, only actions that do so are looked at. Elsewhere it has a value of its own: with the
-least and the largest reward of a legal step, r_min and r_max, and A_t = sum_{k < H - t} g^k,
+least and the largest reward of a legal step, r_min and r_max, and A_t = sum_{k < t} g^k,
 
-    V_t(d) = r_min A_t - (r_max - r_min) A_0
+    g^t V_t(d) = r_min (A_H - A_t) - (r_max - r_min) (A_H + A_t)
 
-The steps that are left pay the least, and the whole range of returns is lost: that is less than any
-legal play from there on. After the last step nothing has to be done any more, and no state is a
-dead end.
+Whatever was collected before, an episode with a dead end is then worth less than the worst legal
+one, by the whole range of returns. After the last step nothing has to be done any more, and no
+state is a dead end.
 """
 
 import logging
@@ -184,7 +184,10 @@ def _dead_end_value(enumeration: Enumeration, step: int) -> float:
     # where all steps pay the same, one more of them is lost
     width = most - least or abs(least) or 1.0
     powers = model.discount ** np.arange(model.horizon)
-    return float(least * powers[: model.horizon - step].sum() - width * powers.sum())
+    before, whole = powers[:step].sum(), powers.sum()
+    value = least * (whole - before) - width * (whole + before)
+    # what later steps pay is rounding
+    return float(value / max(model.discount**step, _NO_RISK))
 
 
 def _first_rows(

@@ -15,7 +15,7 @@ from mdpo_rddl.problem.enumeration.pace import Pace
 from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
 from mdpo_rddl.problem.enumeration.rules import ActionRules, OpenRules, open_rules
 from mdpo_rddl.problem.enumeration.substitution import Substitution
-from mdpo_rddl.problem.legality import Referee
+from mdpo_rddl.problem.legality import Referee, precondition_text
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -192,19 +192,21 @@ def require_legal_start(problem: Problem) -> None:
     if env.done or not verdict.illegal or verdict.fallback:
         return
     try:
-        is_stuck = _leaves_no_action(problem.model, env, EnumerationLimits(_START_SECONDS))
+        in_the_way = _in_the_way(problem.model, env, EnumerationLimits(_START_SECONDS))
     except NotEnumerableError:
         return
-    if is_stuck:
-        told = "; ".join(verdict.unmet)
+    if in_the_way is not None:
+        told = "; ".join([precondition_text(each) for each in in_the_way] or verdict.unmet)
         raise InputError(
             f"{problem.instance_path}: no action is legal in the initial state, by the "
             f"precondition {told}"
         )
 
 
-def _leaves_no_action(rddl: Any, env: Any, limits: EnumerationLimits) -> bool:
-    """Whether no action is legal in the initial state.
+def _in_the_way(rddl: Any, env: Any, limits: EnumerationLimits) -> list[Any] | None:
+    """Which preconditions leave no action in the initial state; None if one is legal.
+
+    Where they do it together, none is named.
 
     Raises:
       NotEnumerableError: if that is not known.
@@ -226,7 +228,7 @@ def _leaves_no_action(rddl: Any, env: Any, limits: EnumerationLimits) -> bool:
             continue
         nodes += graph.substitute(found, values)
         if graph.false in nodes:
-            return True
+            return [precondition]
     if unread is not None:
         raise unread
     read = graph.needed(nodes, Kind.ACTION)
@@ -238,7 +240,7 @@ def _leaves_no_action(rddl: Any, env: Any, limits: EnumerationLimits) -> bool:
     most, groups = env.model.max_allowed_actions, group_limits(env.model)[0]
     default, *others = joint_actions(variables, most, (graph, nodes), limits, groups)
     left = graph.substitute(nodes, _constants(graph, Kind.ACTION, default))
-    return not others and any(node != graph.true for node in left)
+    return [] if not others and any(node != graph.true for node in left) else None
 
 
 def _constants(graph: Graph, kind: int, values: Mapping[Ground, Any]) -> dict[int, int]:
