@@ -6,6 +6,7 @@ from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.auto.race.race import run_race
 from mdpo_rddl.planner.build import require_actions
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.problem.enumeration.model import require_legal_start
 from mdpo_rddl.problem.load import Problem
 
 
@@ -22,10 +23,12 @@ def plan_automatically(
       options: see `RaceOptions`.
 
     Raises:
-      InputError: if there is no action, or JaxPlan refuses the problem or the configuration.
+      InputError: if there is no action, or none that is legal at the start, or JaxPlan refuses the
+        problem or the configuration.
       KeyboardInterrupt: if interrupted before there was any policy.
     """
     require_actions(problem)
+    require_legal_start(problem)
     options = RaceOptions() if options is None else options
     plan = plan_partially_observed if problem.model.observ_fluents else run_race
     return plan(problem, config, seed, options)

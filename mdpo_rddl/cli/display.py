@@ -7,6 +7,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from mdpo_rddl.problem.evaluation import LOST
+
+_REFERENCES = {"noop": "the no-op", "random": "random actions"}
+
 
 def print_summary(console: Console, summary: Mapping[str, Any], where: str | None) -> None:
     """Prints the summary's figures as a table."""
@@ -32,11 +36,7 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         low, high = summary["ci95"]
         table.add_row("95% interval", f"\\[{_number(low)}, {_number(high)}]")
     table.add_row("standard deviation", _number(summary["std_return"]))
-    if summary["illegal_actions"]:
-        counts = (
-            f"{summary['illegal_actions']:,}, of which {summary['fallback_actions']:,} fell back"
-        )
-        table.add_row("[red]steps with an illegal action[/red]", counts)
+    _add_illegal(table, summary)
     if "last_iterate" in summary:
         table.add_row("mean return, last iterate", _number(summary["last_iterate"]["mean_return"]))
         table.add_section()
@@ -54,6 +54,24 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
     console.print(table)
     if where is not None:
         console.print(f"written to {where}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _add_illegal(table: Table, summary: Mapping[str, Any]) -> None:
+    """Adds what was illegal, and whether the plan can be executed at all."""
+    if summary["illegal_actions"]:
+        counts = (
+            f"{summary['illegal_actions']:,}, of which {summary['fallback_actions']:,} fell back"
+        )
+        table.add_row("[red]steps with an illegal action[/red]", counts)
+    if summary.get("unplayable_steps"):
+        of = f"no legal action at {summary['unplayable_steps']:,} of {summary['steps']:,} steps"
+        table.add_row("[red]cannot be executed[/red]", of)
+        for text in summary["unmet_preconditions"]:
+            table.add_row("[red]precondition in the way[/red]", escape(text))
+    for name, figures in (summary.get("references") or {}).items():
+        if figures is not None and figures["unplayable_steps"]:
+            of = f"{figures['unplayable_steps']:,} of {figures['steps']:,}"
+            table.add_row(f"illegal steps of {_REFERENCES[name]}", of)
 
 
 def _add_replanning(table: Table, summary: Mapping[str, Any]) -> None:
@@ -135,4 +153,6 @@ def _number_of(figures: Mapping[str, Any], whose: str) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "not finite" if value is None else f"{value:,.2f}"
+    if value is None:
+        return "not finite"
+    return "lost" if value <= LOST else f"{value:,.2f}"

@@ -6,9 +6,8 @@ import numpy as np
 from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
-from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.problem.episode import Policy
-from mdpo_rddl.problem.evaluation import evaluate, mean_and_error
+from mdpo_rddl.problem.evaluation import LOST, evaluate, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 
 FEWEST, MOST = 3, 40
@@ -33,7 +32,8 @@ def paired_returns(
     """What policies return in the same episodes [N, 2], as many as there is time for.
 
     They end early once the difference is clear, which a few episodes with the same luck may seem to
-    make it. An episode in which the environment raises an error counts as `LOST`.
+    make it. An episode counts as `Evaluation.worth`, or as `LOST` if the
+    environment raises an error in it.
 
     Args:
       problem: what is played.
@@ -60,7 +60,7 @@ def paired_returns(
 
 def _return_of(policy: Policy, env: RDDLEnv, episode: int) -> float:
     try:
-        return evaluate(env, policy, 1, episode).mean
+        return float(evaluate(env, policy, 1, episode).worth[0])
     except RDDLValueOutOfRangeError:
         return LOST
 

@@ -17,11 +17,13 @@ class Verdict(NamedTuple):
       actions: per action fluent, the tensor to play.
       illegal: whether the proposal broke a rule.
       fallback: whether `actions` is a legal action in its place.
+      unmet: where none was found, the preconditions that stand in the way, as RDDL.
     """
 
     actions: dict[str, Any]
     illegal: bool
     fallback: bool = False
+    unmet: tuple[str, ...] = ()
 
 
 class EpisodeReferee(Protocol):
@@ -92,7 +94,9 @@ class Episode:
       total: discounted return.
       steps: number of steps.
       illegal: steps at which the policy's action broke a rule.
-      fallback: how many of them played a legal action instead.
+      fallback: how many of them played a legal action instead; the others pay no more than the
+        legal ones before them, and nothing at best.
+      unmet: preconditions that stood in the way of any legal action, as RDDL.
     """
 
     env: RDDLEnv
@@ -103,6 +107,7 @@ class Episode:
     steps: int = field(default=0, init=False)
     illegal: int = field(default=0, init=False)
     fallback: int = field(default=0, init=False)
+    unmet: tuple[str, ...] = field(default=(), init=False)
 
     def play(self, state: Mapping[str, Any]) -> None:
         """Plays to the horizon, a termination condition or a violated state invariant.
@@ -110,16 +115,21 @@ class Episode:
         Args:
           state: what the environment showed when it was reset.
         """
-        discount, done = 1.0, self.env.done
+        discount, done, worst = 1.0, self.env.done, 0.0
         while not done:
             verdict = self.referee.rule(self.policy(self.steps, state))
             self.illegal += verdict.illegal
             self.fallback += verdict.fallback
             tell_played(self.policy, verdict.actions)
             following, reward, terminated, truncated, _ = self.env.step(verdict.actions)
+            paid = float(reward)
+            if verdict.illegal and not verdict.fallback:
+                self.unmet = self.unmet or verdict.unmet
+                paid = min(paid, worst)
+            worst = min(paid, worst)
             if self.recorder is not None:
-                self.recorder.add(state, verdict.actions, float(reward))
-            self.total += discount * float(reward)
+                self.recorder.add(state, verdict.actions, paid)
+            self.total += discount * paid
             discount *= self.env.discount
             self.steps += 1
             state, done = following, terminated or truncated

@@ -1,7 +1,7 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,18 @@ from pyRDDLGym import RDDLEnv
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.problem.episode import Episode, EpisodesRecorder, Policy
 from mdpo_rddl.problem.legality import Referee
+
+LOST = -1e9
+"""At least so little is an episode worth that nobody can play to its end: the environment raises an
+error in it, or comes to a state in which no legal action is found. That is below any that ends.
+
+It is finite, for policies to be told apart by how often that happens."""
+
+
+def lost_worth(share: Any) -> Any:
+    """What an episode is worth of which so large a share of the steps cannot be played."""
+    return LOST * (1.0 + share)
+
 
 # what pyRDDLGym's agents tell of an evaluation; its deviation divides by n
 _STATISTICS: Mapping[str, Callable[[np.ndarray], np.floating]] = {
@@ -36,12 +48,17 @@ class Evaluation(Mapping[str, float]):
         precondition or the limit on actions.
       fallback_actions: how many of them played a legal action instead: the no-op, or, where
         that is illegal too, an action near it.
+      unplayable: steps of each episode at which no legal action was found [episodes]; such a step
+        pays no more than the legal ones before it, and nothing at best.
+      unmet: preconditions that stood in the way there, as RDDL.
     """
 
     returns: np.ndarray
     lengths: np.ndarray
     illegal_actions: int
     fallback_actions: int
+    unplayable: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    unmet: tuple[str, ...] = ()
 
     def __getitem__(self, key: str) -> float:
         return float(_STATISTICS[key](self.returns))
@@ -63,6 +80,14 @@ class Evaluation(Mapping[str, float]):
             counts = f"{self.illegal_actions:,}, of which {self.fallback_actions:,} fell back"
             rows["steps with an illegal action"] = counts
         return html_table("Returns on the exact environment", rows)
+
+    @property
+    def worth(self) -> np.ndarray:
+        """By which policies are compared [episodes]: the returns, but of lost episodes."""
+        if not np.any(self.unplayable):
+            return self.returns
+        share = self.unplayable / np.maximum(1, self.lengths)
+        return np.where(self.unplayable > 0, lost_worth(share), self.returns)
 
     @property
     def mean(self) -> float:
@@ -182,4 +207,6 @@ def evaluation_of(played: Sequence[Episode]) -> Evaluation:
         lengths=np.array([episode.steps for episode in played]),
         illegal_actions=sum(episode.illegal for episode in played),
         fallback_actions=sum(episode.fallback for episode in played),
+        unplayable=np.array([episode.illegal - episode.fallback for episode in played], int),
+        unmet=tuple(dict.fromkeys(text for episode in played for text in episode.unmet)),
     )

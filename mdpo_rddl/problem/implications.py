@@ -51,7 +51,7 @@ def read_rules(rddl: Any) -> Rules:
     others = []
     for place, precondition in enumerate(rddl.preconditions):
         names = set(rddl.action_fluents)
-        if not _fluents(precondition) & names or is_box(rddl, precondition):
+        if not fluents_of(precondition) & names or is_box(rddl, precondition):
             continue
         parts = list(conjuncts(precondition))
         found = [_read(rddl, expression, variables) for variables, expression in parts]
@@ -82,8 +82,8 @@ def is_box(rddl: Any, expression: Any, variables: Sequence[str] = ()) -> bool:
     numbers = {n for n in rddl.action_fluents if rddl.variable_ranges[n] in ("int", "real")}
     left, right = expression.args
     for one, other in ((left, right), (right, left)):
-        is_number = one.etype[0] == "pvar" and _fluents(one) <= numbers
-        if is_number and _fluents(other) <= set(rddl.non_fluents):
+        is_number = one.etype[0] == "pvar" and fluents_of(one) <= numbers
+        if is_number and fluents_of(other) <= set(rddl.non_fluents):
             free = [argument for argument in one.args[1] or [] if argument in variables]
             return len(set(free)) == len(free)
     return False
@@ -114,10 +114,10 @@ def _read(rddl: Any, expression: Any, variables: dict[str, str]) -> Implication 
         return None
     left, condition = expression.args
     actions = set(rddl.action_fluents)
-    if _fluents(condition) & actions:
+    if fluents_of(condition) & actions:
         return None
     sides = left.args if _is_and(left) else [left]
-    done = [side for side in sides if _fluents(side) & actions]
+    done = [side for side in sides if fluents_of(side) & actions]
     if len(done) != 1 or done[0].etype[0] != "pvar":
         return None
     name, arguments = done[0].args
@@ -136,14 +136,14 @@ def _is_and(expression: Any) -> bool:
     return expression.etype in (("boolean", "^"), ("boolean", "&"))
 
 
-def _fluents(expression: Any) -> set[str]:
+def fluents_of(expression: Any) -> set[str]:
     """Names of the fluents and non-fluents that an expression reads."""
     if isinstance(expression, tuple | list):
-        return set().union(*map(_fluents, expression))
+        return set().union(*map(fluents_of, expression))
     if not hasattr(expression, "etype"):
         return set()
     if expression.etype[0] == "pvar":
         name, arguments = expression.args
         own = set() if name[0] in "?@" else {name}  # an object stands here too
-        return own | _fluents(arguments or [])
-    return _fluents(expression.args) if isinstance(expression.args, tuple | list) else set()
+        return own | fluents_of(arguments or [])
+    return fluents_of(expression.args) if isinstance(expression.args, tuple | list) else set()

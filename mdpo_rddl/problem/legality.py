@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from pyRDDLGym import RDDLEnv
+from pyRDDLGym.core.debug.decompiler import RDDLDecompiler
 from pyRDDLGym.core.debug.exception import RDDLInvalidActionError
 
 from mdpo_rddl.problem.boxes import boxes
@@ -42,6 +43,8 @@ class Referee:
         }
         is_in_box = all(np.array_equal(noop[name], near) for name, near in self._nearest.items())
         self._idle = [noop] if is_in_box else [noop, noop | self._nearest]
+        # of the first state in which nothing legal was found
+        self._unmet: tuple[str, ...] | None = None
 
     def rule(self, proposal: Mapping[str, Any]) -> Verdict:
         """The proposal if it is legal, else the first legal one of `_fallbacks`.
@@ -61,7 +64,9 @@ class Referee:
         for candidate in self._fallbacks(actions):
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=True, fallback=True)
-        return Verdict(actions, illegal=True, fallback=False)
+        if self._unmet is None:
+            self._unmet = self._unmet_by(actions)
+        return Verdict(actions, illegal=True, fallback=False, unmet=self._unmet)
 
     def _rounded(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """Its real actions a little nearer to the no-op's, or farther from them."""
@@ -99,6 +104,23 @@ class Referee:
                 everywhere = ~value
                 yield noop | {name: everywhere if value.shape else everywhere.item()}
 
+    def _unmet_by(self, proposal: Mapping[str, Any]) -> tuple[str, ...]:
+        """The preconditions that nothing keeps of what was tried, or else the proposal does not."""
+        preconditions = self._env.model.preconditions
+        broken = [self._broken_by(each) for each in (proposal, *self._fallbacks(proposal))]
+        by_all = set.intersection(*broken) or broken[0]
+        return tuple(precondition_text(preconditions[place]) for place in sorted(by_all))
+
+    def _broken_by(self, actions: Mapping[str, Any]) -> set[int]:
+        """Places of the preconditions that do not hold; all for what has another form."""
+        sampler = self._env.sampler
+        preconditions = list(enumerate(self._env.model.preconditions))
+        try:
+            sampler.subs.update(sampler.prepare_actions_for_sim(actions))
+        except RDDLInvalidActionError:
+            return {place for place, _ in preconditions}
+        return {place for place, each in preconditions if not sampler._sample(each, sampler.subs)}
+
     def _is_legal(self, actions: Mapping[str, Any]) -> bool:
         # the environment takes what is not finite where there is no box
         reals = (actions[name] for name in self._box if name in actions)
@@ -112,6 +134,11 @@ class Referee:
         except RDDLInvalidActionError:
             return False
         return sampler.check_action_preconditions(prepared, silent=True)
+
+
+def precondition_text(precondition: Any) -> str:
+    """A precondition as RDDL, in one line."""
+    return " ".join(RDDLDecompiler().decompile_expr(precondition).split())
 
 
 def _clipped(value: Any, lower: Any, upper: Any) -> Any:

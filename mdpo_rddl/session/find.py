@@ -17,6 +17,7 @@ from mdpo_rddl.planner.training.checkpoints import Checkpoints
 from mdpo_rddl.planner.training.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.enumeration.model import require_legal_start
 from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.requests import FindTerms, Reporter
 
@@ -50,6 +51,7 @@ def find_by_training(
     """
     if terms.start_from is not None:
         raise InputError("a policy to start from goes with the preset auto only")
+    require_legal_start(terms.problem)
     reporter.stage("compiling")
     built = build_planner(terms.problem, terms.config, terms.traced_cache)
     planner, seed = built.planner, terms.seed

@@ -23,6 +23,7 @@ from mdpo_rddl.session.report.summary import (
     optimum_figures,
     policy_figures,
     return_figures,
+    warn_of_unplayable,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
 from mdpo_rddl.session.thinking import think
@@ -60,6 +61,7 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         # compiled now, no decision's time has that in it
         policy(0, make_environment(problem).reset(seed=0)[0])
         plain = Evaluator(terms, reporter).run(policy, observed)
+        warn_of_unplayable(plain)
         figures = return_figures(plain)
         if request.decision_seconds > 0.0:
             seconds = request.decision_seconds

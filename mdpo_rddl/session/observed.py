@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 _SHORTEST, _LONGEST, _SHARE, _RANDOM_SHARE = 0.5, 2.0, 0.5, 0.5
 LONGEST_EPISODE_SECONDS = 2.0
 """With longer ones nothing is played only to be shown."""
-_OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns")
+_OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns", "steps", "unplayable_steps")
 
 
 class Observed:

@@ -32,6 +32,7 @@ from mdpo_rddl.session.report.summary import (
     policy_figures,
     return_figures,
     training_figures,
+    warn_of_unplayable,
 )
 from mdpo_rddl.session.report.training import write_training
 from mdpo_rddl.session.requests import PlanRequest, Reporter
@@ -125,6 +126,8 @@ def _train_once(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _
         if is_finished:
             second.begin(result.last_params, hyperparams)
         best = _tried(evaluator, policy, observed)
+        if isinstance(best, Evaluation):
+            warn_of_unplayable(best)
         last = second.result() or _tried(evaluator, policy.with_params(result.last_params))
     summary = {
         **_identity(policy, request),
@@ -158,8 +161,10 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
     # compiled now, no decision's time has that in it
     policy(0, make_environment(request.problem).reset(seed=0)[0])
     plain = _tried(Evaluator(request, reporter), policy, observed)
-    if isinstance(plain, Evaluation) and (less := less_than_judged(outcome.chosen, plain)):
-        logger.warning("%s; try another --seed", less)
+    if isinstance(plain, Evaluation):
+        warn_of_unplayable(plain)
+        if less := less_than_judged(outcome.chosen, plain):
+            logger.warning("%s; try another --seed", less)
     summary = {
         **_identity(policy, request),
         **_played(policy, plain, request, reporter, observed, outcome.seconds),

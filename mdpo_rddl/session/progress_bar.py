@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from mdpo_rddl.planner.training.training import Progress as TrainingProgress
+from mdpo_rddl.problem.evaluation import LOST
 
 TRAINING = "training"
 
@@ -84,7 +85,9 @@ class ProgressBar:
         """Shows the incumbent of a race, and which arm leads."""
         if judged.became_incumbent:
             candidate = judged.candidate
-            self._incumbent = f"best {candidate.known_mean:,.0f} by {candidate.arm}"
+            best = candidate.known_mean
+            told = "lost" if best <= LOST else f"{best:,.0f}"
+            self._incumbent = f"best {told} by {candidate.arm}"
             if self._task is not None:  # else the first stage shows it
                 self._bar.update(self._task, note=self._incumbent)
 

@@ -16,6 +16,7 @@ from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS
 from mdpo_rddl.policy.replanning import Decision, OnlinePolicy
+from mdpo_rddl.problem.enumeration.model import require_legal_start
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
@@ -26,6 +27,7 @@ from mdpo_rddl.session.report.summary import (
     not_played_figures,
     planner_figures,
     return_figures,
+    warn_of_unplayable,
 )
 from mdpo_rddl.session.requests import PlanRequest, Reporter
 
@@ -62,6 +64,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         path = request.problem.instance_path
         raise InputError(f"{path}: --replan plans from the state, which is observed in part only")
     with RunFolder(request.out) as folder, kept_warnings() as warnings:
+        require_legal_start(request.problem)
         reporter.stage("compiling")
         built = build_planner(request.problem, request.config)
         planner, budget = built.planner, request.config.budget(seconds=DECISION_SECONDS)
@@ -159,6 +162,7 @@ def _told(error: Exception, evaluator: Evaluator) -> str:
 def _returns(evaluator: Evaluator, end: _End | None) -> dict[str, Any]:
     """The figures of the returns, with how playing ended before its time."""
     found = evaluator.so_far()
+    warn_of_unplayable(found)
     if end is None:
         return return_figures(found)
     figures = return_figures(found) if evaluator.ended else not_played_figures(end.cause)

@@ -111,8 +111,10 @@ class SecondEvaluator:
         except ChildEndedError as error:
             logger.info("the second process: %s", error)
             return None
-        returns, lengths = np.array(answer.pop("returns")), np.array(answer.pop("lengths"))
-        return Evaluation(returns=returns, lengths=lengths, **answer)
+        names = "returns", "lengths", "unplayable"
+        returns, lengths, unplayable = (np.array(answer.pop(name)) for name in names)
+        unmet = tuple(answer.pop("unmet"))
+        return Evaluation(returns, lengths, **answer, unplayable=unplayable, unmet=unmet)
 
     def _ask(self, message: Any) -> None:
         assert self._child is not None
@@ -140,5 +142,7 @@ def serve(messages: Messages) -> None:
             "lengths": found.lengths.tolist(),
             "illegal_actions": found.illegal_actions,
             "fallback_actions": found.fallback_actions,
+            "unplayable": found.unplayable.tolist(),
+            "unmet": found.unmet,
         }
     )

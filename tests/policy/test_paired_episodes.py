@@ -30,7 +30,7 @@ def test_they_are_none_of_an_evaluation(monkeypatch):
 
     def noted(env, policy, episodes, seed):
         seeds.extend(episode_seeds(seed, episodes))
-        return SimpleNamespace(mean=0.0)
+        return SimpleNamespace(worth=[0.0])
 
     monkeypatch.setattr(module, "evaluate", noted)
     for seed in range(3):

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.toys import problem_from, toy, toy_text
 from pyRDDLGym import RDDLEnv
 
-from mdpo_rddl.problem.evaluation import Evaluation, episode_seeds, evaluate
+from mdpo_rddl.problem.evaluation import Evaluation, episode_seeds, evaluate, lost_worth
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -299,7 +300,9 @@ def test_where_doing_nothing_is_illegal_too_the_proposal_is_played(tmp_path):
     env = make_environment(problem)
     found = evaluate(env, constant(push=0.5), 1, seed=0)
     assert (found.illegal_actions, found.fallback_actions) == (8, 0)
-    assert found.returns.tolist() == [sum(0.5 * (t + 1) / 2**t for t in range(8))]
+    # x grows, but what is illegal pays nothing
+    assert found.returns.tolist() == [0.0]
+    assert found.unmet == ("( push + gear ) >= 1.0",)
 
 
 def test_an_environment_that_is_not_vectorized_is_refused(tmp_path):
@@ -348,3 +351,36 @@ def test_two_episodes_have_a_wide_interval():
 def test_one_episode_has_no_interval_and_no_spread():
     found = figures(-17.0)
     assert (found.mean, found.std, found.ci95) == (-17.0, 0.0, None)
+
+
+PIT = {"RISK": "1.0", "REST": "0.0", "FALLEN": "false", "DISCOUNT": "1.0"}
+
+
+def test_steps_that_nobody_may_play_pay_nothing():
+    def deep(step, state):
+        return {"deep": np.array(True), "flat": np.array(False)}
+
+    found = evaluate(make_environment(toy("pit", **PIT)), deep, 2, 0)
+    # the environment pays 5 at each of them
+    assert found.returns.tolist() == [5.0, 5.0]
+    assert found.unplayable.tolist() == [3, 3]
+    assert (found.illegal_actions, found.fallback_actions) == (6, 0)
+    assert found.unmet == ("~fallen",)
+    np.testing.assert_allclose(found.worth, [lost_worth(3 / 4)] * 2)
+
+
+def test_nor_less_than_the_worst_legal_step():
+    text = toy_text("pit", **PIT).replace("5.0 * deep + 2.0 * flat", "-3.0 * deep - 2.0 * flat")
+    found = evaluate(make_environment(problem_from(text)), lambda step, state: {}, 1, 0)
+    # the no-op is illegal: one of both is done, then nothing, which would cost nothing
+    assert found.returns.tolist() == [4 * -3.0]
+    assert found.unplayable.tolist() == [3]
+
+
+def test_an_episode_without_such_steps_is_worth_what_it_returns():
+    def flat(step, state):
+        return {"flat": np.array(True)}
+
+    found = evaluate(make_environment(toy("pit", **PIT)), flat, 1, 0)
+    assert found.worth.tolist() == found.returns.tolist() == [8.0]
+    assert found.unmet == ()

@@ -13,9 +13,9 @@ from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.timing import Clock, Timed
-from mdpo_rddl.planner.exact.exact import LOST, exact_returns
+from mdpo_rddl.planner.exact.exact import exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.problem.evaluation import mean_and_error
+from mdpo_rddl.problem.evaluation import LOST, mean_and_error
 from mdpo_rddl.problem.load import Problem
 
 logger = logging.getLogger(__name__)
@@ -71,7 +71,7 @@ def difference_error(one: Candidate, other: Candidate) -> float:
     Rollouts that one of them has lost are left out: how many these are decides by itself.
     """
     if one.returns is not None and other.returns is not None:
-        are_whole = (one.returns != LOST) & (other.returns != LOST)
+        are_whole = (one.returns > LOST) & (other.returns > LOST)
         if np.any(~are_whole) and np.count_nonzero(are_whole) < 2:
             return 0.0
         differences = (one.returns - other.returns)[are_whole]

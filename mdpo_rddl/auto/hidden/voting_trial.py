@@ -25,12 +25,11 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH
 from mdpo_rddl.planner.device import fitting_device
-from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.paired_episodes import ERRORS, FEWEST, paired_returns
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
-from mdpo_rddl.problem.evaluation import mean_and_error
+from mdpo_rddl.problem.evaluation import LOST, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 
 logger = logging.getLogger(__name__)

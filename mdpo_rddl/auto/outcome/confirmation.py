@@ -21,9 +21,8 @@ from mdpo_rddl.auto.common.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.outcome.outcome import policy_of
 from mdpo_rddl.errors import one_line_cause
-from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.problem.episode import WatchedPolicy
-from mdpo_rddl.problem.evaluation import Evaluation, evaluate, mean_and_error
+from mdpo_rddl.problem.evaluation import LOST, Evaluation, evaluate, mean_and_error
 from mdpo_rddl.problem.load import Problem, make_environment
 
 logger = logging.getLogger(__name__)
@@ -100,10 +99,10 @@ def _rivals(judge: Judge, chosen: Candidate) -> list[Candidate]:
 
 def _is_clearly_better(one: Evaluation, other: Evaluation) -> bool:
     """Whether one returns more in the episodes that both have, beyond the errors."""
-    common = min(len(one.returns), len(other.returns))
+    common = min(len(one.worth), len(other.worth))
     if common < _FEWEST_EPISODES:
         return False
-    gain, error = mean_and_error(one.returns[:common] - other.returns[:common])
+    gain, error = mean_and_error(one.worth[:common] - other.worth[:common])
     return gain > _ERRORS * error
 
 
@@ -163,9 +162,9 @@ def is_less(chosen: Candidate, played: Evaluation) -> bool:
     count = len(played.returns)
     if count < 2 or chosen.returns is None or chosen.mean is None:
         return False
-    error = float(np.std(played.returns, ddof=1)) / math.sqrt(count)
+    mean, error = mean_and_error(played.worth)
     least = _ERRORS * math.hypot(error, chosen.error) + _SHARE * abs(chosen.mean)
-    return bool(played.mean < chosen.mean - least)
+    return bool(mean < chosen.mean - least)
 
 
 def less_than_judged(chosen: Candidate, played: Evaluation) -> str:

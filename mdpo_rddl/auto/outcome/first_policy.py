@@ -60,6 +60,7 @@ def first_policy(
     except Exception as error:
         logger.info("no policy to begin with: %s", one_line_cause(error))
         return None
-    if not np.isfinite(played.mean):
-        return None
-    return Candidate(SIMPLE, NOOP, config, planner, params, mean=played.mean)
+    mean = float(np.mean(played.worth))
+    return (
+        Candidate(SIMPLE, NOOP, config, planner, params, mean=mean) if np.isfinite(mean) else None
+    )

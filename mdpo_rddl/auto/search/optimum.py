@@ -6,6 +6,16 @@ Backward induction over the horizon H, with V_H = 0 and discount g:
 
 The sum is worked out once for all states and actions after which the next state is drawn in
 the same way.
+
+A state d in which the episode goes on and no action is legal is a dead end. Where it can be avoided
+for certain, only actions that do so are looked at. Elsewhere it has a value of its own: with the
+least and the largest reward of a legal step, r_min and r_max, and A_t = sum_{k < t} g^k,
+
+    g^t V_t(d) = r_min (A_H - A_t) - (r_max - r_min) (A_H + A_t)
+
+Whatever was collected before, an episode with a dead end is then worth less than the worst legal
+one, by the whole range of returns. After the last step nothing has to be done any more, and no
+state is a dead end.
 """
 
 import logging
@@ -28,6 +38,8 @@ logger = logging.getLogger(__name__)
 
 _BYTES_PER_TRANSITION = 60
 _TIE = 1e-12
+# a risk below is rounding
+_NO_RISK = 1e-12
 # of the time: where the rules alone take longer, so do the states
 _GROUNDING_SHARE = 0.4
 # of the states at each step: more are not kept
@@ -96,7 +108,13 @@ def find_optimum(
     merges, states = enumeration.merges, enumeration.states
     keeps_values &= len(states) * model.horizon <= _MOST_VALUES
     kept = np.zeros((model.horizon, len(states)), np.float32) if keeps_values else None
-    value, runs = _induct(enumeration, limits, kept)
+    value, risk, runs = _induct(enumeration, limits, kept)
+    if risk > 0.0:
+        logger.warning(
+            "a state in which no action is legal cannot be avoided: the best policy comes to one "
+            "with probability %.3g, which the optimum counts as less than any legal play",
+            risk,
+        )
     if kept is not None and not np.isfinite(kept).all():
         kept = None  # too large for 32 bits
     table = action_table(problem, model, merges, states, runs, kept)
@@ -112,17 +130,21 @@ def find_optimum(
 
 def _induct(
     enumeration: Enumeration, limits: EnumerationLimits, kept: np.ndarray | None
-) -> tuple[float, list[Run]]:
-    """The initial state's value, and where the best action changes, the last step first.
+) -> tuple[float, float, list[Run]]:
+    """The initial state's value and risk, and where the best action changes, the last step first.
 
-    The values of all states at each step are written to `kept` [H, S], if it is given.
+    The risk is the probability of coming to a dead end. The values of all states at each step are
+    written to `kept` [H, S], if it is given.
     """
     model, first = enumeration.model, enumeration.first_row
     decided = np.flatnonzero(np.diff(first))
     starts, counts = first[decided], np.diff(first)[decided]
     values = np.zeros(len(enumeration.states))
+    if enumeration.dead[0]:
+        raise NotEnumerableError("an initial state without a legal action")
     if not len(decided):
-        return 0.0, []
+        return 0.0, 0.0, []
+    risk = np.zeros(len(enumeration.states)) if enumeration.dead.any() else None
     best_row, runs, q = np.full(len(decided), -1), [], np.empty(len(enumeration.reward))
     for step in reversed(range(model.horizon)):
         limits.check_time()
@@ -130,6 +152,11 @@ def _induct(
         # none is out of range; for "raise" numpy would make another array
         np.take(after, enumeration.afterstate, out=q, mode="clip")
         q += enumeration.reward
+        if risk is not None:
+            risks = np.take(enumeration.transitions @ risk, enumeration.afterstate, mode="clip")
+            is_safe = risks <= _NO_RISK
+            can_be_safe = np.repeat(np.logical_or.reduceat(is_safe, starts), counts)
+            q[can_be_safe & ~is_safe] = -np.inf
         best = np.maximum.reduceat(q, starts)
         # rounding shall not change the action from step to step
         enough = best - _TIE * (1 + np.abs(best))
@@ -137,13 +164,30 @@ def _induct(
         chosen = best_row.copy()
         chosen[lost] = _first_rows(q, enough[lost], starts[lost], counts[lost])
         values[decided] = best
+        if risk is not None:
+            values[enumeration.dead] = _dead_end_value(enumeration, step)
+            risk[decided] = np.where(risks[chosen] <= _NO_RISK, 0.0, risks[chosen])
+            risk[enumeration.dead] = 1.0
         if kept is not None:
             kept[step] = values
         changed = enumeration.action[chosen] != enumeration.action[best_row]
         changed = (changed | (best_row < 0)) & (enumeration.depth[decided] <= step)
         runs.append((step, decided[changed], enumeration.action[chosen[changed]]))
         best_row = chosen
-    return float(values[0]), runs
+    return float(values[0]), 0.0 if risk is None else float(risk[0]), runs
+
+
+def _dead_end_value(enumeration: Enumeration, step: int) -> float:
+    """What a state is worth at a step at which an action is due and none is legal."""
+    model = enumeration.model
+    least, most = float(enumeration.reward.min()), float(enumeration.reward.max())
+    # where all steps pay the same, one more of them is lost
+    width = most - least or abs(least) or 1.0
+    powers = model.discount ** np.arange(model.horizon)
+    before, whole = powers[:step].sum(), powers.sum()
+    value = least * (whole - before) - width * (whole + before)
+    # what later steps pay is rounding
+    return float(value / max(model.discount**step, _NO_RISK))
 
 
 def _first_rows(

@@ -14,9 +14,10 @@ from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.by_parts import ByParts
 from mdpo_rddl.auto.search.one_by_one import POLICIES, OneByOne
 from mdpo_rddl.auto.search.weights import Weights, weights_of
-from mdpo_rddl.planner.exact.exact import LOST, compile_exact_returns
+from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback import Params
+from mdpo_rddl.problem.evaluation import LOST
 
 logger = logging.getLogger(__name__)
 

@@ -13,17 +13,14 @@ from jax import Array, dtypes, lax
 from mdpo_rddl.planner.model.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
+from mdpo_rddl.planner.plans.legal import compile_playable
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.programs.quick import Jit, light_jit
 from mdpo_rddl.planner.rollouts.compiled import RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
 from mdpo_rddl.planner.start import initial_values, repeated, unit_hyperparams
 from mdpo_rddl.planner.upstream import INVALID_PARAMETERS
-
-LOST = -1e9
-"""The return of an episode in which the environment raises an error: below any that ends.
-
-It is finite, for policies to be told apart by how often that happens."""
+from mdpo_rddl.problem.evaluation import LOST, lost_worth
 
 
 class Visits(NamedTuple):
@@ -48,9 +45,11 @@ def compile_exact_returns(
 
     These are the exact environment's rules: no reward counts after a termination condition or a
     broken invariant has ended the episode, whatever the planner's own switch says, and an action
-    that breaks a rule is replaced as in play (`mdpo_rddl.planner.plans.legal`). Where the planner
-    has `lose_on_error`, a rollout in which a parameter of a distribution leaves its domain returns
-    `LOST`, be it in a branch that is not taken, in which the environment may not look at it.
+    that breaks a rule is replaced as in play (`mdpo_rddl.planner.plans.legal`). A rollout that
+    comes to a state in which no legal action is found is lost there: it returns `lost_worth` of the
+    share of its steps that are left. Where the planner has `lose_on_error`, a rollout in which a
+    parameter of a distribution leaves its domain returns `LOST`, be it in a branch that is not
+    taken, in which the environment may not look at it.
 
     Args:
       planner: the compiled planner.
@@ -139,6 +138,7 @@ def _compile_play(
         differentiated=False,
         memory=open_plan(planner.plan).memory,
         goals=goals,
+        playable=compile_playable(compiled),
     )
     rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
     if stopping:
@@ -156,6 +156,10 @@ def _compile_play(
 
         def total(rewards: Array) -> Array:
             summed = jnp.sum(discounts * rewards, axis=-1)
+            if options.playable is not None:
+                is_lost = jnp.cumsum(~log["playable"], axis=-1) > 0
+                worth = lost_worth(jnp.mean(is_lost.astype(summed.dtype), axis=-1))
+                summed = jnp.where(is_lost[..., -1], worth, summed)
             if planner.lose_on_error:
                 has_error = jnp.any((log["error"] & INVALID_PARAMETERS) != 0, axis=-1)
                 summed = jnp.where(has_error, LOST, summed)

@@ -16,19 +16,21 @@ action near it, as a pure function of the policy's probabilities and of the stat
 Where no legal action is found like that, the proposal stands.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from mdpo_rddl.planner.model.expressions import compiled_expression
+from mdpo_rddl.planner.model.expressions import Value, compiled_expression
 from mdpo_rddl.planner.plans.changes import Changes
 from mdpo_rddl.planner.plans.limits import choose_within_limits
 from mdpo_rddl.planner.plans.linear_limits import LinearLimits
-from mdpo_rddl.problem.implications import Implication, Rules, read_rules
+from mdpo_rddl.problem.implications import Implication, Rules, fluents_of, read_rules
+from mdpo_rddl.problem.legality import LARGEST_ROUNDING
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 
 Actions = dict[str, Array]
@@ -245,6 +247,66 @@ def legal_policy(plan: Any, compiled: Any, limits: Sequence[GroupLimit]) -> Call
         return legal(policy(*arguments), probabilities_of(*arguments), state)
 
     return legalised
+
+
+def compile_playable(compiled: Any) -> Value | None:
+    """Compiles whether the preconditions allow an action, up to rounding.
+
+    Args:
+      compiled: the exact model as JaxPlan compiles it.
+
+    Returns:
+      A function of the fluents with the actions' values and of the non-fluents; None where
+      `LegalActions` finds a legal action in every state, or finds none for reasons that no state
+      has.
+    """
+    rddl = compiled.rddl
+    if not may_leave_none(rddl):
+        return None
+    rounded = copy.copy(compiled)
+    rounded.__class__ = type("Rounded", (_Rounded, type(compiled)), {})
+    conditions = [compiled_expression(rounded, each, jnp.bool_) for each in rddl.preconditions]
+
+    def playable(fluents: Mapping[str, Any], nonfluents: Mapping[str, Any]) -> Array:
+        return jnp.all(jnp.stack([jnp.all(each(fluents, nonfluents)) for each in conditions]))
+
+    return playable
+
+
+def may_leave_none(rddl: Any) -> bool:
+    """Whether some state may leave no legal action, as far as the form of the preconditions tells.
+
+    Those on single bools and those that limit how many are true always leave one: the no-op, or it
+    with fewer of its bools. So do those that read no state, if they do in the first.
+    """
+    rules, limits = read_rules(rddl), group_limits(rddl)[0]
+    actions, others = set(rddl.action_fluents), len(rules.others)
+    read = [fluents_of(each) for each in rddl.preconditions]
+    on_states = [names for names in read if names - actions - set(rddl.non_fluents)]
+    demands = others > sum(not limit.exact for limit in limits)
+    return bool(on_states) and (demands or any(not names & actions for names in on_states))
+
+
+class _Rounded:
+    """A compiler of JaxPlan's whose numbers may be equal up to rounding where that is allowed."""
+
+    def _jax_greater_equal(self, expr: Any, aux: Any) -> Any:
+        return self._up_to_rounding(expr, aux, lambda left, right, by: left >= right - by)
+
+    def _jax_less_equal(self, expr: Any, aux: Any) -> Any:
+        return self._up_to_rounding(expr, aux, lambda left, right, by: left <= right + by)
+
+    def _jax_equal(self, expr: Any, aux: Any) -> Any:
+        return self._up_to_rounding(expr, aux, lambda left, right, by: abs(left - right) <= by)
+
+    def _up_to_rounding(self, expr: Any, aux: Any, compare: Callable[..., Array]) -> Any:
+        def compared(left: Array, right: Array) -> Array:
+            is_real = jnp.issubdtype(jnp.result_type(left, right), jnp.floating)
+            by = LARGEST_ROUNDING * (1.0 + abs(left) + abs(right)) if is_real else 0
+            return compare(left, right, by)
+
+        helper = cast(Any, self)._jax_binary_helper
+        return helper(expr, aux, compared, at_least_int=True)
 
 
 def _compile_rule(compiled: Any, rule: Implication) -> Callable[[Any, Any], Array]:

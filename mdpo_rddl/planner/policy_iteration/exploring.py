@@ -10,6 +10,7 @@ from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+from mdpo_rddl.planner.plans.legal import compile_playable
 from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import steps_alive
@@ -38,11 +39,14 @@ class Explored(NamedTuple):
 
     Attributes:
       states: per state fluent its values before each step [B, H, *shape].
-      rewards: of each step, zero after the end of the episode [B, H].
+      rewards: of each step, zero after the end of the episode [B, H]; at a step at which no legal
+        action is found, which ends it, so much less than any legal one that no return makes up
+        for it.
       counted: the same with goals counted (`mdpo_rddl.planner.model.goal_counting`), if there are
         any.
       alive: 1 up to the step that ends the episode, 0 after it [B, H].
       is_tried: whether one change was decided at random at a step [B, H].
+      lost: share of the steps from that on at which no legal action is found [B].
     """
 
     states: dict[str, Array]
@@ -50,6 +54,7 @@ class Explored(NamedTuple):
     counted: Array
     alive: Array
     is_tried: Array
+    lost: Array
 
 
 def compile_exploring(
@@ -83,7 +88,11 @@ def compile_exploring(
 
     compiled = planner.test_compiled
     options = RolloutOptions(
-        check_constraints=True, cache_path_info=True, differentiated=False, goals=goals
+        check_constraints=True,
+        cache_path_info=True,
+        differentiated=False,
+        goals=goals,
+        playable=compile_playable(compiled),
     )
     rollout = compile_rollouts(compiled, policy, horizon, rollouts, options)
     fluents, nonfluents = initial_values(planner).test
@@ -116,9 +125,24 @@ def compile_exploring(
             jnp.where(alive > 0.0, log[name], 0.0)
             for name in ("reward", "reward" if goals is None else "counted")
         )
-        return Explored(states, rewards, counted, alive, given["tried"])
+        lost = jnp.zeros(shape[0], rewards.dtype)
+        if options.playable is not None:
+            is_dead = ~log["playable"] & (alive > 0.0)
+            is_lost = jnp.cumsum(is_dead, axis=1) > 0
+            lost = jnp.mean(is_lost.astype(rewards.dtype), axis=1)
+            rewards, counted = (_with_dead_ends(each, is_dead) for each in (rewards, counted))
+            alive = alive * steps_alive(is_dead)
+            rewards, counted = (jnp.where(alive > 0.0, each, 0.0) for each in (rewards, counted))
+        return Explored(states, rewards, counted, alive, given["tried"], lost)
 
     return play
+
+
+def _with_dead_ends(rewards: Array, is_dead: Array) -> Array:
+    """Rewards [B, H] of which those of dead ends cost all that an episode can return, and more."""
+    most = jnp.max(jnp.where(is_dead, 0.0, jnp.abs(rewards)))
+    cost = 2.0 * rewards.shape[1] * jnp.where(most > 0.0, most, 1.0)
+    return jnp.where(is_dead, -cost, rewards)
 
 
 def _with_one_forced(gains: Array, place: Array, leaves: Array) -> Array:

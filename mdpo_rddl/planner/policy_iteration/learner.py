@@ -27,6 +27,7 @@ from mdpo_rddl.planner.policy_iteration.targets import Decay, lambda_returns
 from mdpo_rddl.planner.programs.quick import Jit, light_jit
 from mdpo_rddl.planner.programs.staging import with_fast_random_numbers
 from mdpo_rddl.planner.start import initial_values
+from mdpo_rddl.problem.evaluation import lost_worth
 
 # of the scale of the targets: what an iteration changes
 _NEWS = 0.2
@@ -227,7 +228,8 @@ class PolicyIteration:
         is_finite = _is_finite((learner.weights, learner.moments, learner.kept.targets))
         discounts = self._discount**self._steps
         returns, counted = (
-            jnp.sum(each * discounts, axis=1) for each in (played.rewards, played.counted)
+            jnp.where(played.lost > 0.0, lost_worth(played.lost), jnp.sum(each * discounts, axis=1))
+            for each in (played.rewards, played.counted)
         )
         return learner, Shown(returns, counted, is_finite)
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, core, lax, random
 
+from mdpo_rddl.planner.model.expressions import Value
 from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
@@ -50,6 +51,8 @@ class RolloutOptions:
       differentiated: whether a gradient is taken, for which a large model keeps little.
       memory: what a policy that does not read the history remembers.
       goals: what counts goals; the log then has the reward with them counted as `counted`.
+      playable: whether an action may be played, of the fluents with the actions' values and of the
+        non-fluents; the log then tells it as `playable`.
     """
 
     copies: int = 1
@@ -59,6 +62,7 @@ class RolloutOptions:
     differentiated: bool = True
     memory: PlanMemory = NO_MEMORY
     goals: CountedReward | None = None
+    playable: Value | None = None
 
 
 def compile_rollouts(
@@ -162,22 +166,25 @@ def compile_rollouts(
 
 
 def _transition(compiled: Any, options: RolloutOptions) -> Callable[..., tuple[Any, Any, Any]]:
-    """JaxPlan's transition, which counts goals if that is wanted."""
+    """JaxPlan's transition, which counts goals and checks actions if that is wanted."""
     transition = compiled.compile_transition(
         check_constraints=options.check_constraints, cache_path_info=options.cache_path_info
     )
-    goals = options.goals
-    if goals is None:
+    goals, playable = options.goals, options.playable
+    if goals is None and playable is None:
         return transition
 
-    def counting(key, actions, fluents, nonfluents, model):
+    def telling(key, actions, fluents, nonfluents, model):
         after, log, params = transition(key, actions, fluents, nonfluents, model)
-        # the reward is of the states before the step; no goal draws random numbers
-        before = {name: fluents[name] for name in compiled.rddl.state_fluents}
-        counted = goals({**after, **before}, nonfluents, model, key)
-        return after, {**log, "counted": counted}, params
+        if goals is not None:
+            # the reward is of the states before the step; no goal draws random numbers
+            before = {name: fluents[name] for name in compiled.rddl.state_fluents}
+            log = {**log, "counted": goals({**after, **before}, nonfluents, model, key)}
+        if playable is not None:
+            log = {**log, "playable": playable({**fluents, **actions}, nonfluents)}
+        return after, log, params
 
-    return counting
+    return telling
 
 
 def _empty_history(fluents: Any, horizon: int) -> Any:

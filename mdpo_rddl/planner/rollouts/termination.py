@@ -42,6 +42,7 @@ def stop_at_termination(rollouts: Callable) -> Callable:
             if name in log
         }
         error = jnp.where(alive > 0.0, log["error"], 0)
-        return {**log, **rewards, "error": error}, model_params
+        played = {"playable": log["playable"] | (alive == 0.0)} if "playable" in log else {}
+        return {**log, **rewards, **played, "error": error}, model_params
 
     return stopped

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.grounding import Ground, Grounder
 from mdpo_rddl.problem.enumeration.joint_actions import action_variables, joint_actions
@@ -14,11 +15,14 @@ from mdpo_rddl.problem.enumeration.pace import Pace
 from mdpo_rddl.problem.enumeration.packing import Packing, pack, sizes_of
 from mdpo_rddl.problem.enumeration.rules import ActionRules, OpenRules, open_rules
 from mdpo_rddl.problem.enumeration.substitution import Substitution
+from mdpo_rddl.problem.legality import Referee, precondition_text
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 from mdpo_rddl.problem.load import Problem, make_environment
 
 # of joint actions, by which it is told how long all take: the first ones make what others share
 _FEWEST_LAWS = 8
+# to find out whether an action is legal at the start, where none of the usual ones is
+_START_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -98,11 +102,7 @@ class OpenModel:
 
     def constants(self, assignment: Mapping[Ground, Any]) -> dict[int, int]:
         """Of the leaf of each action variable the node of the value that is assigned to it."""
-        graph = self.graph
-        return {
-            graph.leaf(Kind.ACTION, each, isinstance(value, bool)): graph.constant(value)
-            for each, value in assignment.items()
-        }
+        return _constants(self.graph, Kind.ACTION, assignment)
 
 
 def open_model(problem: Problem, limits: EnumerationLimits) -> OpenModel:
@@ -180,6 +180,77 @@ def ground_model(
     )
 
 
+def require_legal_start(problem: Problem) -> None:
+    """Raises `InputError` where an action is due in the initial state and none is legal.
+
+    That is decided where a precondition does not hold whatever is done, and where all actions are
+    discrete and not too many; elsewhere nothing is raised.
+    """
+    env = make_environment(problem)
+    env.reset(seed=0)
+    verdict = Referee(env).rule({})
+    if env.done or not verdict.illegal or verdict.fallback:
+        return
+    try:
+        in_the_way = _in_the_way(problem.model, env, EnumerationLimits(_START_SECONDS))
+    except NotEnumerableError:
+        return
+    if in_the_way is not None:
+        told = "; ".join([precondition_text(each) for each in in_the_way] or verdict.unmet)
+        raise InputError(
+            f"{problem.instance_path}: no action is legal in the initial state, by the "
+            f"precondition {told}"
+        )
+
+
+def _in_the_way(rddl: Any, env: Any, limits: EnumerationLimits) -> list[Any] | None:
+    """Which preconditions leave no action in the initial state; None if one is legal.
+
+    Where they do it together, none is named.
+
+    Raises:
+      NotEnumerableError: if that is not known.
+    """
+    grounder = Grounder(rddl, env.sampler.init_values, limits)
+    graph, initial = grounder.graph, env.sampler.init_values
+    state = {
+        each: np.asarray(initial[each[0]])[each[1]].item()
+        for each in _places(rddl.state_fluents, initial)
+    }
+    values = _constants(graph, Kind.STATE, state)
+    unread: NotEnumerableError | None = None
+    nodes: list[int] = []
+    for precondition in rddl.preconditions:
+        try:
+            found = _conjuncts(grounder, [precondition])
+        except NotEnumerableError as error:
+            unread = error
+            continue
+        nodes += graph.substitute(found, values)
+        if graph.false in nodes:
+            return [precondition]
+    if unread is not None:
+        raise unread
+    read = graph.needed(nodes, Kind.ACTION)
+    variables = {
+        each: item
+        for each, item in action_variables(env).items()
+        if graph.leaf(Kind.ACTION, each, isinstance(item[0], bool)) in read
+    }
+    most, groups = env.model.max_allowed_actions, group_limits(env.model)[0]
+    default, *others = joint_actions(variables, most, (graph, nodes), limits, groups)
+    left = graph.substitute(nodes, _constants(graph, Kind.ACTION, default))
+    return [] if not others and any(node != graph.true for node in left) else None
+
+
+def _constants(graph: Graph, kind: int, values: Mapping[Ground, Any]) -> dict[int, int]:
+    """Of the leaf of each variable the node of its value."""
+    return {
+        graph.leaf(kind, each, isinstance(value, bool)): graph.constant(value)
+        for each, value in values.items()
+    }
+
+
 def _places(names: Iterable[str], values: Mapping[str, Any]) -> list[Ground]:
     return [(name, place) for name in names for place in np.ndindex(np.shape(values[name]))]
 
@@ -203,10 +274,7 @@ def _conjuncts(grounder: Grounder, expressions: Iterable[Any]) -> list[int]:
 def _is_broken(grounder: Grounder, rddl: Any, state: Mapping[Ground, Any]) -> bool:
     """Whether a state breaks an invariant."""
     graph = grounder.graph
-    values = {
-        graph.leaf(Kind.STATE, each, isinstance(value, bool)): graph.constant(value)
-        for each, value in state.items()
-    }
+    values = _constants(graph, Kind.STATE, state)
     nodes = [grounder.node(each, {}) for each in rddl.invariants]
     return any(node == graph.false for node in graph.substitute(nodes, values))
 

@@ -32,6 +32,17 @@ NO_ROWS = Rows(np.zeros(0, int), np.zeros(0, np.int32), np.zeros(0), np.zeros((0
 """Of no states."""
 
 
+def with_rows(rows: Rows, states: int) -> Rows:
+    """Rows of which each of so many states has one.
+
+    Raises:
+      NotEnumerableError: if one has none.
+    """
+    if len(np.unique(rows.state)) < states:
+        raise NotEnumerableError("a reachable state without a legal action")
+    return rows
+
+
 _Flip = tuple[int, np.ndarray]
 """A word of afterstates, and the bits in it [N] that differ from another's."""
 
@@ -84,20 +95,19 @@ class RowMaker:
         """The rows of states [N, words] in which the episode goes on.
 
         An action that does in a state what the default action does, and gives no more reward,
-        is left out.
+        is left out. A state in which no action is legal has no row.
 
         Raises:
-          NotEnumerableError: if a state has no legal action, or a reward is not finite.
+          NotEnumerableError: if a reward is not finite.
         """
         batch = _Batch(self._program.run(self._columns(states)), len(states))
         actions, default = self._model.actions, self._default(batch)
         is_default_legal = batch.of(actions[0].legal).astype(bool)
         default_reward = batch.of(actions[0].reward)
         flips: dict[Any, _Flip | None] = {}
-        allowed, found = np.zeros(len(states), bool), []
+        found = []
         for number, action in enumerate(actions):
             legal = batch.of(action.legal).astype(bool)
-            allowed |= legal
             changes = self._changes(number, default, batch, flips)
             reward = batch.of(action.reward) * 1.0
             if number:
@@ -115,8 +125,8 @@ class RowMaker:
             for word, flip in changes:
                 packed[:, word] ^= flip[chosen]
             found.append((chosen, np.full(len(chosen), number), reward[chosen], packed))
-        if not allowed.all():
-            raise NotEnumerableError("a reachable state without a legal action")
+        if not found:
+            return Rows(*NO_ROWS[:3], np.zeros((0, default.shape[1]), np.uint64))
         state, played, reward, packed = map(np.concatenate, zip(*found, strict=True))
         order = np.argsort(state, kind="stable")
         return Rows(state[order], played[order].astype(np.int32), reward[order], packed[order])
@@ -127,13 +137,13 @@ class RowMaker:
         That is the default action's, which takes far less time than all do, where it is legal.
 
         Raises:
-          NotEnumerableError: as `rows`.
+          NotEnumerableError: as `rows`, and if a state has no legal action.
         """
         default = self._model.actions[0]
         batch = _Batch(self._alone.run(self._columns(states)), len(states))
         reward = batch.of(default.reward) * 1.0
         if not (np.all(batch.of(default.legal)) and np.isfinite(reward).all()):
-            made = self.rows(states)
+            made = with_rows(self.rows(states), len(states))
             place = np.searchsorted(made.state, np.arange(len(states)))
             return Rows(*(column[place] for column in made))
         number, action = np.arange(len(states)), np.zeros(len(states), np.int32)

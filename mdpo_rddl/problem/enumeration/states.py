@@ -46,11 +46,12 @@ class Enumeration:
       states: packed [S, words]; the first one is initial.
       depth: number of steps after which each state is first reached [S].
       first_row: the rows of state s are those from `first_row[s]` to `first_row[s + 1]` [S + 1];
-        none where the episode ends, or where the horizon does.
+        none where the episode ends, or where the horizon does, or where no action is legal.
       action: of each row, its number in the model [R].
       reward: expected reward of each row [R].
       afterstate: number of each row's [R].
       transitions: probability of each next state after each afterstate [E, S].
+      dead: whether no action is legal in a state in which the episode goes on [S].
     """
 
     model: GroundModel
@@ -62,6 +63,7 @@ class Enumeration:
     reward: np.ndarray
     afterstate: np.ndarray
     transitions: Transitions
+    dead: np.ndarray
 
 
 class Search:
@@ -83,6 +85,7 @@ class Search:
         self.index = StateIndex(model.packing.words)
         self.after_index = StateIndex(self.afterstates.packing.words)
         self.row_counts: list[np.ndarray] = []
+        self.dead: list[np.ndarray] = []
         self.rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self.transitions: list[sparse.csr_matrix] = []
         self.transition_count = 0
@@ -92,8 +95,8 @@ class Search:
     def expand(self, states: np.ndarray) -> None:
         """Adds the rows of states, and whatever follows them."""
         self.limits.check_time()
-        counts = np.zeros(len(states), np.int64)
-        alive = np.flatnonzero(~self.maker.ended(states))
+        counts, goes_on = np.zeros(len(states), np.int64), ~self.maker.ended(states)
+        alive = np.flatnonzero(goes_on)
         if len(alive):
             rows = self.maker.rows(states[alive])
             counts[alive] = np.bincount(rows.state, minlength=len(alive))
@@ -106,6 +109,7 @@ class Search:
             if self._follow:
                 self._draw(self.after_index.states[known:])
         self.row_counts.append(counts)
+        self.dead.append(goes_on & (counts == 0))
 
     def _draw(self, afterstates: np.ndarray) -> None:
         for draws in self.afterstates.draw(afterstates) if len(afterstates) else ():
@@ -124,8 +128,8 @@ def enumerate_states(model: GroundModel, limits: EnumerationLimits) -> Enumerati
     """Enumerates the states of a model.
 
     Raises:
-      NotEnumerableError: if a limit is reached, if the states that wait cannot be expanded in
-        time, or if a state has no legal action.
+      NotEnumerableError: if a limit is reached, or if the states that wait cannot be expanded in
+        time.
     """
     search, pace = Search(model, limits), Pace(limits)
     operations = max(1, search.maker.operations)
@@ -153,9 +157,9 @@ def joined(
     search: Search, states: np.ndarray, depth: np.ndarray, transitions: Transitions
 ) -> Enumeration:
     """What a search has found, as arrays."""
-    rows = np.zeros(len(states), np.int64)
+    rows, dead = np.zeros(len(states), np.int64), np.zeros(len(states), bool)
     expanded = np.concatenate(search.row_counts)
-    rows[: len(expanded)] = expanded
+    rows[: len(expanded)], dead[: len(expanded)] = expanded, np.concatenate(search.dead)
     empty = (np.zeros(0, np.int32), np.zeros(0), np.zeros(0, np.int64))
     action, reward, afterstate = map(np.concatenate, zip(empty, *search.rows, strict=True))
     return Enumeration(
@@ -168,6 +172,7 @@ def joined(
         reward=reward,
         afterstate=afterstate,
         transitions=transitions,
+        dead=dead,
     )
 
 

@@ -1,8 +1,11 @@
 """The figures of a session, as `summary.json` holds them."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, cast
+
+import numpy as np
 
 from mdpo_rddl.machine.device import current_device
 from mdpo_rddl.machine.files import finite_or_none
@@ -14,6 +17,8 @@ from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
+
+logger = logging.getLogger(__name__)
 
 _NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
 # where each update with noise has one without beside it
@@ -100,7 +105,24 @@ def return_figures(evaluation: Evaluation) -> dict[str, Any]:
         "episode_lengths": evaluation.lengths.tolist(),
         "illegal_actions": evaluation.illegal_actions,
         "fallback_actions": evaluation.fallback_actions,
+        "steps": int(np.sum(evaluation.lengths)),
+        "unplayable_steps": int(np.sum(evaluation.unplayable)),
+        "unmet_preconditions": list(evaluation.unmet),
     }
+
+
+def warn_of_unplayable(evaluation: Evaluation) -> None:
+    """Warns where nobody can play what a policy does, which is no result then."""
+    count = int(np.sum(evaluation.unplayable))
+    if not count:
+        return
+    steps, told = int(np.sum(evaluation.lengths)), "; ".join(evaluation.unmet)
+    logger.warning(
+        "the plan cannot be executed: at %s of %s steps no legal action was found%s",
+        f"{count:,}",
+        f"{steps:,}",
+        f", by the precondition {told}" if told else "",
+    )
 
 
 def not_played_figures(cause: str) -> dict[str, Any]:
@@ -113,6 +135,9 @@ def not_played_figures(cause: str) -> dict[str, Any]:
         "episode_lengths": [],
         "illegal_actions": 0,
         "fallback_actions": 0,
+        "steps": 0,
+        "unplayable_steps": 0,
+        "unmet_preconditions": [],
         "not_played": cause,
     }
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers import toy_mdps as toys
 from helpers.tanks import DOMAIN, INSTANCE
+from helpers.toys import problem_from, toy, toy_text
 
 from mdpo_rddl.auto.search import optimum
 from mdpo_rddl.auto.search.optimum import find_optimum
@@ -124,3 +125,48 @@ def test_the_first_row_that_is_enough_is_found_for_each_state():
     by_loop = [next(r for r in rs if q[r] >= enough[e]) for rs, e in zip(rows, some, strict=True)]
     assert found.tolist() == by_loop
     assert len(optimum._first_rows(q, enough[:0], starts[:0], counts[:0])) == 0
+
+
+PIT = {"RISK": "1.0", "REST": "0.0", "FALLEN": "false", "DISCOUNT": "1.0"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "horizon", "value"),
+    [
+        ({}, 4, 2 + 2 + 2 + 5),
+        # what may happen by chance is avoided as well
+        ({"RISK": "0.125"}, 4, 2 + 2 + 2 + 5),
+        ({"RISK": "0.000001"}, 4, 2 + 2 + 2 + 5),
+        # after the last step a fall is none
+        ({"REST": "1.0"}, 1, 5),
+        # no way out: 5 in the last step, or a fall before it, worth 2 (2 - 1) - 3 (2 + 1)
+        ({"RISK": "0.5", "REST": "0.1"}, 2, 2 + 0.9 * 5 + 0.1 * -7),
+        # the same discounted: 0.5 V = 2 (1.5 - 1) - 3 (1.5 + 1)
+        ({"RISK": "0.5", "REST": "0.1", "DISCOUNT": "0.5"}, 2, 2 + 0.5 * (0.9 * 5 + 0.1 * -13)),
+        # whatever is done: 5 now, and 2 (3 - 1) - 3 (3 + 1)
+        ({"REST": "1.0"}, 3, 5 - 8),
+    ],
+)
+def test_a_state_without_a_legal_action_is_avoided(changes, horizon, value):
+    solution = find_optimum(problem_from(toy_text("pit", **PIT | changes), horizon), 30)
+    assert solution.value == pytest.approx(value, abs=1e-9)
+
+
+def test_an_optimum_that_no_policy_can_play_to_the_end_says_so(caplog):
+    find_optimum(toy("pit", **PIT), 30)
+    assert not caplog.records
+    find_optimum(problem_from(toy_text("pit", **PIT | {"RISK": "0.5", "REST": "0.1"}), 3), 30)
+    (told,) = (record.getMessage() for record in caplog.records)
+    # flat twice, and the fall after the third step is none
+    assert "cannot be avoided" in told
+    assert "probability 0.19," in told
+
+
+def test_an_empty_cistern_is_avoided():
+    whole = {"KIND_OF_WATER": "int", "KIND_OF_BUY": "int", "KIND_OF_DRAW": "int"}
+    problem = toy("cistern", START="2", **whole)
+    solution = find_optimum(problem, 30)
+    assert solution.value == 2 * 5 - 3 * 3  # two are there, three are bought
+    evaluation = evaluate(make_environment(problem, True), solution.policy(), 2, 0)
+    assert evaluation.returns.tolist() == [1.0, 1.0]
+    assert evaluation.illegal_actions == 0

@@ -21,8 +21,13 @@ def problem_from(text: str, horizon: int | None = None) -> Problem:
 
 def toy(name: str, **exchanged: str) -> Problem:
     """The problem of `name`.rddl in this folder, with words of it, in capitals, exchanged."""
+    return problem_from(toy_text(name, **exchanged))
+
+
+def toy_text(name: str, **exchanged: str) -> str:
+    """The text of `toy`."""
     text = (FOLDER / f"{name}.rddl").read_text()
     for word, value in exchanged.items():
         assert len(re.findall(rf"\b{word}\b", text)) == 1, word
         text = re.sub(rf"\b{word}\b", value, text)
-    return problem_from(text)
+    return text

@@ -5,13 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.problems import tiny_files
+from helpers.toys import problem_from, toy, toy_text
 
 from mdpo_rddl.planner.exact.exact import compile_exact_returns, compile_visits, step_bytes
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
+from mdpo_rddl.planner.plans.legal import may_leave_none
 from mdpo_rddl.policy.playable import playable
-from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.evaluation import LOST, evaluate, lost_worth
 from mdpo_rddl.problem.load import load_problem, make_environment
 
 KEY = jax.random.PRNGKey(0)
@@ -118,3 +120,70 @@ def test_an_illegal_action_is_replaced_as_in_play(tmp_path):
     played = evaluate(make_environment(problem), playable(planner, params, {}, 0), 1, 0)
     assert played.mean == pytest.approx(5.0)
     assert played.illegal_actions == 0
+
+
+PIT = {"RISK": "1.0", "REST": "0.0", "FALLEN": "false", "DISCOUNT": "1.0"}
+REAL = {"KIND_OF_WATER": "real", "KIND_OF_BUY": "real", "KIND_OF_DRAW": "real"}
+
+
+def returns_of_constants(problem, rollouts=1, **biases):
+    """Returns [N] of a policy of constant raw actions."""
+    planner = make(problem)
+    params = with_biases(planner, 0.0)
+    for name, own in params["own"].items():
+        own["bias"] = jnp.full_like(own["bias"], biases.get(name, 0.0))
+    return np.asarray(compile_exact_returns(planner, rollouts)(KEY, params))[0]
+
+
+def test_a_rollout_that_comes_to_a_dead_end_is_lost():
+    # one step, then three that nobody may play
+    lost = returns_of_constants(toy("pit", **PIT), deep=5.0)
+    np.testing.assert_allclose(lost, [lost_worth(3 / 4)])
+    np.testing.assert_allclose(returns_of_constants(toy("pit", **PIT), flat=5.0), [8.0])
+    # by the last step nothing has to be done any more
+    once = problem_from(toy_text("pit", **PIT), 1)
+    np.testing.assert_allclose(returns_of_constants(once, deep=5.0), [5.0])
+
+
+def test_a_dead_end_by_chance_loses_as_many_rollouts_as_it_meets():
+    returns = returns_of_constants(toy("pit", **PIT | {"RISK": "0.2"}), 2000, deep=5.0)
+    is_whole = returns > LOST
+    np.testing.assert_allclose(returns[is_whole], 20.0)
+    assert np.mean(is_whole) == pytest.approx(0.8**3, abs=4 * np.sqrt(0.25 / 2000))
+
+
+@pytest.mark.parametrize(
+    ("bought", "returned"),
+    [
+        # one is drawn at each step, the third finds none
+        (0.0, lost_worth(3 / 5)),
+        # half of the box is one
+        (0.5, 5 * (2.0 - 3.0)),
+    ],
+)
+def test_an_empty_cistern_of_real_numbers_is_a_dead_end(bought, returned):
+    found = returns_of_constants(toy("cistern", START="2.0", **REAL), buy=bought)
+    np.testing.assert_allclose(found, [returned])
+
+
+def test_what_is_legal_up_to_rounding_loses_nothing():
+    # in 32 bit thirds do not add up to 1, and the state is no whole number of them
+    text = toy_text("cistern", START="2.0", **REAL).replace(
+        "draw <= water;", "buy / 3 + draw / 3 == 1 / 3; draw <= water + buy;"
+    )
+    np.testing.assert_allclose(returns_of_constants(problem_from(text)), [lost_worth(3 / 5)])
+
+
+@pytest.mark.parametrize(
+    ("rules", "may"),
+    [
+        ("forall_{?a : arm} [pull(?a) => ~pulled(?a)];", False),
+        ("(sum_{?a : arm} [pull(?a)]) == 1;", False),
+        ("(sum_{?a : arm} [pull(?a)]) <= 1; forall_{?a : arm} [pull(?a) => ~pulled(?a)];", False),
+        ("(sum_{?a : arm} [pull(?a)]) == 1; forall_{?a : arm} [pull(?a) => ~pulled(?a)];", True),
+        ("exists_{?a : arm} [~pulled(?a)];", True),
+    ],
+)
+def test_which_rules_may_leave_no_action(rules, may):
+    words = {"LIKELIHOOD": "1.0", "MOST": "pos-inf", "DISCOUNT": "1.0", "TERMINATION": "false"}
+    assert may_leave_none(toy("lever", RULES=rules, **words).model) == may

@@ -12,6 +12,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.policy_iteration.learner import Learning, PolicyIteration, Way
+from mdpo_rddl.problem.evaluation import lost_worth
 
 # a program of its own is compiled for them all
 pytestmark = pytest.mark.long
@@ -168,3 +169,20 @@ def test_the_policy_is_in_the_units_of_the_rewards(quest, iteration, begun):
 def test_the_policy_knows_what_is_usual_at_each_step(iteration, begun):
     np.testing.assert_array_equal(iteration.policy(begun[0])["levels"], begun[0].times)
     assert np.any(begun[0].times)
+
+
+def test_a_pit_is_learnt_to_be_avoided():
+    # deep pays more, and after it nothing may be done any more; in the last step that is no harm
+    problem = toy("pit", RISK="1.0", REST="0.0", FALLEN="false", DISCOUNT="1.0")
+    config = auto_preset("pit").without_section("Search")
+    planner = build_planner(problem, greedy(config)).planner
+    guide = build_planner(problem, config).planner.plan
+    iteration = PolicyIteration(planner, guide, QUICK)
+    noop = guide.initializer(KEY, {}, None)
+    way = Way(np.float32(3e-3), is_first=np.array(True))
+    learner, shown = iteration.iterate(iteration.begin(np.random.default_rng(0)), KEY, noop, way)
+    # the guide falls at once, as the first legal change of the no-op is deep
+    np.testing.assert_allclose(shown.of_policy, lost_worth(3 / 4))
+    for number in range(1, 40):
+        learner, shown = iterated(iteration, learner, noop, 3e-3, number)
+    np.testing.assert_allclose(shown.of_policy, 2.0 + 2.0 + 2.0 + 5.0)

@@ -12,7 +12,7 @@ from mdpo_rddl.problem.enumeration.index import StateIndex
 from mdpo_rddl.problem.enumeration.irrelevance import find_merges, merged
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
 from mdpo_rddl.problem.enumeration.model import GroundModel
-from mdpo_rddl.problem.enumeration.rows import NO_ROWS, RowMaker, Rows
+from mdpo_rddl.problem.enumeration.rows import NO_ROWS, RowMaker, Rows, with_rows
 
 NEVER = np.iinfo(np.int32).max
 """The depth of a state that was not reached from the initial one yet."""
@@ -169,7 +169,7 @@ class Explored:
         alive = np.flatnonzero(~self.maker.ended(states))
         if not len(alive):
             return counts, NO_ROWS
-        rows = self.maker.rows(states[alive])
+        rows = with_rows(self.maker.rows(states[alive]), len(alive))
         counts[alive] = np.bincount(rows.state, minlength=len(alive))
         return counts, rows
 
