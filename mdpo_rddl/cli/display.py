@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+_WIDE = 1e15
+
 
 def print_summary(console: Console, summary: Mapping[str, Any], where: str | None) -> None:
     """Prints the summary's figures as a table."""
@@ -135,4 +137,7 @@ def _number_of(figures: Mapping[str, Any], whose: str) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "not finite" if value is None else f"{value:,.2f}"
+    """Two digits after the point; of what would fill the line six in all."""
+    if value is None:
+        return "not finite"
+    return f"{value:z,.2f}" if abs(value) < _WIDE else f"{value:.6g}"

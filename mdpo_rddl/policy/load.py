@@ -6,16 +6,19 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.policy import file
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
+from mdpo_rddl.problem.functions import FunctionsGiven
 
 # as run folders call it
 _NAME = "policy.safetensors"
 
 
-def load_policy(path: str | Path) -> AnyPolicy:
+def load_policy(path: str | Path, functions: FunctionsGiven = None) -> AnyPolicy:
     """Reads a policy that `Policy.save` or `mdpo-plan` has written, and compiles what plays it.
 
     Args:
       path: of the file, or of a run folder.
+      functions: those in Python that its domain calls, as `load_problem` takes them; no file of a
+        policy holds code.
 
     Raises:
       InputError: naming the file, if it is missing, damaged, no such policy, its tensors do not
@@ -24,7 +27,20 @@ def load_policy(path: str | Path) -> AnyPolicy:
     where, folder = Path(path), None
     if where.is_dir():
         where, folder = where / _NAME, where
-    saved = file.load_policy(where, folder)
+    return policy_of(file.load_policy(where, folder), str(where), functions)
+
+
+def policy_of(saved: file.AnySaved, source: str, functions: FunctionsGiven = None) -> AnyPolicy:
+    """The policy that was saved with its problem, compiled.
+
+    Args:
+      saved: the policy.
+      source: where it came from, for error messages.
+      functions: as `load_policy` takes them.
+
+    Raises:
+      InputError: as `load_policy` does.
+    """
     if saved.source is None:
-        raise InputError(f"{where}: holds no RDDL: evaluate its run folder with mdpo-plan --load")
-    return restored(saved, saved.source.load(kept_tables()), str(where))
+        raise InputError(f"{source}: holds no RDDL: evaluate its run folder with mdpo-plan --load")
+    return restored(saved, saved.source.load(kept_tables(), functions), source)

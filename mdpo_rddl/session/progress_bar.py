@@ -76,15 +76,15 @@ class ProgressBar:
             self._task,
             total=1.0,
             completed=progress.fraction,
-            note=f"iteration {progress.iteration + 1:,}  test {progress.test_return:,.0f}"
-            f"  best {progress.best_return:,.0f}",
+            note=f"iteration {progress.iteration + 1:,}  test {progress.test_return:z,.0f}"
+            f"  best {progress.best_return:z,.0f}",
         )
 
     def judged(self, judged: "Judged") -> None:
         """Shows the incumbent of a race, and which arm leads."""
         if judged.became_incumbent:
             candidate = judged.candidate
-            self._incumbent = f"best {candidate.known_mean:,.0f} by {candidate.arm}"
+            self._incumbent = f"best {candidate.known_mean:z,.0f} by {candidate.arm}"
             if self._task is not None:  # else the first stage shows it
                 self._bar.update(self._task, note=self._incumbent)
 
