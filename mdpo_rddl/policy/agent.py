@@ -63,9 +63,12 @@ class PolicyAgent(BaseAgent):
     def __reduce__(self) -> Any:
         """Pickled as what `save` writes; whoever unpickles it compiles what plays it."""
         own = self.problem.functions
-        functions: FunctionsGiven = None
-        if own is not None:
-            functions = dict(own.given) if own.path is None else own.path.resolve()
+        if own is not None and own.path is None:
+            raise InputError(
+                "the problem's Python functions are from no file, so that its policy cannot be "
+                "pickled: save it, and load it with load_policy(path, functions=...)"
+            )
+        functions = None if own is None or own.path is None else own.path.resolve()
         return _unpickled, (type(self), self.to_saved(), functions)
 
     def __copy__(self) -> "PolicyAgent":

@@ -27,20 +27,7 @@ def load_policy(path: str | Path, functions: FunctionsGiven = None) -> AnyPolicy
     where, folder = Path(path), None
     if where.is_dir():
         where, folder = where / _NAME, where
-    return policy_of(file.load_policy(where, folder), str(where), functions)
-
-
-def policy_of(saved: file.AnySaved, source: str, functions: FunctionsGiven = None) -> AnyPolicy:
-    """The policy that was saved with its problem, compiled.
-
-    Args:
-      saved: the policy.
-      source: where it came from, for error messages.
-      functions: as `load_policy` takes them.
-
-    Raises:
-      InputError: as `load_policy` does.
-    """
+    saved = file.load_policy(where, folder)
     if saved.source is None:
-        raise InputError(f"{source}: holds no RDDL: evaluate its run folder with mdpo-plan --load")
-    return restored(saved, saved.source.load(kept_tables(), functions), source)
+        raise InputError(f"{where}: holds no RDDL: evaluate its run folder with mdpo-plan --load")
+    return restored(saved, saved.source.load(kept_tables(), functions), str(where))

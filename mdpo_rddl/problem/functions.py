@@ -23,6 +23,10 @@ MOST_BYTES = 2**20
 Function = Callable[..., Any]
 
 
+class FunctionError(InputError):
+    """A function fails, or cannot be compiled; the message names its file, if it has one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Functions:
     """Functions by the names that a domain calls them by.
@@ -53,12 +57,12 @@ class Functions:
             except Exception as error:
                 kind = type(error)
                 if kind.__module__.startswith("jax"):
-                    raise InputError(
+                    raise FunctionError(
                         f"{where}the function {name} cannot be compiled ({kind.__name__}): write "
                         "it with jax.numpy, jnp.where in place of `if`, and no numpy or math"
                     ) from error
                 cause = f"{kind.__name__}: {one_line_cause(error)}"
-                raise InputError(f"{where}the function {name} fails: {cause}") from error
+                raise FunctionError(f"{where}the function {name} fails: {cause}") from error
 
         return call
 

@@ -19,7 +19,8 @@ class ProblemSource:
       label: the problem's.
       horizon: number of decisions in an episode.
       functions: the file of the Python functions that the domain calls; its name is all that is
-        kept of it, and whoever loads the problem gives it again. None if there are none.
+        kept of it, and whoever loads the problem gives it again; empty if they are from no file,
+        None if there are none.
     """
 
     domain: str
@@ -58,9 +59,10 @@ class ProblemSource:
           InputError: if the texts are no problem, or it needs functions that are not given.
         """
         if functions is None and self.functions is not None:
+            of = f" of {self.functions}" if self.functions else ""
             raise InputError(
-                f"{self.domain}: calls Python functions of {self.functions}, which are not kept: "
-                "give that file again, with --functions FILE.py or functions="
+                f"{self.domain}: calls Python functions{of}, which are not kept: "
+                "give them again, with --functions FILE.py or functions="
             )
         files = ProblemFiles(
             domain_path=Path(self.domain),
@@ -76,4 +78,4 @@ class ProblemSource:
 def _name_of(functions: Functions | None) -> str | None:
     if functions is None:
         return None
-    return "functions" if functions.path is None else functions.path.name
+    return "" if functions.path is None else functions.path.name
