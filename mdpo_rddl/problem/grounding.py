@@ -64,14 +64,15 @@ def _require_values(
     model: RDDLLiftedModel, name: str, array: np.ndarray, batch: tuple[int, ...]
 ) -> None:
     """Raises `InputError` unless these are values that a fluent can have."""
-    if array.ndim == 0 and array.dtype == object and array.item() is None:
-        return  # which an environment shows before the first step
+    # which an environment shows before the first step, in a shape of its own
+    if model.observ_fluents and array.dtype == object and all(each is None for each in array.flat):
+        return
     shape = model.object_counts(model.variable_params[name])
     wanted = batch + (shape or (1,))
     if array.shape not in (wanted, batch + shape):
         raise InputError(f"the observation has {name} of shape {array.shape}, it must be {wanted}")
     kind, objects = _observed(model)[name], model.type_to_objects
-    if kind in _TYPES and array.dtype.kind not in "biufO":
+    if kind in _TYPES and array.dtype.kind not in "biuf":
         raise InputError(f"the observation has {name} that is no number, but {_short(array)}")
     if kind in objects and array.dtype.kind == "U":
         strange = {str(each).removeprefix("@") for each in array.flat} - set(objects[kind])
