@@ -10,6 +10,7 @@ from rich.table import Table
 from mdpo_rddl.problem.evaluation import LOST
 
 _REFERENCES = {"noop": "the no-op", "random": "random actions"}
+_WIDE = 1e15
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], where: str | None) -> None:
@@ -153,6 +154,9 @@ def _number_of(figures: Mapping[str, Any], whose: str) -> str:
 
 
 def _number(value: float | None) -> str:
+    """Two digits after the point; of what would fill the line six in all."""
     if value is None:
         return "not finite"
-    return "lost" if value <= LOST else f"{value:,.2f}"
+    if value <= LOST:
+        return "lost"
+    return f"{value:z,.2f}" if abs(value) < _WIDE else f"{value:.6g}"

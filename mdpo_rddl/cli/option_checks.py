@@ -84,7 +84,7 @@ def check_plan_options(options: argparse.Namespace) -> None:
     Raises:
       InputError: naming the option, if it does not go with another one.
     """
-    if options.domain is None:
+    if options.domain is None and options.load is None:
         raise InputError("which problem? Such as: mdpo-plan hvac10; mdpo-plan --list shows all")
     is_online = replans(options)
     if is_online and options.decision_seconds:

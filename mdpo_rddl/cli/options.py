@@ -142,7 +142,14 @@ def plan_parser() -> OneLineParser:
         "--load",
         metavar="DIR",
         type=Path,
-        help="evaluate the policy saved in this run folder instead of training",
+        help="evaluate the policy saved in this run folder instead of training; the folder knows "
+        "its problem",
+    )
+    parser.add_argument(
+        "--functions",
+        metavar="FILE.py",
+        type=Path,
+        help="the file of the Python functions that the domain calls as $name[...]; it is run",
     )
     parser.add_argument(
         "--start-from",

@@ -103,7 +103,8 @@ def _check_quickly(options: argparse.Namespace) -> None:
         raise InputError(f"{options.load}: no such run folder")
     if options.start_from is not None and not options.start_from.exists():
         raise InputError(f"{options.start_from}: no such run folder")
-    read_problem(options.domain, options.instance)
+    if options.domain is not None:
+        read_problem(options.domain, options.instance)
 
 
 if __name__ == "__main__":

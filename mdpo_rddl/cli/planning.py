@@ -97,12 +97,15 @@ def _load_request(options: argparse.Namespace, command: str | None) -> LoadReque
         command=command,
         movie=options.movie,
         hindsight=options.hindsight,
+        functions=options.functions,
     )
 
 
 def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> PlanRequest:
     tables = None if options.no_cache else grammar_tables()
-    problem = load_problem(options.domain, options.instance, options.horizon, tables)
+    problem = load_problem(
+        options.domain, options.instance, options.horizon, tables, options.functions
+    )
     if options.config is not None:
         name, config = config_of_file(options.config, options.domain, problem.domain_name)
     else:
@@ -113,6 +116,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
     seed = own_seed if options.seed is None else options.seed
     out = options.out or free_name(RUNS, f"{problem.label}-seed{seed}")
     options.out = out  # whoever is stopped is told where
+    start = options.start_from
     return PlanRequest(
         problem,
         config,
@@ -123,7 +127,7 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         traced_cache,
         decision_seconds=options.decision_seconds,
         movie=options.movie,
-        start_from=None if options.start_from is None else load_policy(options.start_from),
+        start_from=None if start is None else load_policy(start, problem.functions),
         resume=options.resume,
         checkpoint_seconds=options.checkpoint_seconds,
         hindsight=options.hindsight,

@@ -10,6 +10,7 @@ import numpy as np
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.file import SavedPolicy, load_parameters, problem_identity, save_policy
 from mdpo_rddl.policy.playable import playable
+from mdpo_rddl.problem.grounding import require_observation, require_step
 from mdpo_rddl.problem.load import Problem, make_environment
 
 _FILE = "policy.safetensors"
@@ -70,7 +71,13 @@ class GradientPlanner(ABC):
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
     ) -> Mapping[str, Any]:
-        """What the policy does; it draws nothing."""
+        """What the policy does; it draws nothing.
+
+        Raises:
+          InputError: if there is no such step, or the state is none of the problem's.
+        """
+        require_step(self._model, step)
+        require_observation(self._model, state)
         return self._policy(step, state)
 
     @abstractmethod
@@ -82,7 +89,7 @@ class GradientPlanner(ABC):
         """The planner of a configuration."""
 
     def _take_up(self, problem: Problem, planner: Any) -> None:
-        saved = self._saved
+        saved, self._model = self._saved, problem.model
         self._policy = playable(planner, saved.params, saved.policy_hyperparams, saved.seed)
         state, _ = make_environment(problem).reset(seed=0)
         self._policy(0, state)  # compiles it

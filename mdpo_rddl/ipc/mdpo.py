@@ -92,7 +92,11 @@ class MDPO:
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
     ) -> Mapping[str, Any]:
-        """What the policy does if it is legal; it draws nothing."""
+        """What the policy does if it is legal; it draws nothing.
+
+        Raises:
+          InputError: if there is no such step, or the state is none of the problem's.
+        """
         legal = self._moves.rule(self._policy(step, state), state).actions
         tell_played(self._policy, legal)
         return legal

@@ -11,6 +11,7 @@ from mdpo_rddl.ipc.mdpo import MDPO, race_seconds
 from mdpo_rddl.policy.lookahead.choice import choice_share, choose, longest_choice
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
+from mdpo_rddl.problem.grounding import require_observation, require_step
 from mdpo_rddl.problem.load import Problem
 
 # of a trial's time; the rest is the environment's, and a margin
@@ -91,6 +92,8 @@ class ThinkingMDPO(MDPO):
         if self._thinker is None:
             return super().act(step, state, rng)
         now = self._clock()
+        require_step(self._policy.problem.model, step)
+        require_observation(self._policy.problem.model, state)
         if step == 0:
             self._trial_began = now
             self._thinker.begin()

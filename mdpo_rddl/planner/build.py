@@ -15,7 +15,8 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.programs.quick import Jit
 from mdpo_rddl.planner.programs.stored import stored_jit
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
-from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.load import Problem, functions_by_name
+from mdpo_rddl.problem.sizes import long_integer
 
 # dictionaries of values by action fluent
 _BY_ACTION = (("Planner", "action_bounds"), ("Optimize", "policy_hyperparams"))
@@ -49,6 +50,8 @@ def build_planner(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what is no box, as when the problem was loaded
             planner = planner_class(problem.model, **planner_args, **config.mdpo_arguments())
+    except InputError:
+        raise
     except Exception as error:  # JaxPlan has no exception of its own for what it cannot compile
         cause = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
@@ -56,7 +59,9 @@ def build_planner(
             f"(configured by {config.source})"
         ) from error
     planner.lose_on_error = problem.raises
-    if traced_cache is not None:
+    functions = problem.functions
+    # what functions from no file do is not known
+    if traced_cache is not None and (functions is None or functions.digest is not None):
         text = config.with_values("Optimize", **_NOT_COMPILED).to_text()
         identity = f"{problem.digest} {problem.horizon} {text}"
         jit = stored_jit(traced_cache, identity, jit=jit)
@@ -86,12 +91,22 @@ def require_actions(problem: Problem) -> None:
         raise InputError(f"{problem.domain_path}: it has no action fluent, nothing to plan")
 
 
+def _require_short_integers(problem: Problem) -> None:
+    """Raises `InputError` where an integer of the files has more bits than the compiled model's."""
+    if (found := long_integer(problem.model.ast)) is not None:
+        file, what = found
+        path = problem.domain_path if file == "domain" else problem.instance_path
+        raise InputError(f"{path}: {what}")
+
+
 def _arguments(problem: Problem, config: PlannerConfig) -> tuple[dict[str, Any], dict[str, Any]]:
     """The keyword arguments of JaxPlan's planner, and of its `optimize`."""
     too_large = too_large_for(problem, config.sections)
     if too_large is not None:
         raise InputError(f"{config.source}: {too_large}")
     require_actions(problem)
+    if not config.sections.get("Compiler", {}).get("use64bit"):
+        _require_short_integers(problem)
     for section, key in _BY_ACTION:
         given = config.sections.get(section, {}).get(key)
         for name in given if isinstance(given, dict) else ():
@@ -103,4 +118,6 @@ def _arguments(problem: Problem, config: PlannerConfig) -> tuple[dict[str, Any],
     planner_args, _, train_args = quiet.jaxplan_arguments()
     # the rest of the section is for JaxPlan's controllers
     known = optimize_parameters()
+    if problem.functions is not None:
+        planner_args = {**planner_args, "python_functions": functions_by_name(problem)}
     return planner_args, {name: value for name, value in train_args.items() if name in known}

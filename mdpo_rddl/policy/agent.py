@@ -11,9 +11,18 @@ from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.policy import BaseAgent
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.machine.jax_setup import kept_tables
+from mdpo_rddl.policy.file import AnySaved, problem_played
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.functions import FunctionsGiven
+from mdpo_rddl.problem.grounding import (
+    grounded,
+    is_grounded,
+    lifted,
+    require_batch,
+    require_observation,
+)
 from mdpo_rddl.problem.legal_moves import LegalMoves
 from mdpo_rddl.problem.load import Problem, make_environment
 
@@ -44,9 +53,28 @@ class PolicyAgent(BaseAgent):
         def problem(self) -> Problem:
             """What is played."""
 
+        def to_saved(self) -> AnySaved:
+            """As a file holds it."""
+
     @abstractmethod
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
         """The action tensor per fluent at a step, for an observation per fluent."""
+
+    def __reduce__(self) -> Any:
+        """Pickled as what `save` writes; whoever unpickles it compiles what plays it."""
+        own = self.problem.functions
+        if own is not None and own.path is None:
+            raise InputError(
+                "the problem's Python functions are from no file, so that its policy cannot be "
+                "pickled: save it, and load it with load_policy(path, functions=...)"
+            )
+        functions = None if own is None or own.path is None else own.path.resolve()
+        return _unpickled, (type(self), self.to_saved(), functions)
+
+    def __copy__(self) -> "PolicyAgent":
+        other = object.__new__(type(self))
+        other.__dict__.update(vars(self))
+        return other
 
     def reset(self) -> None:
         """Begins an episode."""
@@ -67,6 +95,8 @@ class PolicyAgent(BaseAgent):
           InputError: if ground fluents are unknown or missing.
         """
         decisions, model = self._decisions, self.problem.model
+        if state is not None:
+            require_observation(model, state)
         step = min(decisions.step, self.problem.horizon - 1)
         # counted first: whatever interrupts a decision, the environment goes on
         decisions.step += 1
@@ -90,7 +120,7 @@ class PolicyAgent(BaseAgent):
         Returns:
           Per action fluent [batch, *shape].
         """
-        count = len(next(iter(observations.values())))
+        count = require_batch(self.problem.model, step, observations)
         actions = [
             self(step, {name: values[each] for name, values in observations.items()})
             for each in range(count)
@@ -152,6 +182,11 @@ class PolicyAgent(BaseAgent):
     @cached_property
     def _moves(self) -> LegalMoves:
         return LegalMoves(self.problem)
+
+
+def _unpickled(kind: Any, saved: Any, functions: FunctionsGiven) -> Any:
+    problem = saved.source.load(kept_tables(), functions)
+    return kind.from_saved(saved, problem_played(saved, problem), "a pickle")
 
 
 @dataclass

@@ -133,7 +133,11 @@ def problem_played(saved: AnySaved, problem: Problem) -> Problem:
       saved: the policy.
       problem: on which to play it.
     """
-    return dataclasses.replace(problem, raises=problem.raises or saved.problem.get(_RAISES, False))
+    return dataclasses.replace(
+        problem,
+        raises=problem.raises or saved.problem.get(_RAISES, False),
+        error_cost=saved.problem.get("error_cost", problem.error_cost),
+    )
 
 
 def require_same_problem(saved: AnySaved, problem: Problem, source: str) -> None:
@@ -291,8 +295,10 @@ def _source(metadata: Metadata) -> ProblemSource | None:
         return None
     source = ProblemSource(**json.loads(text))
     _require(_is_count(source.horizon), "horizon")
-    for name in ("domain", "instance", "label", "domain_text", "instance_text"):
+    for name in ("domain", "instance", "label", "domain_text", "instance_text", "functions"):
         value = getattr(source, name)
+        if name == "functions" and value is None:
+            continue
         # JSON may hold halves of characters, which no file of text does
         is_text = isinstance(value, str) and value == value.encode(errors="replace").decode()
         _require(is_text and len(value) <= MOST_RDDL_BYTES, name)
@@ -301,6 +307,7 @@ def _source(metadata: Metadata) -> ProblemSource | None:
         domain=printable(source.domain),
         instance=printable(source.instance),
         label=printable(source.label),
+        functions=None if source.functions is None else printable(source.functions),
     )
 
 

@@ -13,7 +13,13 @@ from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.plan_rule import Simulated
 from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.table import Claim, Optimum
-from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.grounding import (
+    grounded,
+    is_grounded,
+    lifted,
+    require_observation,
+    require_step,
+)
 from mdpo_rddl.problem.load import Problem
 
 
@@ -93,8 +99,13 @@ class PlannerlessPolicy(PolicyAgent):
 
         Returns:
           Per action fluent its values [*shape], or per ground action fluent a scalar.
+
+        Raises:
+          InputError: if there is no such step, or fluents are unknown, missing or of another shape.
         """
         model = self._problem.model
+        require_step(model, step)
+        require_observation(model, observation)
         if is_grounded(model, observation):
             return grounded(model, self._act(step, lifted(model, observation)))
         return self._act(step, observation)

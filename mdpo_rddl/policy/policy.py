@@ -39,7 +39,14 @@ from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
 from mdpo_rddl.policy.table_policy import TablePolicy
-from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.grounding import (
+    grounded,
+    is_grounded,
+    lifted,
+    require_batch,
+    require_observation,
+    require_step,
+)
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.problem.underlying import underlying_mdp
@@ -218,9 +225,11 @@ class Policy(PolicyAgent):
           Per action fluent an array, or per ground action fluent a scalar, as the observation was.
 
         Raises:
-          InputError: if ground fluents are unknown or missing.
+          InputError: if there is no such step, or fluents are unknown, missing or of another shape.
         """
         model = self.problem.model
+        require_step(model, step)
+        require_observation(model, observation)
         if is_grounded(model, observation):
             return grounded(model, self._play(step, lifted(model, observation)))
         return self._play(step, observation)
@@ -249,8 +258,10 @@ class Policy(PolicyAgent):
           Per action fluent [batch, *shape].
 
         Raises:
-          InputError: if a policy that remembers is given another number than at the step before.
+          InputError: as a call does, and if a policy that remembers is given another number than at
+            the step before.
         """
+        require_batch(self.problem.model, step, observations)
         return self._play.batch(step, observations)
 
     @property
@@ -316,5 +327,5 @@ class Policy(PolicyAgent):
         for each in self.candidates:
             if each["became_incumbent"] and each["mean_return"] is not None:
                 after = f", {each['seconds']:.1f} s" if "seconds" in each else ""
-                rows[f"{each['candidate']}{after}"] = f"{each['mean_return']:,.2f}"
+                rows[f"{each['candidate']}{after}"] = f"{each['mean_return']:z,.2f}"
         return html_table(f"Policy for {self.problem.label}", rows)

@@ -99,7 +99,7 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
             "plan": self.name,
-            "return": f"{self.claim.value:,.6g}",
+            "return": f"{self.claim.value:z,.6g}",
             "seed": f"{self.seed}",
         }
         return html_table(f"Policy for {self.problem.label}", rows)

@@ -119,7 +119,7 @@ class TablePolicy(PlannerlessPolicy):
             "domain, instance": f"{self.problem.domain_name}, {self.problem.instance_name}",
             "horizon": f"{self.problem.horizon:,}",
             "plan": self.kind.removeprefix("a "),
-            "return" if self.optimum is None else "optimum": f"{self.claim.value:,.6g}{made_for}",
+            "return" if self.optimum is None else "optimum": f"{self.claim.value:z,.6g}{made_for}",
             "states": f"{self.claim.states:,}",
             "seed": f"{self.seed}",
         }

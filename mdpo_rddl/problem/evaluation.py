@@ -70,12 +70,12 @@ class Evaluation(Mapping[str, float]):
         return len(_STATISTICS)
 
     def _repr_html_(self) -> str:
-        rows = {"episodes": f"{len(self.returns):,}", "mean return": f"{self.mean:,.2f}"}
+        rows = {"episodes": f"{len(self.returns):,}", "mean return": f"{self.mean:z,.2f}"}
         if self.ci95 is not None:
             low, high = self.ci95
-            rows["95% interval"] = f"[{low:,.2f}, {high:,.2f}]"
-        rows["standard deviation"] = f"{self.std:,.2f}"
-        rows |= {key: f"{self[key]:,.2f}" for key in ("median", "min", "max")}
+            rows["95% interval"] = f"[{low:z,.2f}, {high:z,.2f}]"
+        rows["standard deviation"] = f"{self.std:z,.2f}"
+        rows |= {key: f"{self[key]:z,.2f}" for key in ("median", "min", "max")}
         if self.illegal_actions:
             counts = f"{self.illegal_actions:,}, of which {self.fallback_actions:,} fell back"
             rows["steps with an illegal action"] = counts

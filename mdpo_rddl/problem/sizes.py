@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from pyRDDLGym.core.debug.decompiler import RDDLDecompiler
 from pyRDDLGym.core.parser.expr import Expression
 from pyRDDLGym.core.parser.rddl import RDDL
 
@@ -31,6 +32,7 @@ MOST_STEP_VALUES = 20_000_000_000
 MOST_NAME = 1_000
 """Characters of a fluent's or an object's name; ground fluents repeat them."""
 
+_EXPRESSION = 120  # characters of one in a message
 _PLAYED = ("state-fluent", "observ-fluent", "action-fluent")
 _MANY = 10**15
 _BYTES = 4  # of a value of the compiled model
@@ -67,7 +69,7 @@ def oversize(ast: RDDL, horizon: int | None = None) -> str | None:
     most_steps = min(MOST_STEPS, MOST_STEP_FLUENTS // max(ground, 1))
     if horizon > most_steps:
         steps = f"{horizon:,}" if horizon < _MANY else f"over {_MANY:,}"
-        return f"the horizon is {steps}, at most {most_steps:,} steps can be planned for"
+        return f"the horizon is {steps}, {_shorter(most_steps)}"
     return _too_many_values(ast, params, counts, horizon)
 
 
@@ -80,6 +82,69 @@ def step_values(ast: RDDL) -> int:
     params = {each.name: list(each.param_types or ()) for each in ast.domain.pvariables}
     counts = _object_counts(ast)
     return sum(of_parts for _, _, of_parts in _sizes(ast, params, counts))
+
+
+def long_integer(ast: RDDL) -> tuple[str, str] | None:
+    """The first integer of more than 32 bits, with which no compiled model can compute.
+
+    Args:
+      ast: both files, parsed.
+
+    Returns:
+      "domain" or "instance", whose file holds it, and what it is, in words; None if there is none.
+    """
+    for name, _, expression in _expressions(ast, {}):
+        for value, around in _literals(expression):
+            if _is_long(value):
+                return "domain", f"{name}, {expression_text(around)}: {_is_too_long(value)}"
+    ranges = {each.name: each.range for each in ast.domain.pvariables}
+    given = [
+        ("domain", f"the default of {each.name}", each.range, each.default)
+        for each in ast.domain.pvariables
+    ]
+    for block, attribute in ((ast.non_fluents, "init_non_fluent"), (ast.instance, "init_state")):
+        for (name, objects), value in getattr(block, attribute, None) or ():
+            whose = f"{name}({', '.join(objects)})" if objects else name
+            given.append(("instance", f"the value of {whose}", ranges.get(name), value))
+    for file, what, kind, value in given:
+        if kind == "int" and _is_long(value):
+            return file, f"{what}: {_is_too_long(value)}"
+    return None
+
+
+def _literals(expression: Any) -> Iterator[tuple[Any, Any]]:
+    """Each number of an expression, with the expression that it is an operand of."""
+    waiting = [(expression, expression)]
+    while waiting:  # no recursion: expressions may be nested as deep as anybody likes
+        node, around = waiting.pop()
+        parts = node
+        while isinstance(parts, Expression):
+            parts = parts._expr
+        if not isinstance(parts, tuple | list):
+            continue
+        if parts and parts[0] == "number":
+            yield parts[1], around
+        else:
+            within = node if isinstance(node, Expression) else around
+            waiting += [(part, within) for part in reversed(parts)]
+
+
+def expression_text(expression: Any) -> str:
+    """An expression as RDDL, on one line of bounded length."""
+    text = " ".join(RDDLDecompiler().decompile_expr(expression).split())
+    return text if len(text) <= _EXPRESSION else text[: _EXPRESSION - 1] + "…"
+
+
+def _is_long(value: Any) -> bool:
+    is_integer = isinstance(value, int) and not isinstance(value, bool)
+    return is_integer and not -(2**31) <= value < 2**31
+
+
+def _is_too_long(value: int) -> str:
+    return (
+        f"the integer {value} has more than 32 bits, with which compiled models compute; "
+        f"a real holds it: {value}.0"
+    )
 
 
 def _sizes(
@@ -116,11 +181,15 @@ def _too_many_values(
         return _too_much("the domain", total)
     most_steps = MOST_STEP_VALUES // max(total, 1)
     if horizon > most_steps:
-        return (
-            f"the horizon is {horizon:,}, at most {most_steps:,} steps "
-            f"of {total:,} values can be planned for"
-        )
+        of = f" of {total:,} values"
+        return f"the horizon is {horizon:,}, {_shorter(most_steps, of)}"
     return None
+
+
+def _shorter(most: int, of: str = "") -> str:
+    """That a horizon is too long, and what to do."""
+    what = f"at most {most:,} steps{of} can be planned for"
+    return f"{what}: --horizon {most}" if most > 0 else what
 
 
 def _too_much(name: str, values: int) -> str:

@@ -36,5 +36,7 @@ def underlying_mdp(problem: Problem, error_cost: float = 0.0) -> Problem:
             lambda found: f"reward = ({found[1]}) - {charge};",
             text,
         )
-    loaded = dataclasses.replace(ProblemSource.of(problem), domain_text=text).load()
+    loaded = dataclasses.replace(ProblemSource.of(problem), domain_text=text).load(
+        functions=problem.functions
+    )
     return dataclasses.replace(loaded, error_cost=error_cost)

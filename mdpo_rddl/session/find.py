@@ -18,6 +18,7 @@ from mdpo_rddl.planner.training.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.enumeration.model import require_legal_start
+from mdpo_rddl.problem.functions import FunctionError
 from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.requests import FindTerms, Reporter
 
@@ -80,6 +81,8 @@ def find_by_training(
                 on_progress=on_progress,
                 checkpoints=checkpoints,
             )
+    except FunctionError:  # which names its own file
+        raise
     except InputError as error:
         raise InputError(
             f"{terms.problem.instance_path}: {error} (configured by {terms.config.source})"

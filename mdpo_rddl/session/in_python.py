@@ -17,11 +17,13 @@ from mdpo_rddl.planner.config.presets import DEFAULT_PRESET
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.lookahead.choice import choose
 from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+from mdpo_rddl.problem.functions import FunctionsGiven
 from mdpo_rddl.problem.load import Problem, load_problem
 from mdpo_rddl.problem.of_environment import problem_of
 from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.notebook import displayed, is_notebook
+from mdpo_rddl.session.observed import warn_of, warn_of_exploits
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.thinking import choice_seconds, costing_nothing, with_leftover
 from mdpo_rddl.session.watch import PlanProgress, Watch
@@ -49,6 +51,8 @@ class PlanOptions:
         instance of its domain.
       decision_seconds: that the policy may think at each decision, where trials show that it pays;
         these are part of `seconds`. 0 returns the policy as it was found.
+      functions: the Python file of the functions that the domain calls, which is run, or they
+        themselves by name.
 
     Raises:
       InputError: if both a preset and a configuration are given, the configuration plans anew
@@ -62,6 +66,7 @@ class PlanOptions:
     cancel: threading.Event | None = None
     start_from: AnyPolicy | None = None
     decision_seconds: float = 0.0
+    functions: FunctionsGiven = None
 
     def __post_init__(self) -> None:
         if self.preset is not None and self.config is not None:
@@ -141,7 +146,8 @@ def plan(
         on_progress = displayed(on_progress)
     with _precision_kept(), ProgressBar(False if in_notebook else chosen.progress) as bar:
         watch = Watch(math.inf if seconds is None else seconds, bar, on_progress, chosen.cancel)
-        problem = _problem(domain, instance, chosen.horizon)
+        problem = _problem(domain, instance, chosen)
+        warn_of(problem)
         config = _config(chosen, domain, problem)
         if seconds is not None:
             left = max(seconds - watch.elapsed, _LEAST_SECONDS)
@@ -164,8 +170,9 @@ def plan(
                 policy = choose(found, chosen.decision_seconds, within).policy or found
         # compiled now, the first decision need not wait for it
         policy.reset()
-        policy.sample_action()
+        first = policy.sample_action()
         policy.reset()
+        warn_of_exploits(problem, first, float(found.returns[-1]) if len(found.returns) else 0.0)
     return policy
 
 
@@ -197,14 +204,17 @@ def _check(seconds: Any, seed: Any) -> None:
             raise InputError(f"seed must be an integer from 0 to {_MOST_SEEDS - 1}, got {seed!r}")
 
 
-def _problem(domain: Any, instance: Any, horizon: int | None) -> Problem:
+def _problem(domain: Any, instance: Any, options: PlanOptions) -> Problem:
+    horizon, functions = options.horizon, options.functions
     if isinstance(domain, (str, Path)):
         name = None if instance is None else str(instance)
-        return load_problem(str(domain), name, horizon, kept_tables())
+        return load_problem(str(domain), name, horizon, kept_tables(), functions)
     if instance is not None:
         raise InputError(f"an instance does not go with a {type(domain).__name__}, which has one")
     if horizon is not None:
         raise InputError("horizon goes with names or files; load the problem with it instead")
+    if functions is not None:
+        raise InputError("functions go with names or files; load the problem with them instead")
     return domain if isinstance(domain, Problem) else problem_of(domain)
 
 

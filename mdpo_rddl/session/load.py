@@ -8,14 +8,14 @@ from typing import Any
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
-from mdpo_rddl.policy.file import load_policy
+from mdpo_rddl.policy.file import AnySaved, load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.choice import longest_choice
-from mdpo_rddl.problem.load import load_problem, make_environment
+from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
-from mdpo_rddl.session.observed import Observed
+from mdpo_rddl.session.observed import Observed, warn_of
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import (
@@ -47,12 +47,13 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
     if "horizon" not in saved.problem:
         raise InputError(f"{path}: damaged policy file: it does not say its horizon")
     horizon = saved.problem["horizon"] if request.horizon is None else request.horizon
-    problem = load_problem(request.domain, request.instance, horizon)
+    problem = _problem(request, saved, horizon)
     seed = saved.seed if request.seed is None else request.seed
 
     with contextlib.ExitStack() as stack:
         folder = None if request.out is None else stack.enter_context(RunFolder(request.out))
         warnings = stack.enter_context(kept_warnings())
+        warn_of(problem)
         reporter.stage("compiling")
         policy = restored(dataclasses.replace(saved, seed=seed), problem, str(path))
         reporter.stage("evaluating")
@@ -93,3 +94,17 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             reporter.stage("drawing")
             draw_movie(request.movie, policy, problem, seed)
     return summary
+
+
+def _problem(request: LoadRequest, saved: AnySaved, horizon: int) -> Problem:
+    """The problem that is named, else the one that the folder knows."""
+    if request.domain is not None:
+        functions = request.functions
+        return load_problem(request.domain, request.instance, horizon, functions=functions)
+    if saved.source is None:
+        raise InputError(
+            f"{request.folder}: holds no RDDL: name its problem as well, as in "
+            f"mdpo-plan DOMAIN INSTANCE --load {request.folder}"
+        )
+    source = dataclasses.replace(saved.source, horizon=horizon)
+    return source.load(functions=request.functions)

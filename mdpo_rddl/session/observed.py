@@ -4,15 +4,17 @@ import contextlib
 import copy
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pyRDDLGym.core.simulator import RDDLSimulator
 
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.problem.episode import Policy, WatchedPolicy
 from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.trajectories import TrajectoriesRecorder
 from mdpo_rddl.session.references import noop_evaluation, random_evaluation
 from mdpo_rddl.session.report.page.record import write_play
@@ -25,6 +27,11 @@ logger = logging.getLogger(__name__)
 _SHORTEST, _LONGEST, _SHARE, _RANDOM_SHARE = 0.5, 2.0, 0.5, 0.5
 LONGEST_EPISODE_SECONDS = 2.0
 """With longer ones nothing is played only to be shown."""
+# a played value that asks for a bound, and how much further one looks for that bound
+_HUGE, _FURTHER = 1e6, 1e3
+_INTS = -(2**31), 2**31 - 1
+_LARGEST = float(np.finfo(np.float32).max)
+_NEAR_LARGEST = 1e-8 * _LARGEST
 _OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns", "steps", "unplayable_steps")
 
 
@@ -71,6 +78,7 @@ class Observed:
 
     def figures(self) -> dict[str, Any]:
         """Plays the no-op and random actions; JSON of their returns and of the decision times."""
+        self._warn_of_exploits()
         references: dict[str, Any] = {"noop": None, "random": None}
         if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
             most = min(max(_SHARE * (self._ended - self._began), _SHORTEST), _LONGEST)
@@ -94,6 +102,12 @@ class Observed:
         plays = {name: play for name, play in plays.items() if len(play.rewards)}
         write_play(folder, plays, np.array(self._seconds))
 
+    def _warn_of_exploits(self) -> None:
+        play = self.recorder.result()
+        played = {name: values for (kind, name), values in play.values.items() if kind == "action"}
+        largest = np.max(np.abs(np.nansum(play.rewards, axis=1)), initial=0.0)
+        warn_of_exploits(self._terms.problem, played, float(largest))
+
     def _decision_times(self) -> dict[str, float] | None:
         if not self._seconds:
             return None
@@ -103,6 +117,54 @@ class Observed:
             "p99": float(np.quantile(seconds, 0.99)),
             "max": float(seconds.max()),
         }
+
+
+def warn_of(problem: Problem) -> None:
+    """Says what in a problem's files has no effect, or hardly the one that was meant."""
+    for warning in problem.warnings:
+        logger.warning("%s", warning)
+
+
+def warn_of_exploits(problem: Problem, played: Mapping[str, Any], total: float) -> None:
+    """Warns where an action that no precondition bounds is played at huge values.
+
+    Args:
+      problem: that is played.
+      played: per action fluent values of any shape; NaN where nothing was played.
+      total: the largest return.
+    """
+    sampler = make_environment(problem).sampler
+    sampler.reset()
+    for name, values in played.items():
+        if problem.model.action_ranges.get(name) not in ("real", "int"):
+            continue
+        known = np.asarray(values, float)
+        known = known[~np.isnan(known)]
+        for most, word in ((known.max(initial=0.0), "<="), (known.min(initial=0.0), ">=")):
+            if abs(most) >= _HUGE and _is_legal(sampler, name, _FURTHER * most):
+                logger.warning(
+                    "the action %s is played at %.3g, and no precondition bounds it: unless that "
+                    "is meant, bound it in action-preconditions, as by %s %s ...",
+                    *(name, most, name, word),
+                )
+    if not abs(total) < _NEAR_LARGEST:
+        logger.warning(
+            "a return of %.3g is near the largest number of the compiled model, %.3g: nothing "
+            "in the model bounds it",
+            *(total, _LARGEST),
+        )
+
+
+def _is_legal(sampler: RDDLSimulator, name: str, value: float) -> bool:
+    """Whether all of an action's components may be so large at the start, the others as default."""
+    default = np.asarray(sampler.noop_actions[name])
+    is_int = default.dtype.kind in "iu"
+    wanted = np.clip(value, *_INTS) if is_int else value
+    actions = {**sampler.noop_actions, name: np.full_like(default, wanted)}
+    try:
+        return bool(sampler.check_action_preconditions(actions, silent=True))
+    except Exception:  # the environment's, of values that nobody has played
+        return False
 
 
 def _reference(play: Callable[[], Evaluation]) -> dict[str, Any] | None:

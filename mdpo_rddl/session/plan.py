@@ -21,7 +21,7 @@ from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
-from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed
+from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed, warn_of
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.race import race_figures, write_race
@@ -91,6 +91,7 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         if other := sorted(set(folder.checkpoints) - set(own)):
             path = folder.unfinished / other[0]
             raise InputError(f"{path}: cannot be resumed: it is of another configuration")
+        warn_of(request.problem)
         found = find(request, reporter, folder.unfinished)
         cause = found.summary.get("not_played")
         shown = {} if cause else found.observed.figures()

@@ -77,8 +77,8 @@ class ProgressBar:
             self._task,
             total=1.0,
             completed=progress.fraction,
-            note=f"iteration {progress.iteration + 1:,}  test {progress.test_return:,.0f}"
-            f"  best {progress.best_return:,.0f}",
+            note=f"iteration {progress.iteration + 1:,}  test {progress.test_return:z,.0f}"
+            f"  best {progress.best_return:z,.0f}",
         )
 
     def judged(self, judged: "Judged") -> None:
@@ -86,7 +86,7 @@ class ProgressBar:
         if judged.became_incumbent:
             candidate = judged.candidate
             best = candidate.known_mean
-            told = "lost" if best <= LOST else f"{best:,.0f}"
+            told = "lost" if best <= LOST else f"{best:z,.0f}"
             self._incumbent = f"best {told} by {candidate.arm}"
             if self._task is not None:  # else the first stage shows it
                 self._bar.update(self._task, note=self._incumbent)

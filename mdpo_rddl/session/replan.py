@@ -19,7 +19,7 @@ from mdpo_rddl.policy.replanning import Decision, OnlinePolicy
 from mdpo_rddl.problem.enumeration.model import require_legal_start
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
-from mdpo_rddl.session.observed import Observed
+from mdpo_rddl.session.observed import Observed, warn_of
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import SUMMARY, RunFolder, write_json
 from mdpo_rddl.session.report.summary import (
@@ -64,6 +64,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         path = request.problem.instance_path
         raise InputError(f"{path}: --replan plans from the state, which is observed in part only")
     with RunFolder(request.out) as folder, kept_warnings() as warnings:
+        warn_of(request.problem)
         require_legal_start(request.problem)
         reporter.stage("compiling")
         built = build_planner(request.problem, request.config)
@@ -72,6 +73,8 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         state = make_environment(request.problem).reset(seed=request.seed)[0]
         try:
             compile_seconds = policy.compile(state)
+        except InputError:
+            raise
         except Exception as error:  # whatever the problem and the values make JAX raise
             cause = f"{type(error).__name__}: {one_line_cause(error)}"
             path = request.problem.instance_path

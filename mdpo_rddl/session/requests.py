@@ -119,15 +119,16 @@ class LoadRequest:
     """Which saved policy to evaluate on which problem.
 
     Attributes:
-      domain, instance, horizon: as `load_problem` takes them; the saved horizon if None.
+      domain, instance, horizon: as `load_problem` takes them; the saved ones if None.
       folder: a run folder.
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
       decision_seconds, command, movie, hindsight: as of a `PlanRequest`.
+      functions: the file of the Python functions that the domain calls, if it calls any.
     """
 
-    domain: str
+    domain: str | None
     instance: str | None
     folder: Path
     episodes: int
@@ -138,3 +139,4 @@ class LoadRequest:
     command: str | None = None
     movie: Path | None = None
     hindsight: bool = False
+    functions: Path | None = None

@@ -53,6 +53,9 @@ class SecondEvaluator:
         steps = request.episodes * request.problem.horizon
         # another device than this process's could round otherwise
         is_alike = is_on_cpu()
+        functions = request.problem.functions
+        if functions is not None and functions.path is None:
+            return  # another process cannot have them
         if steps < _WORTH_STEPS or usable_cores() < 2 or not is_alike or not sys.executable:
             return
         try:
@@ -63,6 +66,7 @@ class SecondEvaluator:
         self._ask(
             {
                 "problem": asdict(ProblemSource.of(request.problem)),
+                "functions": None if functions is None else str(functions.path),
                 "config": request.config.to_text(),
                 "seed": request.seed,
                 "episodes": request.episodes,
@@ -127,7 +131,7 @@ class SecondEvaluator:
 def serve(messages: Messages) -> None:
     """The second process: is told a problem, and then a policy, which it plays."""
     asked = messages.receive()
-    problem = ProblemSource(**asked["problem"]).load(kept_tables())
+    problem = ProblemSource(**asked["problem"]).load(kept_tables(), asked["functions"])
     config = PlannerConfig.from_text(asked["config"])
     seed, episodes = asked["seed"], asked["episodes"]
     planner = build_planner(problem, config).planner

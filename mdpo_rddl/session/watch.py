@@ -37,7 +37,7 @@ class PlanProgress:
     leader: str | None = None
 
     def _repr_html_(self) -> str:
-        best = "none" if self.best_return is None else f"{self.best_return:,.2f}"
+        best = "none" if self.best_return is None else f"{self.best_return:z,.2f}"
         rows: Mapping[str, str] = {
             "stage": self.stage,
             "seconds": f"{self.seconds:.1f}",

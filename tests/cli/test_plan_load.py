@@ -2,12 +2,15 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.files import contents
 from helpers.plan_command import INSTANCE, TANKS, Outcome, Run, refuse, run
+
+from mdpo_rddl.policy.file import load_policy, save_policy
 
 
 def test_a_loaded_policy_earns_the_same_to_the_last_digit(
@@ -158,3 +161,24 @@ def test_what_knowing_the_future_would_add_is_told(
 def test_hindsight_needs_a_policy(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = "--hindsight does not go with --replan, which has no policy"
     refuse(f"{TANKS} --replan --hindsight", said, workplace, capsys)
+
+
+def test_the_folder_knows_its_problem(
+    finished: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(finished.cwd)
+    loaded = run("--load run --episodes 3 --json", capsys).summary
+    assert loaded["returns"] == finished.summary["returns"][:3]
+
+
+def test_a_policy_without_its_problem_asks_for_it(
+    finished: Run, workplace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = workplace / "old"
+    old.mkdir()
+    saved = load_policy(finished.folder / "policy.safetensors")
+    save_policy(old / "policy.safetensors", replace(saved, source=None))
+    said = (
+        "old: holds no RDDL: name its problem as well, as in mdpo-plan DOMAIN INSTANCE --load old"
+    )
+    refuse("--load old", said, workplace, capsys)

@@ -1,5 +1,7 @@
 """A policy with all that belongs to it: saved, read back and played."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import jax
@@ -136,3 +138,34 @@ def test_the_precision_is_the_planners_whatever_jax_is_set_to(policy):
     with enable_x64(True):
         assert policy(0, STATE)["pump"] == before
         assert jax.config.jax_enable_x64
+
+
+def test_a_pickled_policy_plays_the_same(policy):
+    again = pickle.loads(pickle.dumps(policy))
+    actions = [policy(step, STATE)["pump"] for step in range(8)]
+    assert [again(step, STATE)["pump"] for step in range(8)] == actions
+    assert again.problem.digest == policy.problem.digest
+
+
+def test_a_copy_needs_no_compilation(policy):
+    assert copy.copy(policy).planner is policy.planner
+
+
+@pytest.mark.parametrize(
+    ("step", "observation", "said"),
+    [
+        (0.5, STATE, "the step must be an integer from 0 to 7, got 0.5"),
+        (8, STATE, "the step must be an integer from 0 to 7, got 8"),
+        (0, {}, "the observation lacks depth"),
+        (0, None, "the observation must be a mapping of fluents to values, got NoneType"),
+        (0, [450.0], "the observation must be a mapping of fluents to values, got list"),
+    ],
+)
+def test_what_is_no_step_or_no_observation_is_refused(policy, step, observation, said):
+    assert one_line(lambda: policy(step, observation)) == said
+    assert one_line(lambda: policy.batch(step, observation)) == said
+
+
+def test_an_agent_that_is_shown_nothing_of_the_problem_says_so(policy):
+    policy.reset()
+    assert one_line(lambda: policy.sample_action({})) == "the observation lacks depth"

@@ -1,6 +1,7 @@
 """Decisions by relaxed plans, and the policy that makes them: played, saved, read back, refused."""
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -241,3 +242,14 @@ def test_what_it_says_of_itself(policy):
     assert "RelaxedPlanPolicy" in repr(policy)
     assert "relaxed plans" in policy._repr_html_()
     assert str(policy.explain().note) == "the policy is a relaxed plan at each decision, not a rule"
+
+
+def test_a_pickled_policy_plays_the_same(policy):
+    again = pickle.loads(pickle.dumps(policy))
+    assert (again.plan_rule, again.claim, again.seed) == (policy.plan_rule, policy.claim, 3)
+    assert played(again, 0, 0, False) == {"pick"}
+
+
+def test_what_is_no_step_or_no_observation_is_refused(policy):
+    assert "got 1.5" in one_line(lambda: policy(1.5, observation(0, False)))
+    assert "lacks" in one_line(lambda: policy(0, {"at": np.arange(3) == 0}))

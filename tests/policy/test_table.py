@@ -1,6 +1,7 @@
 """The table of actions: played, saved, read back, refused."""
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -245,3 +246,19 @@ def test_that_the_environment_raises_errors_is_not_forgotten(policy, tmp_path):
     estimate = Estimate(value=-2.5, error=0.25, episodes=100, missed=0.125, states=7)
     assert choose(TablePolicy(again.problem, again.table, estimate, 0), 0.1).reason == RAISES
     assert not restored(policy.to_saved(), policy.problem, "here").problem.raises
+
+
+def test_a_pickled_table_plays_the_same(policy):
+    again = pickle.loads(pickle.dumps(policy))
+    assert again(1, observation(1, "dry"))["go"] is True
+    assert again(1, observation(1, "wet"))["go"] is False
+    assert again.optimum == policy.optimum
+
+
+def test_what_is_no_step_or_no_observation_is_refused(policy):
+    seen = observation(0, "dry")
+    assert "got -1" in one_line(lambda: policy(-1, seen))
+    assert one_line(lambda: policy(0, {"at": seen["at"]})) == "the observation lacks sky"
+    assert "got NoneType" in one_line(lambda: policy(0, None))
+    said = one_line(lambda: policy(0, {**seen, "sky": np.array(["green"])}))
+    assert said == "the observation has sky that is no weather, but green"

@@ -126,9 +126,13 @@ def test_number_that_python_refuses(tmp_path: Path) -> None:
 
 def test_empty_files(tmp_path: Path) -> None:
     domain, instance = write(tmp_path, domain="")
-    assert load_error(domain, instance) == f"{domain}: the domain file has no domain block"
+    said = load_error(domain, instance)
+    assert said == f"{domain}: the domain file has no domain block: it begins with `domain NAME {{`"
     domain, instance = write(tmp_path, instance="// nothing\n")
-    assert load_error(domain, instance) == f"{instance}: the instance file has no instance block"
+    assert load_error(domain, instance) == (
+        f"{instance}: the instance file has no instance block: add `instance NAME {{ domain = "
+        "tanks; non-fluents = NF; horizon = 40; discount = 1.0; }`"
+    )
 
 
 def test_swapped_files(tmp_path: Path) -> None:
@@ -149,21 +153,59 @@ def test_swapped_files(tmp_path: Path) -> None:
 def test_missing_section_of_domain(tmp_path: Path, start: str, end: str, section: str) -> None:
     text = DOMAIN[: DOMAIN.index(start)] + DOMAIN[DOMAIN.index(end) :]
     domain, instance = write(tmp_path, domain=text)
-    assert load_error(domain, instance) == f"{domain}: the section {section} is missing"
+    said = load_error(domain, instance)
+    begun = f"{domain}: the section {section} of domain tanks is missing: add `{section} "
+    assert said.startswith(begun)
 
 
 def test_missing_non_fluents_block(tmp_path: Path) -> None:
     text = INSTANCE[INSTANCE.index("instance two") :]
     domain, instance = write(tmp_path, instance=text)
-    assert load_error(domain, instance) == f"{instance}: the file has no non-fluents block"
+    assert load_error(domain, instance) == (
+        f"{instance}: the file has no non-fluents block: add `non-fluents nf_two {{ domain = "
+        "tanks; }`"
+    )
 
 
 @pytest.mark.parametrize(
-    ("old", "section"), [("horizon = 7;", "horizon"), ("discount = 1.0;", "discount")]
+    ("old", "section", "line"),
+    [
+        ("horizon = 7;", "horizon", "horizon = 40;"),
+        ("discount = 1.0;", "discount", "discount = 1.0;"),
+    ],
 )
-def test_missing_section_of_instance(tmp_path: Path, old: str, section: str) -> None:
+def test_missing_section_of_instance(tmp_path: Path, old: str, section: str, line: str) -> None:
     domain, instance = write(tmp_path, instance=changed(INSTANCE, old, ""))
-    assert load_error(domain, instance) == f"{instance}: instance 'two' has no {section}"
+    assert load_error(domain, instance) == (
+        f"{instance}: instance 'two' has no {section}: add `{line}`"
+    )
+
+
+def test_missing_objects(tmp_path: Path) -> None:
+    domain, instance = write(
+        tmp_path, domain=changed(DOMAIN, "tank : object;", "tank : object; pool : object;")
+    )
+    assert load_error(domain, instance) == (
+        f"{instance}: the type pool has no objects: add `objects {{ pool : {{pool1}}; }};` to the "
+        "non-fluents block nf_two"
+    )
+
+
+def test_objects_in_the_instance_are_pointed_out(tmp_path: Path) -> None:
+    objects = "objects {\n        tank : {t1, t2};\n    };\n"
+    text = changed(INSTANCE, objects, "")
+    text = changed(text, "init-state", objects + "    init-state")
+    said = load_error(*write(tmp_path, instance=text))
+    assert "the type tank has no objects" in said
+    assert "objects belong in the non-fluents block" in said
+
+
+def test_one_file_is_named_once(tmp_path: Path) -> None:
+    path = tmp_path / "both.rddl"
+    path.write_text(changed(DOMAIN, "volume'(?t) =", "depth'(?t) =") + INSTANCE)
+    said = one_line(lambda: load_problem(str(path)))
+    assert said.startswith(f"{path}: ")
+    assert said.count(str(path)) == 1
 
 
 # --- names that do not fit ----------------------------------------------------------------
@@ -234,7 +276,6 @@ def test_unknown_instance_lists_those_available() -> None:
         ("// inflow", "depth(tank) : { state-fluent, real, default = 1.0 };", "<depth'>"),
         ("// inflow", "depth(pool) : { non-fluent, real, default = 1.0 };", "pool"),
         ("default = 5.0", "default = @five", "five"),
-        ("tank : object;", "tank : object; pool : object;", "<pool>"),
         ("[fill(?t) >= 0.0]", "[fill(?t) >= 20.0 ^ fill(?t) <= 1.0]", "Bounds"),
     ],
 )

@@ -1,5 +1,6 @@
 """Problems too large to be planned are refused before they are grounded."""
 
+import re
 import time
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 from helpers.files import changed
 from helpers.mistakes import one_line
 from helpers.plan_command import DOMAIN, INSTANCE
+from helpers.toys import problem_from
 
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.problem.sizes import (
@@ -14,6 +16,7 @@ from mdpo_rddl.problem.sizes import (
     MOST_PART_VALUES,
     MOST_PLAYED_FLUENTS,
     MOST_VALUES,
+    long_integer,
     step_values,
 )
 
@@ -86,7 +89,9 @@ def test_too_many_values_in_all_steps(tmp_path: Path) -> None:
     instance = changed(tanks(100), "horizon = 7;", "horizon = 100000;")
     said = refused(tmp_path, domain, instance)
     assert said.startswith(f"{tmp_path}/i.rddl: the horizon is 100,000, at most ")
-    assert said.endswith(" values can be planned for")
+    most = re.search(r"at most ([\d,]+) steps", said)
+    assert most is not None
+    assert said.endswith(f" values can be planned for: --horizon {most[1].replace(',', '')}")
 
 
 def test_the_reward_and_the_preconditions_are_looked_at_too(tmp_path: Path) -> None:
@@ -160,3 +165,42 @@ def test_what_is_computed_at_a_step_grows_with_the_objects(tmp_path: Path) -> No
         values.append(step_values(problem.model.ast))
     # what is there once, such as the sum in the reward, is not doubled
     assert 1.8 * values[0] < values[1] < 2 * values[0]
+
+
+NUMBER = "N : { non-fluent, int, default = -3000000000 };\n LEVEL(tank) :"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (SUM, "sum_{?t : tank} [volume(?t) + 4000000000]", "the reward, "),
+        ("+ fill(?t)", "+ min[fill(?t), 2147483648]", "the cpf of volume', "),
+        ("LEVEL(tank) :", NUMBER, "the default of N: "),
+    ],
+)
+def test_an_integer_of_more_than_32_bits_is_named(old: str, new: str, said: str) -> None:
+    found = long_integer(problem_from(changed(DOMAIN, old, new) + INSTANCE).model.ast)
+    assert found is not None
+    assert found[0] == "domain"
+    assert found[1].startswith(said)
+    assert (
+        "has more than 32 bits, with which compiled models compute; a real holds it: " in found[1]
+    )
+
+
+def test_an_initial_value_of_more_than_32_bits_is_the_instances() -> None:
+    domain = changed(
+        DOMAIN, "LEVEL(tank) :", "n : { state-fluent, int, default = 0 };\nLEVEL(tank) :"
+    )
+    domain = changed(domain, "cpfs {", "cpfs { n' = n;")
+    instance = changed(INSTANCE, "volume(t1) = 2.0;", "n = 3000000000;")
+    found = long_integer(problem_from(domain + instance).model.ast)
+    assert found is not None
+    assert found[0] == "instance"
+    assert found[1].startswith("the value of n: the integer 3000000000 has more than 32 bits")
+
+
+def test_an_integer_of_32_bits_and_one_of_a_real_are_none() -> None:
+    domain = changed(DOMAIN, "Uniform(0.0, 1.0)", "Uniform(0.0, 2147483647)")
+    instance = changed(INSTANCE, "volume(t1) = 2.0", "volume(t1) = 3000000000")
+    assert long_integer(problem_from(domain + instance).model.ast) is None

@@ -70,3 +70,43 @@ def test_a_play_that_fails_replaces_nothing(tmp_path):
     with observed.replaced() as other:
         Evaluator(terms, Silent()).run(lambda step, state: {}, other)
     np.testing.assert_array_equal(observed.recorder.result().values["action", "fill"], 0.0)
+
+
+PUMPED = """
+domain pump {
+    pvariables {
+        depth : { state-fluent, real, default = 5.0 };
+        flow : { action-fluent, real, default = 0.0 };
+        turns : { action-fluent, int, default = 0 };
+    };
+    cpfs { depth' = depth + flow; };
+    reward = depth;
+    action-preconditions { turns >= 0; turns <= 10; flow >= 0.0; };
+}
+non-fluents nf { domain = pump; }
+instance one { domain = pump; non-fluents = nf; horizon = 3; discount = 1.0; }
+"""
+
+
+def warned(problem, actions, caplog):
+    terms = Terms(problem, seed=0, episodes=2)
+    observed = Observed(terms)
+    Evaluator(terms, Silent()).run(lambda step, state: actions, observed)
+    observed.figures()
+    return caplog.messages
+
+
+def test_an_unbounded_action_that_is_exploited_is_named(caplog):
+    flow, total = warned(problem_from(PUMPED), {"flow": 1e37}, caplog)
+    assert flow.startswith("the action flow is played at 1e+37, and no precondition bounds it")
+    assert "flow <= ..." in flow
+    assert total.startswith("a return of 3e+37 is near the largest number of the compiled model")
+
+
+def test_large_values_within_a_bound_are_no_exploit(caplog):
+    bounded = PUMPED.replace("flow >= 0.0;", "flow >= 0.0; flow <= 20000000.0;")
+    assert warned(problem_from(bounded), {"flow": 2e7}, caplog) == []
+
+
+def test_usual_values_of_an_unbounded_action_are_no_exploit(caplog):
+    assert warned(problem_from(PUMPED), {"flow": 900.0}, caplog) == []

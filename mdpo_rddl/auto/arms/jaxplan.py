@@ -49,6 +49,7 @@ class ChildRequest:
       seconds: that the race has.
       folder: where the policies go.
       raises: whether the environment was seen to raise an error in play.
+      functions: the file of the Python functions that the domain calls, if it calls any.
     """
 
     problem: dict[str, Any]
@@ -56,6 +57,7 @@ class ChildRequest:
     seconds: float
     folder: str
     raises: bool = False
+    functions: str | None = None
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,10 @@ class Alternatives:
 
     def __enter__(self) -> "Alternatives":
         """Starts the process."""
-        if self._wanted and usable_cores() > 1 and sys.executable:
+        functions = self._problem.functions
+        # functions from no file stay in this process
+        is_told = functions is None or functions.path is not None
+        if is_told and self._wanted and usable_cores() > 1 and sys.executable:
             self._start()
         return self
 
@@ -110,7 +115,9 @@ class Alternatives:
             return
         source = asdict(ProblemSource.of(self._problem))
         folder, raises = str(self._child.folder), self._problem.raises
-        request = ChildRequest(source, self._seed, self._seconds, folder, raises)
+        functions = self._problem.functions
+        path = None if functions is None else str(functions.path)
+        request = ChildRequest(source, self._seed, self._seconds, folder, raises, path)
         try:
             self._child.ask(asdict(request))
         except ChildEndedError as error:
@@ -194,7 +201,7 @@ class JaxPlanArm(Arm):
 def serve(messages: Messages) -> None:
     """The second process: is told what is wanted, trains, and answers for each method."""
     request = ChildRequest(**messages.receive())
-    problem = ProblemSource(**request.problem).load(kept_tables())
+    problem = ProblemSource(**request.problem).load(kept_tables(), request.functions)
     problem = replace(problem, raises=request.raises)
     for method in METHODS:
         try:

@@ -36,6 +36,8 @@ def force_compilation(built: Built[MDPOPlanner], key: Any, budget: Budget) -> No
             started = time.perf_counter()
             if planner.in_calls:
                 next(generator, None)
+        except InputError:
+            raise
         except Exception as error:  # whatever the problem and the values make JAX raise
             cause = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"JaxPlan cannot compile the planner: {cause}") from error

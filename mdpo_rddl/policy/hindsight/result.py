@@ -65,11 +65,11 @@ class Hindsight:
     def _repr_html_(self) -> str:
         figures, rows = self.to_json(), {}
         if (estimate := figures["estimate"]) is not None:
-            rows["policy, scenarios"] = f"{estimate['policy_mean_return']:,.2f}"
-            rows["best plans found"] = f"{estimate['plan_mean_return']:,.2f}"
+            rows["policy, scenarios"] = f"{estimate['policy_mean_return']:z,.2f}"
+            rows["best plans found"] = f"{estimate['plan_mean_return']:z,.2f}"
         if (bound := figures["bound"]) is not None:
-            rows["policy, episodes"] = f"{bound['policy_mean_return']:,.2f}"
-            rows["bound"] = f"{bound['bound_mean_return']:,.2f}"
+            rows["policy, episodes"] = f"{bound['policy_mean_return']:z,.2f}"
+            rows["bound"] = f"{bound['bound_mean_return']:z,.2f}"
         if figures["note"] is not None:
             rows["no more bounds"] = figures["note"]
         return html_table("The random numbers known", rows)

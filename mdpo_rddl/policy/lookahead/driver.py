@@ -16,7 +16,14 @@ from mdpo_rddl.policy.lookahead.expectation import Expectation
 from mdpo_rddl.policy.lookahead.halving import Halving
 from mdpo_rddl.policy.lookahead.played_plan import PlayedPlan
 from mdpo_rddl.policy.lookahead.simulator import NARROW, WIDE, Simulator
-from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
+from mdpo_rddl.problem.grounding import (
+    grounded,
+    is_grounded,
+    lifted,
+    require_batch,
+    require_observation,
+    require_step,
+)
 from mdpo_rddl.problem.legality import LARGEST_ROUNDING
 from mdpo_rddl.problem.load import Problem
 
@@ -116,6 +123,12 @@ class LookaheadPolicy(PolicyAgent):
         """Writes the prepared policy, which can be loaded and given time to think again."""
         self.base.save(path)
 
+    def __reduce__(self) -> Any:
+        raise InputError(
+            "a policy that thinks cannot be pickled: save or pickle its `base`, and ask that for "
+            "with_decision_seconds again"
+        )
+
     @property
     def base(self) -> Prepared:
         """The prepared policy."""
@@ -130,8 +143,13 @@ class LookaheadPolicy(PolicyAgent):
 
         Returns:
           Per action fluent an array, or per ground action fluent a scalar, as the observation was.
+
+        Raises:
+          InputError: if there is no such step, or fluents are unknown, missing or of another shape.
         """
         model = self.problem.model
+        require_step(model, step)
+        require_observation(model, observation)
         if is_grounded(model, observation):
             return grounded(model, self(step, lifted(model, observation)))
         if step == 0:
@@ -169,7 +187,7 @@ class LookaheadPolicy(PolicyAgent):
           InputError: if the state is not observed and they are of several episodes: a belief is of
             one.
         """
-        count = len(next(iter(observations.values())))
+        count = require_batch(self.problem.model, step, observations)
         if count > 1 and isinstance(self.base, Believer):
             raise InputError(
                 f"there are {count} observations at step {step}: a policy that thinks where the "

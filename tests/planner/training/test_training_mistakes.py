@@ -160,3 +160,12 @@ def test_a_problem_without_actions_is_told_before_its_optimum(tmp_path):
     said = one_line(lambda: plan_automatically(found, auto_preset(""), 0, options))
     assert said == f"{found.domain_path}: it has no action fluent, nothing to plan"
     assert stages == []
+
+
+def test_an_integer_of_more_than_32_bits_is_an_input_error_that_names_file_and_expression(tmp_path):
+    (tmp_path / "cart.rddl").write_text(CART.replace("x + push;", "x + push * 5000000000;"))
+    (tmp_path / "one.rddl").write_text(CART_INSTANCE)
+    problem = load_problem(str(tmp_path / "cart.rddl"), str(tmp_path / "one.rddl"))
+    said = one_line(lambda: build_planner(problem, paper_config()))
+    assert said.startswith(f"{tmp_path / 'cart.rddl'}: the cpf of x', push * 5000000000: the ")
+    assert "a real holds it: 5000000000.0" in said

@@ -178,8 +178,8 @@ def _number(value: float | None) -> str:
     if value is None or not np.isfinite(value):
         return "not finite"
     if abs(value) >= 1e4:
-        return f"{value:,.0f}"
-    return f"{value:,.2f}" if abs(value) >= 1 or value == 0 else f"{value:.3g}"
+        return f"{value:z,.0f}"
+    return f"{value:z,.2f}" if abs(value) >= 1 or value == 0 else f"{value:z.3g}"
 
 
 def _interval(bounds: tuple[float, float] | None) -> str:
