@@ -15,7 +15,7 @@ from gymnasium import spaces, wrappers
 from gymnasium.vector import VectorEnv
 from gymnasium.wrappers.vector import FlattenObservation, TransformAction
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import mdpo_rddl
 
@@ -109,15 +109,17 @@ def make(problem: Any, instance: Any, num_envs: int) -> VecEnv:
     return ForStableBaselines(FlattenObservation(with_flat_actions(vec)))
 
 
-def mean_return(agent: PPO, env: VecEnv) -> float:
+def mean_return(agent: PPO, env: VecNormalize) -> float:
     """The mean sum of rewards of the first episode in each environment."""
+    env.training = False
     observations, total = env.reset(), np.zeros(env.num_envs)
     running = np.ones(env.num_envs, bool)
     while running.any():
         actions, _ = agent.predict(observations, deterministic=True)
-        observations, rewards, done, _ = env.step(actions)
-        total += running * rewards
+        observations, _, done, _ = env.step(actions)
+        total += running * env.get_original_reward()
         running &= ~done
+    env.training = True
     return float(total.mean())
 
 
@@ -129,7 +131,7 @@ def train(make_env: Callable[[], VecEnv], steps: int, policy: str = "MlpPolicy")
       steps: of all episodes together.
       policy: the kind of network.
     """
-    env = make_env()
+    env = VecNormalize(make_env())
     per_update = max(2, 2048 // env.num_envs)
     agent = PPO(policy, env, n_steps=per_update, batch_size=256, n_epochs=5, seed=0, device="cpu")
     before = mean_return(agent, env)
