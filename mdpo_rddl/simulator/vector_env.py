@@ -159,7 +159,10 @@ class RDDLVectorEnv(VectorEnv[Arrays, Mapping[str, Any], np.ndarray]):
         late = steps >= self.simulator.problem.horizon
         truncated = errors | (played & (after.broken | late))
         rewards = np.where(played, after.rewards, 0.0)
-        info: dict[str, Any] = {"illegal": illegal, "error": errors}
+        # each with the mask of those of whom it tells something, as Gymnasium's wrappers want it
+        everyone = np.ones(self.num_envs, bool)
+        info: dict[str, Any] = {"illegal": illegal, "_illegal": everyone}
+        info |= {"error": errors, "_error": everyone}
 
         self._now = VectorState(chosen(played, after.state, state), steps, terminated | truncated)
         if over.any():  # in the mode next step
@@ -264,7 +267,7 @@ class RDDLVectorEnv(VectorEnv[Arrays, Mapping[str, Any], np.ndarray]):
         observations = np.full(self.num_envs, None, dtype=object)
         for number in np.flatnonzero(ends):
             observations[number] = {name: value[number] for name, value in shown.items()}
-        final = {**info, **{f"_{name}": ends for name in info}}
+        final = {name: ends if name.startswith("_") else value for name, value in info.items()}
         return {
             "final_obs": observations,
             "_final_obs": ends,
