@@ -82,8 +82,8 @@ def test_the_summary_names_the_run(finished: Run) -> None:
         "illegal_actions",
         "fallback_actions",
     }
-    assert 0.0 < summary["train_seconds"] < 60.0
-    assert 0.0 < summary["compile_seconds"] < 120.0
+    assert summary["train_seconds"] > 0.0
+    assert summary["compile_seconds"] > 0.0
 
 
 def test_the_summary_names_the_versions_that_are_installed(finished: Run) -> None:
