@@ -34,8 +34,13 @@ def require_devices() -> None:
     """
     try:
         jax.devices()
-    except RuntimeError as error:
-        raise InputError(f"the environment: {one_line_cause(error)}") from error
+    except (RuntimeError, AssertionError) as error:
+        # JAX asserts that a platform was found, without a word, where the one that was named is
+        # known but has no device
+        named = os.environ.get("JAX_PLATFORMS", "")
+        cause = str(error) and one_line_cause(error)
+        cause = cause or f"JAX finds no device of JAX_PLATFORMS={named}"
+        raise InputError(f"the environment: {cause}") from error
 
 
 def keep_no_programs() -> None:

@@ -138,12 +138,17 @@ class ActingPlanner(CompilingPlanner):
             yield
 
     def clipped(self, found: Mapping[str, Any]) -> dict[str, Any]:
-        """Actions with reals in 64 bit within the RDDL's box, per action fluent [..., *shape]."""
+        """Actions with reals in 64 bit within the RDDL's box, per action fluent [..., *shape].
+
+        What is no number is the default: the environment would play it.
+        """
         actions = dict(found)
         for name, prange in self.rddl.action_ranges.items():
             if prange == "real" and name in actions:
                 bounds = self.test_compiled.constraints.bounds[name]
-                actions[name] = np.clip(np.asarray(actions[name], np.float64), *bounds)
+                values = np.asarray(actions[name], np.float64)
+                values = np.where(np.isnan(values), self.test_compiled.init_values[name], values)
+                actions[name] = np.clip(values, *bounds)
         return actions
 
     def _complete_hyperparams(self, hyperparams: Any) -> Any:

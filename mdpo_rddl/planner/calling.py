@@ -12,6 +12,7 @@ from jax import Array
 from mdpo_rddl.planner.acting import ActingPlanner
 from mdpo_rddl.planner.update.callback_rule import CallbackRule
 from mdpo_rddl.planner.update.calls import Calls
+from mdpo_rddl.planner.update.finite import FiniteBest
 from mdpo_rddl.planner.update.restarts import PerRestart
 from mdpo_rddl.planner.update.sharding import restart_sharding, shard
 from mdpo_rddl.planner.update.sizes import CallSizes
@@ -50,6 +51,7 @@ class CallingPlanner(ActingPlanner):
         self._sizes = CallSizes(iterations_per_call, every)
         self.in_calls = iterations_per_call > 1
         self._calls = Calls()
+        self._first_params: Any = None
         given = inspect.signature(JaxBackpropPlanner.__init__).bind_partial(None, *args, **kwargs)
         if "pgpe" not in given.arguments:
             # JaxPlan's default is one object shared by all planners, which the second breaks
@@ -145,6 +147,7 @@ class CallingPlanner(ActingPlanner):
         return initialize_all, init_optimizer_warm
 
     def _with_call(self, opt_aux: dict[str, Any], params: Any, is_warm: bool) -> dict[str, Any]:
+        self._first_params = params
         if not self.in_calls:
             return opt_aux
         test_model = self._broadcast_pytree(self.test_compiled.model_aux["params"])
@@ -198,8 +201,13 @@ class CallingPlanner(ActingPlanner):
         if self.in_calls:
             self._calls.begin(given.arguments)
             epochs = given.arguments["epochs"] = -(-epochs // self.iterations_per_call)
-        rule = given.arguments["stopping_rule"]
-        given.arguments["stopping_rule"] = CallbackRule(self._complete, rule, self._finish)
+        rule, best = given.arguments["stopping_rule"], FiniteBest(lambda: self._first_params)
+
+        def complete(callback: dict[str, Any]) -> None:
+            self._complete(callback)
+            best.complete(callback)
+
+        given.arguments["stopping_rule"] = CallbackRule(complete, rule, self._finish)
         once = epochs == 1
         if once:  # JaxPlan divides by epochs - 1
             given.arguments["epochs"] = 2

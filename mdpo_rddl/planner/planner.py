@@ -26,6 +26,7 @@ from mdpo_rddl.planner.update.analysis import (
     compile_analysis,
     mean_loss,
 )
+from mdpo_rddl.planner.update.finite import without_lost_updates
 from mdpo_rddl.planner.update.noisy_update import noisy_update, sensed_gradients
 from mdpo_rddl.planner.update.pairs import finite_test_loss, folded, half_the_lanes, side_by_side
 from mdpo_rddl.planner.update.perturbed_policy import (
@@ -275,7 +276,8 @@ class MDPOPlanner(CallingPlanner):
         with half_the_lanes(self, is_paired):
             plain_update = super()._jax_update(loss)
             if not self.is_noisy:
-                return plain_update
+                # one iteration at a time it is JaxPlan's, bit for bit
+                return without_lost_updates(plain_update) if self.in_calls else plain_update
             update = noisy_update(
                 plain_update,
                 self.compile_analysis() if self.noise.analysis_samples else None,
@@ -283,7 +285,7 @@ class MDPOPlanner(CallingPlanner):
                 self._noise_shape(),
                 self.parallel_updates,
             )
-        update = jax.jit(update)
+        update = jax.jit(without_lost_updates(update))
         return side_by_side(plain_update, update, self.horizon) if is_paired else update
 
     def _broadcast_pytree(self, pytree: Any) -> Any:

@@ -1,5 +1,7 @@
-"""How a session gets on, as a bar in a terminal."""
+"""How a session gets on: as a bar in a terminal, else as a line now and then."""
 
+import sys
+from threading import Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +13,20 @@ from mdpo_rddl.problem.evaluation import LOST
 
 TRAINING = "training"
 
+# lines where there is no terminal: a log that says nothing looks like a process that hangs, as
+# while a model is compiled; what is wrong at once stays the only line
+_FIRST_LINE_AFTER = 1.0
+_SECONDS_OF_A_LINE = 30.0
+
 if TYPE_CHECKING:
     from mdpo_rddl.auto.common.candidate import Judged
 
 
 class ProgressBar:
-    """A reporter that draws a progress bar on standard error; for use in a `with` block."""
+    """A reporter that draws a progress bar on standard error; for use in a `with` block.
+
+    Where standard error is no terminal it writes a line at the start, and one every 30 seconds.
+    """
 
     def __init__(self, shown: bool | None = None) -> None:
         """Draws nothing yet.
@@ -27,6 +37,9 @@ class ProgressBar:
         console = Console(stderr=True)
         if shown is None:
             shown = console.is_terminal
+        self._is_told = shown and not console.is_terminal
+        self._is_over = Event()
+        self._teller = Thread(target=self._tell, daemon=True)
         self._bar = Progress(
             SpinnerColumn(),
             TextColumn("{task.description:<10}"),
@@ -44,6 +57,8 @@ class ProgressBar:
 
     def __enter__(self) -> "ProgressBar":
         self._bar.start()
+        if self._is_told:
+            self._teller.start()
         return self
 
     def __exit__(
@@ -52,6 +67,7 @@ class ProgressBar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._is_over.set()
         if error is None:
             self._bar.stop()
             return
@@ -64,6 +80,21 @@ class ProgressBar:
         self._finish()
         self._stage = name
         self._task = self._bar.add_task(name, total=None, note=self._incumbent or "")
+
+    def say(self) -> bool:
+        """Writes a line of the stage and the time that it has taken so far, if there is one."""
+        if self._task is None:
+            return False
+        task = self._bar.tasks[-1]
+        words = [self._stage, f"{task.elapsed or 0.0:.0f} s", " ".join(task.fields["note"].split())]
+        sys.stderr.write(f"mdpo-plan: {', '.join(filter(None, words))}\n")
+        sys.stderr.flush()
+        return True
+
+    def _tell(self) -> None:
+        seconds = _FIRST_LINE_AFTER
+        while not self._is_over.wait(seconds):
+            seconds = _SECONDS_OF_A_LINE if self.say() else _FIRST_LINE_AFTER
 
     def training(self, progress: TrainingProgress) -> None:
         """Moves the bar of the training stage, which follows compilation by itself."""

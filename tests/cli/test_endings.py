@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -176,7 +175,7 @@ from mdpo_rddl.machine.background import Background, is_at_work
 
 assert not is_at_work()
 assert without_waiting(4) == 4
-Background(lambda: time.sleep(60.0))
+Background(lambda: [time.sleep(60.0), print("waited", flush=True)])
 print("written")
 sys.exit(without_waiting(3))
 """
@@ -196,24 +195,22 @@ def test_an_interrupt_at_the_end_of_python_is_quiet() -> None:
 
 
 def test_the_process_does_not_wait_for_a_compilation_that_nobody_needs() -> None:
-    started = time.monotonic()
     done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (3, b"written\n", b"")
-    assert time.monotonic() - started < 30.0
 
 
 @pytest.mark.parametrize(
     ("variable", "said"),
     [
-        ("JAX_PLATFORMS", "Unable to initialize backend"),
-        ("JAX_NUM_CPU_DEVICES", "Invalid value"),
+        ("JAX_PLATFORMS=nonsense", "Unable to initialize backend"),
+        ("JAX_NUM_CPU_DEVICES=nonsense", "Invalid value"),
     ],
 )
 def test_a_variable_that_jax_refuses_is_one_line(
     variable: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_problem(tmp_path)
-    monkeypatch.setenv(variable, "nonsense")
+    monkeypatch.setenv(*variable.split("="))
     status, line = started("plan", "tanks.rddl two.rddl --seconds 1", tmp_path)
     assert status == 2
     assert line.startswith(f"mdpo-plan: error: the environment: {said}")

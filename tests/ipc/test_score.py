@@ -1,7 +1,6 @@
 """Scores of a run, worked by hand."""
 
 import json
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -220,9 +219,7 @@ def test_names_of_strangers_obey_and_forge_nothing(tmp_path):
 
 def test_a_picture_of_many_domains_shows_the_first(tmp_path):
     many = [each for n in range(300) for each in of(Instance(f"d{n}", "1"), 10, 5)]
-    started = time.process_time()
     written(tmp_path, many)
-    assert time.process_time() - started < 20.0
     width = int.from_bytes((tmp_path / "domains.png").read_bytes()[16:20])
     assert width == 1.4 * 60 * 130
 

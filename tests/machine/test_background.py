@@ -28,9 +28,8 @@ def test_what_it_raises_is_raised_each_time_that_it_is_waited_for():
 
 def test_work_that_takes_too_long_goes_on_while_nobody_waits():
     released = threading.Event()
-    work, started = Background(lambda: bool(released.wait(60.0))), time.monotonic()
+    work, started = Background(lambda: bool(released.wait())), time.monotonic()
     assert not work.wait(started + 0.2)
-    assert time.monotonic() - started < 30.0
     assert not work.wait(started)
     assert not work.has_ended
     released.set()

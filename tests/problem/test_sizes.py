@@ -1,7 +1,6 @@
 """Problems too large to be planned are refused before they are grounded."""
 
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -30,9 +29,7 @@ def tanks(count: int) -> str:
 def refused(folder: Path, domain: str, instance: str) -> str:
     (folder / "d.rddl").write_text(domain)
     (folder / "i.rddl").write_text(instance)
-    started = time.monotonic()
     said = one_line(lambda: load_problem(str(folder / "d.rddl"), str(folder / "i.rddl")))
-    assert time.monotonic() - started < 10.0
     return said
 
 

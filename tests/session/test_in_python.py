@@ -107,7 +107,6 @@ def test_a_race_is_cancelled_with_what_was_found(files):
     config = load_preset("auto", "tiny").with_values("Search", alternatives=False)
     policy = mdpo_rddl.plan(*files, seconds=300, config=config, on_progress=until_there_is_a_policy)
     assert "probing" in {progress.stage for progress in seen}
-    assert seen[-1].seconds < 150
     # beside what was seen, a rule that was kept aside is judged at the end
     found = [one["mean_return"] for one in policy.candidates if one["became_incumbent"]]
     assert pytest.approx(seen[-1].best_return) in found[-2:]

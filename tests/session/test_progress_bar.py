@@ -1,8 +1,12 @@
 """The rows of the progress bar."""
 
+import threading
 from types import SimpleNamespace
 
+import pytest
+
 from mdpo_rddl.planner.training.training import Progress
+from mdpo_rddl.session import progress_bar
 from mdpo_rddl.session.progress_bar import ProgressBar
 
 
@@ -28,3 +32,28 @@ def test_an_incumbent_before_any_stage_is_shown_by_the_first_one():
     bar.judged(SimpleNamespace(became_incumbent=True, candidate=noop))
     bar.stage("probing")
     assert bar._bar.tasks[0].fields["note"] == "best -3 by constants and rules"
+
+
+def test_a_line_says_the_stage_and_its_time(capsys: pytest.CaptureFixture[str]):
+    bar = ProgressBar(shown=True)
+    assert not bar.say()
+    bar.stage("compiling")
+    assert bar.say()
+    assert capsys.readouterr().err == "mdpo-plan: compiling, 0 s\n"
+
+
+def test_lines_come_again_and_again_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(progress_bar, "_FIRST_LINE_AFTER", 0.01)
+    monkeypatch.setattr(progress_bar, "_SECONDS_OF_A_LINE", 0.01)
+    said, stages = [], threading.Semaphore(0)
+
+    def say(bar: ProgressBar) -> bool:
+        said.append(bar)
+        stages.release()
+        return len(said) > 1
+
+    monkeypatch.setattr(ProgressBar, "say", say)
+    with ProgressBar(shown=True) as bar:
+        for _ in range(3):
+            stages.acquire()
+    assert set(said) == {bar}

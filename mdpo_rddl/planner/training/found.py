@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.planner.training.fitting import fitted, fitted_leaves
+from mdpo_rddl.planner.update.finite import are_finite
 
 # at most so many iterations are recorded, and the last one
 _RECORDS = 600
@@ -149,7 +150,8 @@ class Found:
         """Takes in what an iteration has found."""
         self._check(callback)
         returns = np.asarray(callback["test_return"])
-        returns = np.where(np.isfinite(returns), returns, -np.inf)
+        is_comparable = np.isfinite(returns) & are_finite(callback["params"])
+        returns = np.where(is_comparable, returns, -np.inf)
         self.restart = int(np.argmax(returns))
         self.test_return = float(returns[self.restart])
         if self._in_calls:

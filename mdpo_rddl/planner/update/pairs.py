@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, random
 
+from mdpo_rddl.planner.update.finite import finite_lanes
+
 # folded into JaxPlan's key of an iteration
 _NOISY_STREAM = 0x706169
 # what a return that is not a number counts as, in units of the largest finite one: it is never
@@ -93,11 +95,12 @@ def finite_test_loss(test_loss: Callable) -> Callable:
     """JaxPlan's batched test loss, in which a lane that diverged does not hide the others.
 
     JaxPlan takes a loss that is not a number for the smallest one. Here it counts as a large
-    one, unless no lane has a finite loss.
+    one, unless no lane has a finite loss, and so does that of parameters that are no numbers.
     """
 
     @jax.jit
-    def comparable(losses: Array) -> Array:
+    def comparable(losses: Array, params: Any) -> Array:
+        losses = jnp.where(finite_lanes(params), losses, jnp.nan)
         finite = jnp.isfinite(losses)
         largest = jnp.max(jnp.where(finite, jnp.abs(losses), 0.0))
         replaced = jnp.where(finite, losses, _PENALTY * (1.0 + largest))
@@ -105,7 +108,7 @@ def finite_test_loss(test_loss: Callable) -> Callable:
 
     def finite(*arguments: Any) -> Any:
         losses, rest = test_loss(*arguments)
-        return comparable(losses), rest
+        return comparable(losses, arguments[1]), rest
 
     return finite
 

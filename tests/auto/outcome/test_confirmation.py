@@ -227,17 +227,15 @@ def test_a_program_that_compiles_too_slowly_is_not_waited_for(problem, noop, mon
         policy = policy_of(candidate, problem, seed)
 
         def decide(step, state):
-            is_over.wait(30.0)
+            is_over.wait()
             return policy(step, state)
 
         return decide
 
     monkeypatch.setattr(confirmation, "policy_of", of)
     play = episodes_of(problem, 0, (time.monotonic(), time.monotonic() + 0.5), time.monotonic)
-    began = time.monotonic()
     with pytest.raises(TooLateError):
-        play(noop)
-    assert time.monotonic() - began < 10.0
+        play(noop)  # whose decisions would never end
     is_over.set()
 
 

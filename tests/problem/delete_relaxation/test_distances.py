@@ -1,7 +1,6 @@
 """How far rewards are: by hand, and with what the relaxation leaves out."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -255,10 +254,9 @@ def test_a_product_of_many_factors_is_left_as_it_is():
     graph, node = model.graph, model.graph.make("+", model.graph.one, model.rules.reward)
     for _ in range(40):
         node = graph.make("*", node, node)
-    began = time.perf_counter()
     reward = graph.make("*", model.rules.reward, node)
+    # 2 to the 40 products would never end
     assert len(conditions(graph, reward, LIMITS)) <= 1
-    assert time.perf_counter() - began < 1.0
 
 
 def test_a_reward_that_no_play_changes_is_no_goal():
