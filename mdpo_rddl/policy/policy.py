@@ -222,8 +222,8 @@ class Policy(PolicyAgent):
         """
         model = self.problem.model
         if is_grounded(model, observation):
-            return grounded(model, self._play(step, lifted(model, observation)))
-        return self._play(step, observation)
+            return grounded(model, self(step, lifted(model, observation)))
+        return self._exact(self._play(step, observation), observation)
 
     def reset(self) -> None:
         """Begins an episode; what the policy remembers is forgotten."""

@@ -7,7 +7,7 @@ Logistics' rule, for one,
 says of each bool on its own in which states it may be true, whatever the other actions are.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +32,32 @@ class Implication:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """A part of a precondition that compares numbers: `sign * left <= right`.
+
+    Attributes:
+      operator: "<=", "<" or "==".
+      sign: of `left`, 1 or -1.
+      left, right: expressions.
+      variables: of the `forall`s around it, with their types.
+      guards: expressions, whether each must be true for the comparison to be asked for, and how
+        many of the variables are in its scope.
+    """
+
+    operator: str
+    sign: int
+    left: Any
+    right: Any
+    variables: Mapping[str, str]
+    guards: tuple[tuple[Any, bool, int], ...]
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """Both expressions."""
+        return self.left, self.right
+
+
+@dataclass(frozen=True)
 class Rules:
     """What the preconditions of a problem ask of an action.
 
@@ -51,7 +77,7 @@ def read_rules(rddl: Any) -> Rules:
     others = []
     for place, precondition in enumerate(rddl.preconditions):
         names = set(rddl.action_fluents)
-        if not _fluents(precondition) & names or is_box(rddl, precondition):
+        if not fluents_of(precondition) & names or is_box(rddl, precondition):
             continue
         parts = list(conjuncts(precondition))
         found = [_read(rddl, expression, variables) for variables, expression in parts]
@@ -82,8 +108,8 @@ def is_box(rddl: Any, expression: Any, variables: Sequence[str] = ()) -> bool:
     numbers = {n for n in rddl.action_fluents if rddl.variable_ranges[n] in ("int", "real")}
     left, right = expression.args
     for one, other in ((left, right), (right, left)):
-        is_number = one.etype[0] == "pvar" and _fluents(one) <= numbers
-        if is_number and _fluents(other) <= set(rddl.non_fluents):
+        is_number = one.etype[0] == "pvar" and fluents_of(one) <= numbers
+        if is_number and fluents_of(other) <= set(rddl.non_fluents):
             free = [argument for argument in one.args[1] or [] if argument in variables]
             return len(set(free)) == len(free)
     return False
@@ -96,6 +122,79 @@ def conjuncts(expression: Any) -> Iterator[tuple[dict[str, str], Any]]:
       Of each the variables of the `forall`s around it, with their types, and the expression.
     """
     return _conjuncts(expression, {})
+
+
+def comparisons(expression: Any, numbers: Set[str]) -> Iterator[Comparison | None]:
+    """The comparisons that must all hold for a precondition to hold.
+
+    `abs[x] <= c` counts as two, and so do the branches of an `if`, each under a guard.
+
+    Args:
+      expression: the precondition.
+      numbers: fluents that a guard may not read.
+
+    Returns:
+      Of each part the comparison, or None if it is none.
+    """
+    return _comparisons(expression, {}, (), numbers)
+
+
+def _comparisons(
+    expression: Any,
+    variables: dict[str, str],
+    guards: tuple[tuple[Any, bool, int], ...],
+    numbers: Set[str],
+) -> Iterator[Comparison | None]:
+    arguments = expression.args
+    if expression.etype == ("aggregation", "forall"):
+        *typed, body = arguments
+        inner = dict(variable for _, variable in typed)
+        if inner.keys() & variables.keys():
+            yield None
+        else:
+            yield from _comparisons(body, variables | inner, guards, numbers)
+    elif _is_and(expression):
+        for argument in arguments:
+            yield from _comparisons(argument, variables, guards, numbers)
+    elif expression.etype[0] == "relational":
+        yield from _compared(expression, variables, guards)
+    else:
+        branches = _branches(expression, numbers)
+        for chosen, truth, others in branches:
+            own = tuple((other, truth, len(variables)) for other in others)
+            yield from _comparisons(chosen, variables, guards + own, numbers)
+        if not branches:
+            yield None
+
+
+def _branches(expression: Any, numbers: Set[str]) -> list[tuple[Any, bool, list[Any]]]:
+    """What must hold, of an expression, where all of the other ones are true, or are false."""
+    arguments = expression.args
+    if expression.etype == ("boolean", "=>") and not fluents_of(arguments[0]) & numbers:
+        return [(arguments[1], True, [arguments[0]])]
+    if expression.etype == ("control", "if") and not fluents_of(arguments[0]) & numbers:
+        return [(arguments[1], True, [arguments[0]]), (arguments[2], False, [arguments[0]])]
+    if expression.etype == ("boolean", "|"):
+        own = [each for each in arguments if fluents_of(each) & numbers]
+        if len(own) == 1:
+            return [(own[0], False, [each for each in arguments if each is not own[0]])]
+    return []
+
+
+def _compared(
+    expression: Any, variables: dict[str, str], guards: tuple[tuple[Any, bool, int], ...]
+) -> Iterator[Comparison | None]:
+    left, right = expression.args
+    operator = expression.etype[1]
+    if operator in (">=", ">"):
+        left, right, operator = right, left, {">=": "<=", ">": "<"}[operator]
+    if operator not in ("<=", "<", "=="):
+        yield None
+    elif left.etype == ("func", "abs") and operator != "==":
+        for sign in (1, -1):
+            yield Comparison(operator, sign, left.args[0], right, variables, guards)
+    else:
+        yield Comparison(operator, 1, left, right, variables, guards)
 
 
 def _conjuncts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:
@@ -114,10 +213,10 @@ def _read(rddl: Any, expression: Any, variables: dict[str, str]) -> Implication 
         return None
     left, condition = expression.args
     actions = set(rddl.action_fluents)
-    if _fluents(condition) & actions:
+    if fluents_of(condition) & actions:
         return None
     sides = left.args if _is_and(left) else [left]
-    done = [side for side in sides if _fluents(side) & actions]
+    done = [side for side in sides if fluents_of(side) & actions]
     if len(done) != 1 or done[0].etype[0] != "pvar":
         return None
     name, arguments = done[0].args
@@ -136,14 +235,14 @@ def _is_and(expression: Any) -> bool:
     return expression.etype in (("boolean", "^"), ("boolean", "&"))
 
 
-def _fluents(expression: Any) -> set[str]:
+def fluents_of(expression: Any) -> set[str]:
     """Names of the fluents and non-fluents that an expression reads."""
     if isinstance(expression, tuple | list):
-        return set().union(*map(_fluents, expression))
+        return set().union(*map(fluents_of, expression))
     if not hasattr(expression, "etype"):
         return set()
     if expression.etype[0] == "pvar":
         name, arguments = expression.args
         own = set() if name[0] in "?@" else {name}  # an object stands here too
-        return own | _fluents(arguments or [])
-    return _fluents(expression.args) if isinstance(expression.args, tuple | list) else set()
+        return own | fluents_of(arguments or [])
+    return fluents_of(expression.args) if isinstance(expression.args, tuple | list) else set()
