@@ -25,7 +25,7 @@ _GRID_BITS = 40
 # in units of the last place, what is tried around a number for an equality to hold
 _NUDGES = (0, 1, -1, 2, -2, 3, -3)
 # equalities for which that is done, and what is tried for each
-_MOST_TRIED, _MOST_TRIES = 20, 1000
+_MOST_TRIED, _MOST_TRIES = 5, 200
 _LEAST = 1e-9
 
 
