@@ -15,6 +15,7 @@ from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.policy.file import AnySaved, problem_played
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
+from mdpo_rddl.problem.feasibility import has_equality
 from mdpo_rddl.problem.functions import FunctionsGiven
 from mdpo_rddl.problem.grounding import (
     grounded,
@@ -174,6 +175,16 @@ class PolicyAgent(BaseAgent):
             illegal_actions=self._decisions.illegal - illegal,
             fallback_actions=self._decisions.fallback - fallback,
         )
+
+    def _exact(
+        self, actions: Mapping[str, Any], observation: Mapping[str, Any]
+    ) -> Mapping[str, Any]:
+        """The actions, in 64 bits where an equality asks for that."""
+        return self._moves.rounded(actions, observation) if self._is_exact else actions
+
+    @cached_property
+    def _is_exact(self) -> bool:
+        return has_equality(self.problem.model)
 
     @cached_property
     def _decisions(self) -> _Decisions:

@@ -231,8 +231,8 @@ class Policy(PolicyAgent):
         require_step(model, step)
         require_observation(model, observation)
         if is_grounded(model, observation):
-            return grounded(model, self._play(step, lifted(model, observation)))
-        return self._play(step, observation)
+            return grounded(model, self(step, lifted(model, observation)))
+        return self._exact(self._play(step, observation), observation)
 
     def reset(self) -> None:
         """Begins an episode; what the policy remembers is forgotten."""

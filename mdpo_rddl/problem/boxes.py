@@ -12,6 +12,8 @@ import numpy as np
 from pyRDDLGym.core.constraints import RDDLConstraints
 from pyRDDLGym.core.simulator import RDDLSimulator
 
+from mdpo_rddl.problem.intervals import with_reachable_bounds
+
 Box = tuple[Any, Any]
 """Lower and upper bound [*shape], infinite where there is none."""
 
@@ -19,12 +21,16 @@ Box = tuple[Any, Any]
 def boxes(simulator: RDDLSimulator) -> dict[str, Box]:
     """The box of each fluent that has one of its own.
 
+    Those of integer actions hold what is legal in some state that legal actions reach, where
+    preconditions read the state (`mdpo_rddl.problem.intervals`).
+
     Args:
       simulator: of the problem; only its non-fluents are read.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what is no box, which pyRDDLGym has said already
-        return dict(_Constraints(simulator, vectorized=True).bounds)
+        found = dict(_Constraints(simulator, vectorized=True).bounds)
+    return with_reachable_bounds(simulator, found)
 
 
 class _Constraints(RDDLConstraints):

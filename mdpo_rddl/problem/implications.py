@@ -7,7 +7,7 @@ Logistics' rule, for one,
 says of each bool on its own in which states it may be true, whatever the other actions are.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,32 @@ class Implication:
     sizes: tuple[int, ...]
     condition: Any
     given: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A part of a precondition that compares numbers: `sign * left <= right`.
+
+    Attributes:
+      operator: "<=", "<" or "==".
+      sign: of `left`, 1 or -1.
+      left, right: expressions.
+      variables: of the `forall`s around it, with their types.
+      guards: expressions, whether each must be true for the comparison to be asked for, and how
+        many of the variables are in its scope.
+    """
+
+    operator: str
+    sign: int
+    left: Any
+    right: Any
+    variables: Mapping[str, str]
+    guards: tuple[tuple[Any, bool, int], ...]
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """Both expressions."""
+        return self.left, self.right
 
 
 @dataclass(frozen=True)
@@ -96,6 +122,79 @@ def conjuncts(expression: Any) -> Iterator[tuple[dict[str, str], Any]]:
       Of each the variables of the `forall`s around it, with their types, and the expression.
     """
     return _conjuncts(expression, {})
+
+
+def comparisons(expression: Any, numbers: Set[str]) -> Iterator[Comparison | None]:
+    """The comparisons that must all hold for a precondition to hold.
+
+    `abs[x] <= c` counts as two, and so do the branches of an `if`, each under a guard.
+
+    Args:
+      expression: the precondition.
+      numbers: fluents that a guard may not read.
+
+    Returns:
+      Of each part the comparison, or None if it is none.
+    """
+    return _comparisons(expression, {}, (), numbers)
+
+
+def _comparisons(
+    expression: Any,
+    variables: dict[str, str],
+    guards: tuple[tuple[Any, bool, int], ...],
+    numbers: Set[str],
+) -> Iterator[Comparison | None]:
+    arguments = expression.args
+    if expression.etype == ("aggregation", "forall"):
+        *typed, body = arguments
+        inner = dict(variable for _, variable in typed)
+        if inner.keys() & variables.keys():
+            yield None
+        else:
+            yield from _comparisons(body, variables | inner, guards, numbers)
+    elif _is_and(expression):
+        for argument in arguments:
+            yield from _comparisons(argument, variables, guards, numbers)
+    elif expression.etype[0] == "relational":
+        yield from _compared(expression, variables, guards)
+    else:
+        branches = _branches(expression, numbers)
+        for chosen, truth, others in branches:
+            own = tuple((other, truth, len(variables)) for other in others)
+            yield from _comparisons(chosen, variables, guards + own, numbers)
+        if not branches:
+            yield None
+
+
+def _branches(expression: Any, numbers: Set[str]) -> list[tuple[Any, bool, list[Any]]]:
+    """What must hold, of an expression, where all of the other ones are true, or are false."""
+    arguments = expression.args
+    if expression.etype == ("boolean", "=>") and not fluents_of(arguments[0]) & numbers:
+        return [(arguments[1], True, [arguments[0]])]
+    if expression.etype == ("control", "if") and not fluents_of(arguments[0]) & numbers:
+        return [(arguments[1], True, [arguments[0]]), (arguments[2], False, [arguments[0]])]
+    if expression.etype == ("boolean", "|"):
+        own = [each for each in arguments if fluents_of(each) & numbers]
+        if len(own) == 1:
+            return [(own[0], False, [each for each in arguments if each is not own[0]])]
+    return []
+
+
+def _compared(
+    expression: Any, variables: dict[str, str], guards: tuple[tuple[Any, bool, int], ...]
+) -> Iterator[Comparison | None]:
+    left, right = expression.args
+    operator = expression.etype[1]
+    if operator in (">=", ">"):
+        left, right, operator = right, left, {">=": "<=", ">": "<"}[operator]
+    if operator not in ("<=", "<", "=="):
+        yield None
+    elif left.etype == ("func", "abs") and operator != "==":
+        for sign in (1, -1):
+            yield Comparison(operator, sign, left.args[0], right, variables, guards)
+    else:
+        yield Comparison(operator, 1, left, right, variables, guards)
 
 
 def _conjuncts(expression: Any, variables: dict[str, str]) -> Iterator[tuple[dict[str, str], Any]]:

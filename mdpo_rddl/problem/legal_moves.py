@@ -29,10 +29,23 @@ class LegalMoves:
 
         See `mdpo_rddl.problem.legality.Referee.rule`.
         """
+        self._go_to(state)
+        return self._referee.rule(proposal)
+
+    def rounded(self, proposal: Mapping[str, Any], state: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The proposal with what rounding has cost it given back, if it is legal then.
+
+        See `mdpo_rddl.problem.feasibility`.
+        """
+        self._go_to(state)
+        verdict = self._referee.rule(proposal)
+        return proposal if verdict.illegal else verdict.actions
+
+    def _go_to(self, state: Mapping[str, Any]) -> None:
+        """Puts the environment into a state, as far as it is observed."""
         model, subs = self.env.model, self.env.sampler.subs
         for name, value in state.items():
             if not is_observed(value):
                 continue
             numbers = as_numbers(model, name, value)
             subs[name] = np.reshape(numbers, np.shape(subs[name]))
-        return self._referee.rule(proposal)

@@ -11,6 +11,7 @@ from pyRDDLGym.core.debug.exception import RDDLInvalidActionError
 
 from mdpo_rddl.problem.boxes import boxes
 from mdpo_rddl.problem.episode import Verdict
+from mdpo_rddl.problem.feasibility import LinearPreconditions
 
 # by so much of itself a real number in 32 bit may be on the wrong side of a bound in 64 bit, and by
 # more where the bound is a difference
@@ -33,6 +34,7 @@ class Referee:
         self._env = env
         ranges, box = env.model.action_ranges, action_box(env)
         self._box = {name: box[name] for name, kind in ranges.items() if kind == "real"}
+        self._linear = LinearPreconditions(env, self._box)
         self._bools = [name for name, kind in ranges.items() if kind == "bool"]
         noop = dict(env.sampler.noop_actions)
         # of defaults outside of their box
@@ -52,7 +54,9 @@ class Referee:
         Real actions are clipped to their box in 64 bit first, since a bound rounded to 32 bit
         can lie outside; one that is not finite is illegal. Where a bound depends on the state, what
         is legal once its real actions are rounded counts as legal; a number on a strict bound is
-        moved off it so. Where nothing legal is found, the proposal stands.
+        moved off it so, and where an equality misses its last bits, one number takes the rest. The
+        nearest action that keeps all linear preconditions is the first of the fallbacks. Where
+        nothing legal is found, the proposal stands.
         """
         actions = dict(proposal)
         for name, (lower, upper) in self._box.items():
@@ -61,6 +65,10 @@ class Referee:
         for candidate in itertools.chain([actions], self._rounded(actions)):
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=False, fallback=False)
+        nearest = self._restored(actions)
+        if nearest is not None:
+            is_far = self._is_far(actions, nearest)
+            return Verdict(nearest, illegal=is_far, fallback=is_far)
         for candidate in self._fallbacks(actions):
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=True, fallback=True)
@@ -82,6 +90,28 @@ class Referee:
                 moved = {n: idle[n] + factor * (value - idle[n]) for n, value in reals.items()}
                 kept = {name: _clipped(each, *self._box[name]) for name, each in moved.items()}
                 yield {**proposal, **kept}
+
+    def _restored(self, proposal: Mapping[str, Any]) -> dict[str, Any] | None:
+        """The nearest action that keeps the linear preconditions, if it is legal."""
+        if not self._linear.is_needed or not self._are_finite(proposal):
+            return None
+        try:
+            prepared = self._env.sampler.prepare_actions_for_sim(proposal)
+        except RDDLInvalidActionError:
+            return None
+        nearest = self._linear.restored(prepared)
+        return nearest if self._is_legal(nearest) else None
+
+    def _is_far(self, proposal: Mapping[str, Any], nearest: Mapping[str, Any]) -> bool:
+        """Whether a real action has moved by more than rounding explains."""
+        given = {n: np.asarray(proposal.get(n, self._idle[0][n]), float) for n in self._box}
+        largest = max(float(np.max(np.abs(each), initial=0.0)) for each in given.values())
+        most = LARGEST_ROUNDING * (1.0 + largest)
+        return any(np.any(np.abs(given[name] - nearest[name]) > most) for name in given)
+
+    def _are_finite(self, actions: Mapping[str, Any]) -> bool:
+        reals = (actions[name] for name in self._box if name in actions)
+        return all(np.all(np.isfinite(value)) for value in reals)
 
     def _fallbacks(self, proposal: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """The no-op; it with one bool changed; it with all bools of a fluent changed.
@@ -123,8 +153,7 @@ class Referee:
 
     def _is_legal(self, actions: Mapping[str, Any]) -> bool:
         # the environment takes what is not finite where there is no box
-        reals = (actions[name] for name in self._box if name in actions)
-        if not all(np.all(np.isfinite(value)) for value in reals):
+        if not self._are_finite(actions):
             return False
         sampler = self._env.sampler
         try:

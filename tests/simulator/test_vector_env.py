@@ -248,9 +248,7 @@ def test_a_pyrddlgym_environment_is_taken_with_its_horizon_and_functions(tmp_pat
     vec = make_vec(*paths, num_envs=2, functions=functions)
     vec.reset(seed=0)
     assert vec.step({"add": np.array([0.5, 1.0])})[0]["x"].tolist() == [[2.5] * 2, [3.0] * 2]
-    env = gymnasium.Wrapper(
-        mdpo_rddl.make_environment(vec.simulator.problem)
-    ).unwrapped
+    env = gymnasium.Wrapper(mdpo_rddl.make_environment(vec.simulator.problem)).unwrapped
     env.domain_text, env.instance_text = paths
     env.horizon = 1
     taken = make_vec(env, num_envs=2)

@@ -81,13 +81,15 @@ class LegalActions:
         self._compiled, self._limits = compiled, list(limits)
         self._rules: Rules = read_rules(rddl)
         self._masks = [(rule, _compile_rule(compiled, rule)) for rule in self._rules.implications]
-        self._others = [compiled.preconditions[place] for place in self._rules.others]
         self._fluents, self._nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)
         self._linear = LinearLimits(compiled, self._rules.others)
+        judged = {place: self._linear.judged(place) for place in self._rules.others}
+        self._others = [compiled.preconditions[place] for place, one in judged.items() if not one]
+        self._judged = [one for one in judged.values() if one]
         self._changes = Changes(compiled)
         self._integer_boxes = _integer_boxes(compiled)
         # the groups' limits are kept as they are, unless something is to be done everywhere
-        unread = len(self._others) - len(group_limits(rddl)[0])
+        unread = len(self._rules.others) - len(group_limits(rddl)[0])
         self._is_checked = unread > 0 or any(limit.exact for limit in self._limits)
         if rddl.max_allowed_actions < self._changes.size:
             self._is_checked |= self._changes.has_numbers or bool(np.any(self._changes.noop))
@@ -167,6 +169,8 @@ class LegalActions:
         for holds in self._others:
             value, key, _, _ = holds(fluents, self._nonfluents, params, key)
             legal &= jnp.all(value)
+        for holds in self._judged:
+            legal &= holds(fluents)
         for name, mask in allowed.items():
             legal &= jnp.all(mask | ~actions[name])
         # what is tried may come from the box of another object

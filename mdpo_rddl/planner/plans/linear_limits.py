@@ -23,7 +23,7 @@ from jax import Array, lax
 from mdpo_rddl.planner.model.expressions import compiled_expression
 from mdpo_rddl.planner.plans.places import places_of
 from mdpo_rddl.planner.programs.quick import once_jit
-from mdpo_rddl.problem.implications import conjuncts
+from mdpo_rddl.problem.implications import Comparison, comparisons
 
 Actions = dict[str, Array]
 
@@ -31,6 +31,11 @@ Actions = dict[str, Array]
 _NEWTON_STEPS = 6
 # for rounding, as the environment checks in 64 bit; and what a strict inequality leaves
 _MARGIN, _LEAST_SLACK = 1e-6, 1e-4
+# by so much of what is added up an equality may be missed in 32 bit; play makes it exact in 64
+_ROUNDING = 2e-6
+# projections onto equalities, each of which takes off all but rounding, 1e-7 of what is too much,
+# and where they have numbers in common
+_ROUNDS, _COUPLED_ROUNDS = 4, 50
 # steps of the bisection that rounds integers, and how far apart they are from being rounded to the
 # nearer one, for equal ones not to be all at once
 _ROUNDINGS, _SPREAD = 7, 0.1
@@ -52,12 +57,19 @@ class _Linear(NamedTuple):
       slack: of all fluents, how far it is from being broken [G].
       coefficients: how much of that a unit of each number takes [G, D]; None where this changes
         with the state.
-      is_bound: whether each is about a single number.
+      reads: whether each reads a number, in any state [G, D].
+      is_exact: whether it is half of an equality.
     """
 
     slack: _Slack
     coefficients: np.ndarray | None
-    is_bound: bool
+    reads: np.ndarray
+    is_exact: bool
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether each is about a single number."""
+        return bool(np.all(np.count_nonzero(self.reads, axis=1) <= 1))
 
     def at(self, slack: Callable[[Array], Array], given: Array) -> Array | np.ndarray:
         """The coefficients [G, D], those that change by the slack of numbers [D]."""
@@ -100,12 +112,24 @@ class LinearLimits:
             self._lower[place] = np.ceil(lower) if is_integer else lower
             self._upper[place] = np.floor(upper) if is_integer else upper
         read = places if values else ()
-        parts = [part for place in read for part in conjuncts(rddl.preconditions[place])]
-        slacks = [slack for part in parts for slack in _slacks_of(compiled, *part)]
-        found = [self._linear(compiled, slack) for slack in slacks]
-        linear = [one for one in found if one is not None]
+        linear: list[_Linear] = []
+        self._judged: dict[int, list[_Linear]] = {}
+        for number in read:
+            parts = list(comparisons(rddl.preconditions[number], values.keys()))
+            found = [self._read(compiled, part) for part in parts if part is not None]
+            linear += [one for each in found for one in each]
+            is_judged = all(parts) and all(found)
+            if is_judged and not any(part.operator == "<" for part in parts if part):
+                self._judged[number] = [one for each in found for one in each]
         self._bounds = [one for one in linear if one.is_bound]
         self._preconditions = [one for one in linear if not one.is_bound]
+        sums = [one.reads for one in self._preconditions if one.is_exact]
+        if any(np.any(reads[:, self._are_integers]) for reads in sums):
+            self._rounds = 1  # what is rounded would be moved on
+        elif self._are_coupled():
+            self._rounds = _COUPLED_ROUNDS
+        else:
+            self._rounds = _ROUNDS if sums else 1
         self.is_needed = bool(linear)
 
     def __call__(self, proposal: Mapping[str, Array], state: Mapping[str, Any]) -> Actions:
@@ -116,13 +140,29 @@ class LinearLimits:
           state: all fluents, each of its shape.
         """
         fluents = {**state, **proposal}
-        given = jnp.concatenate(
-            [jnp.ravel(jnp.asarray(proposal[name], jnp.float32)) for name in self._shapes]
-        )
+        given = self._flat(proposal)
         box = self._box(given, fluents)
+
+        def projected(numbers: Array) -> Array:
+            for one in self._preconditions:
+                numbers = self._projected(one, numbers, box, fluents)
+            return numbers
+
+        def again(search: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            number, _, numbers = search
+            return number + 1, numbers, projected(numbers)
+
+        def is_moving(search: tuple[Array, Array, Array]) -> Array:
+            number, before, numbers = search
+            is_far = jnp.abs(numbers - before) > _ROUNDING / 2.0 * (1.0 + jnp.abs(numbers))
+            return (number < self._rounds) & jnp.any(is_far)
+
         taken = jnp.clip(given, *box)
-        for one in self._preconditions:
-            taken = self._projected(one, taken, box, fluents)
+        if self._rounds > 1:
+            first = jnp.array(1), taken, projected(taken)
+            taken = lax.while_loop(is_moving, again, first)[2]
+        else:
+            taken = projected(taken)
         actions = {**proposal}
         for name, value in self._parts(taken).items():
             like = jnp.asarray(proposal[name])
@@ -130,6 +170,56 @@ class LinearLimits:
             is_same = value == like.astype(value.dtype)
             actions[name] = jnp.where(is_same, like, value.astype(like.dtype))
         return actions
+
+    def judged(self, place: int) -> Callable[[Mapping[str, Any]], Array] | None:
+        """Whether a precondition holds but for rounding, of all fluents; None if `==` is exact.
+
+        It is looked at so where real numbers are to be equal, or nearly.
+
+        Args:
+          place: among the problem's preconditions.
+        """
+        judged = self._judged.get(place, [])
+        are_close = [self._is_close(one) for one in judged]
+        if not any(are_close):
+            return None
+
+        def holds(fluents: Mapping[str, Any]) -> Array:
+            numbers = self._flat(fluents)
+            legal = jnp.array(True)
+            for one, is_close in zip(judged, are_close, strict=True):
+                slack = self._slack_of_numbers(one.slack, fluents)
+                size = jnp.abs(one.at(slack, numbers)) @ jnp.abs(numbers)
+                least = -_ROUNDING * (1.0 + size) if is_close else 0.0
+                legal &= jnp.all(slack(numbers) >= least)
+            return legal
+
+        return holds
+
+    def _is_close(self, one: _Linear) -> bool:
+        """Whether real numbers are to be equal to something, or nearly."""
+        own = one.coefficients
+        if not np.any(one.reads[:, ~self._are_integers]):
+            return False
+        others = [other.coefficients for other in self._preconditions]
+        return one.is_exact or any(
+            own is not None and other is not None and np.array_equal(other, -own)
+            for other in others
+        )
+
+    def _are_coupled(self) -> bool:
+        """Whether equalities have numbers in common with others."""
+        exact = [one.reads for one in self._preconditions if one.is_exact]
+        others = [one.reads for one in self._preconditions if not one.is_exact]
+        # of an equality there are two halves
+        count = sum(np.count_nonzero(reads, axis=0) for reads in exact) / 2
+        return bool(np.any((count > 0) & (count + sum(reads.sum(axis=0) for reads in others) > 1)))
+
+    def _flat(self, values: Mapping[str, Any]) -> Array:
+        """The numbers [D] of what has all of them."""
+        return jnp.concatenate(
+            [jnp.ravel(jnp.asarray(values[name], jnp.float32)) for name in self._shapes]
+        )
 
     def _box(self, given: Array, fluents: Mapping[str, Any]) -> tuple[Array, Array]:
         """The least and the largest value of each number, in this state [D].
@@ -187,7 +277,10 @@ class LinearLimits:
         # one that no point of the box keeps is left to others
         is_over = (excess > 0.0) & (excess <= whole)
         excess = jnp.where(is_over, excess, 0.0)
-        margin = jnp.where(is_over, _MARGIN * (weights @ jnp.abs(given)), 0.0)
+        # an equality leaves no room for one
+        is_exact = one.is_exact and not np.any(one.reads[:, self._are_integers])
+        share = 0.0 if is_exact else _MARGIN
+        margin = jnp.where(is_over, share * (weights @ jnp.abs(given)), 0.0)
         steps = _steps(weights, room, jnp.minimum(excess + margin, whole))
         # groups may have numbers in common
         change = jnp.max(jnp.where(coefficients < 0.0, steps, 0.0), axis=0)
@@ -220,8 +313,25 @@ class LinearLimits:
     ) -> Callable[[Array], Array]:
         return lambda numbers: slack({**fluents, **self._parts(numbers)})
 
-    def _linear(self, compiled: Any, slack: _Slack) -> _Linear | None:
-        """The precondition with its coefficients; None if it is not linear, or reads no number."""
+    def _read(self, compiled: Any, comparison: Comparison) -> list[_Linear]:
+        """A comparison as what is linear in the numbers; nothing if it is not."""
+        is_exact = comparison.operator == "=="
+        found = [
+            self._linear(compiled, *slacks, is_exact) for slacks in _slacks_of(compiled, comparison)
+        ]
+        return [one for one in found if one is not None]
+
+    def _linear(
+        self, compiled: Any, slack: _Slack, guarded: _Slack, is_exact: bool
+    ) -> _Linear | None:
+        """The precondition with its coefficients; None if it is not linear, or reads no number.
+
+        Args:
+          compiled: the exact model.
+          slack: as if it were always asked for.
+          guarded: infinite where it is not.
+          is_exact: whether it is half of an equality.
+        """
 
         def slopes(fluents: Any, numbers: Array) -> Array:
             return -jax.jacrev(self._slack_of_numbers(slack, fluents))(numbers)
@@ -244,8 +354,8 @@ class LinearLimits:
         if not np.any(seen):
             return None
         is_constant = all(_are_close(seen[0], each) for each in seen)
-        is_bound = bool(np.all(np.count_nonzero(np.any(seen, axis=0), axis=1) <= 1))
-        return _Linear(slack, seen[0] if is_constant else None, is_bound)
+        reads = np.any(seen, axis=0)
+        return _Linear(guarded, seen[0] if is_constant else None, reads, is_exact)
 
 
 def _steps(weights: Array, room: Array, excess: Array) -> Array:
@@ -306,29 +416,35 @@ def _rounded(
     return rounded(lax.fori_loop(0, _ROUNDINGS, halved, ends)[0])
 
 
-def _slacks_of(compiled: Any, variables: Mapping[str, str], expression: Any) -> list[_Slack]:
+def _slacks_of(compiled: Any, comparison: Comparison) -> list[tuple[_Slack, _Slack]]:
     """How far a comparison is from being broken [G]: of an equality in both directions.
 
-    Args:
-      compiled: the exact model.
-      variables: of the `forall`s around it, with their types.
-      expression: to compile; if it is no comparison, the list is empty.
+    Returns:
+      Of each direction, as if no guard stood before it, and infinite where a guard does.
     """
-    kind, operator = expression.etype
-    if kind != "relational" or operator == "~=":
-        return []
-    sides = [compiled_expression(compiled, side, compiled.REAL) for side in expression.args]
+    sides = [compiled_expression(compiled, side, compiled.REAL) for side in comparison.sides]
+    guards = [
+        (compiled_expression(compiled, guard, jnp.bool_), truth, scope)
+        for guard, truth, scope in comparison.guards
+    ]
     nonfluents = compiled.split_fluent_nonfluent(compiled.init_values)[1]
-    least = _LEAST_SLACK if operator in ("<", ">") else 0.0
-    sizes = [len(compiled.rddl.type_to_objects[kind]) for kind in variables.values()]
+    least = _LEAST_SLACK if comparison.operator == "<" else 0.0
+    sizes = [len(compiled.rddl.type_to_objects[kind]) for kind in comparison.variables.values()]
 
     def slack(sign: float, fluents: Any) -> Array:
         left, right = (side(fluents, nonfluents) for side in sides)
-        room = sign * (right - left) - least * (1.0 + jnp.abs(right))
+        room = sign * (right - comparison.sign * left) - least * (1.0 + jnp.abs(right))
         return jnp.ravel(jnp.broadcast_to(room, sizes))
 
-    signs = {"<": [1.0], "<=": [1.0], ">": [-1.0], ">=": [-1.0], "==": [1.0, -1.0]}[operator]
-    return [partial(slack, sign) for sign in signs]
+    def guarded(sign: float, fluents: Any) -> Array:
+        asked = jnp.ones(sizes, bool)
+        for guard, truth, scope in guards:
+            value = jnp.broadcast_to(guard(fluents, nonfluents) == truth, sizes[:scope])
+            asked &= jnp.reshape(value, sizes[:scope] + [1] * (len(sizes) - scope))
+        return jnp.where(jnp.ravel(asked), slack(sign, fluents), jnp.inf)
+
+    signs = [1.0, -1.0] if comparison.operator == "==" else [1.0]
+    return [(partial(slack, sign), partial(guarded if guards else slack, sign)) for sign in signs]
 
 
 def _are_close(one: np.ndarray, other: np.ndarray) -> bool:

@@ -154,7 +154,7 @@ class LookaheadPolicy(PolicyAgent):
             return grounded(model, self(step, lifted(model, observation)))
         if step == 0:
             self.begin()
-        return self.decide(step, observation)[0]
+        return self._exact(self.decide(step, observation)[0], observation)
 
     def begin(self) -> None:
         """An episode begins: the last one again, with its plan, where the model has no draws.
@@ -261,7 +261,9 @@ class LookaheadPolicy(PolicyAgent):
     def _is_decided(self, played: np.ndarray) -> bool:
         """Whether this [D] is what was decided last, but for what a referee rounds."""
         parts, decided = self._simulator.components, self._flat(self._decided)
-        rounded = _ROUNDING * np.maximum(np.abs(decided), np.abs(decided - parts.noop))
+        # where an equality holds, one takes what is rounded of the largest
+        largest = 1.0 + np.max(np.abs(decided[parts.is_real]), initial=0.0)
+        rounded = _ROUNDING * np.maximum(largest, np.abs(decided - parts.noop))
         return bool(np.all(np.abs(played - decided) <= np.where(parts.is_real, rounded, 0.0)))
 
     def _flat(self, actions: Mapping[str, Any]) -> np.ndarray:

@@ -233,7 +233,6 @@ def test_what_is_no_number_leaves_the_proposal(rule):
     "rule",
     [
         "forall_{?s : shop} [(prod_{?i : item} [buy(?s, ?i)]) <= cash(?s)];",
-        "is-open => (sum_{?s : shop} [hire(?s)]) <= 3;",
         "(sum_{?s : shop, ?i : item} [pow[buy(?s, ?i), 2]]) <= 3;",
         "forall_{?s : shop} [cash(?s) >= -100];",
     ],
@@ -242,6 +241,61 @@ def test_what_is_not_linear_is_left_to_the_search(rule):
     problem, planner = planner_of(rule)
     rules = len(problem.model.preconditions) - 1
     assert not LinearLimits(planner.test_compiled, (rules,)).is_needed
+
+
+ALL = "(sum_{?s : shop, ?i : item} [buy(?s, ?i)])"
+
+
+@pytest.mark.parametrize(
+    ("rules", "buy", "expected"),
+    [
+        # each goes by as much, down to 0
+        (f"{ALL} == 1.0;", ((0, 0), (0, 0)), ((0.25, 0.25), (0.25, 0.25))),
+        (f"{ALL} == 1.0;", ((3, 2.5), (0, 0)), ((0.75, 0.25), (0, 0))),
+        (f"{ALL} == 1.0;", ((1, 0), (0, 0)), ((1, 0), (0, 0))),
+        # in 32 bit nothing is left of 1 next to these
+        (f"{ALL} == 1.0;", ((8e7, 0), (0, 0)), ((1, 0), (0, 0))),
+        # between two bounds
+        (f"{ALL} <= 1.0001; {ALL} >= 0.9999;", ((1, 1), (0, 0)), ((0.5, 0.5), (0, 0))),
+        (f"abs[{ALL} - 1.0] <= 0.0001;", ((1, 1), (0, 0)), ((0.5, 0.5), (0, 0))),
+        # cash is 6 for each shop
+        (
+            "forall_{?s : shop} [(sum_{?i : item} [buy(?s, ?i)]) == cash(?s)];",
+            ((4, 4), (0, 2)),
+            ((3, 3), (2, 4)),
+        ),
+        # with numbers in common
+        (
+            "forall_{?s : shop} [(sum_{?i : item} [buy(?s, ?i)]) == cash(?s)];"
+            "forall_{?i : item} [(sum_{?s : shop} [buy(?s, ?i)]) == 6];",
+            ((4, 4), (0, 4)),
+            ((4, 2), (2, 4)),
+        ),
+        ("is-open => " + f"({ALL} == 1.0);", ((2, 0), (0, 0)), ((1, 0), (0, 0))),
+        ("~is-open | " + f"({ALL} == 1.0);", ((2, 0), (0, 0)), ((1, 0), (0, 0))),
+        (
+            f"if (is-open) then ({ALL} == 1.0) else ({ALL} == 0.0);",
+            ((2, 0), (0, 0)),
+            ((1, 0), (0, 0)),
+        ),
+        (f"~is-open => ({ALL} == 1.0);", ((2, 0), (0, 0)), ((2, 0), (0, 0))),
+    ],
+)
+def test_equal_reals_are_equal_but_for_rounding(rules, buy, expected):
+    played = shared(rules, buy)
+    assert played["buy"] == pytest.approx(np.array(expected, float), abs=2e-4)
+    planner = planner_of(rules)[1]
+    legal = LegalActions(planner.test_compiled, [])
+    assert legal.is_legal({name: jnp.asarray(value) for name, value in played.items()}, {})
+    # rounding is forgiven, and nothing more
+    moved = {**played, "buy": played["buy"] + np.float32(0.01)}
+    assert bool(legal.is_legal(moved, {})) == rules.startswith("~is-open =>")
+
+
+def test_where_a_guard_holds_integers_share_too():
+    rule = "is-open => (sum_{?s : shop} [hire(?s)]) <= 3;"
+    assert shared(rule, hire=(4, 1))["hire"].tolist() == [3, 0]
+    assert shared(rule.replace("is-open", "~is-open"), hire=(4, 1))["hire"].tolist() == [4, 1]
 
 
 def test_a_policy_plays_them_as_its_rollouts_do():
