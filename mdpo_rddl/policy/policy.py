@@ -38,11 +38,13 @@ from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
+from mdpo_rddl.policy.side_by_side import BatchReplicas, FormulaReplicas
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.grounding import grounded, is_grounded, lifted
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.problem.underlying import underlying_mdp
+from mdpo_rddl.simulator.evaluation import Replicated
 
 # properties that are computed once, and hang on nothing but what is played
 _COMPILED = ("_play", "underlying")
@@ -252,6 +254,16 @@ class Policy(PolicyAgent):
           InputError: if a policy that remembers is given another number than at the step before.
         """
         return self._play.batch(step, observations)
+
+    def replicated(self) -> Replicated | None:
+        """See `PolicyAgent.replicated`; of a feedback policy its formula, without a compiler."""
+        play = self._play
+        if isinstance(play, ActionVoting):
+            return None
+        formula = self.planner.numpy_actions
+        if formula is None:
+            return BatchReplicas(play.batch, play.were_played, self.problem.model)
+        return FormulaReplicas(formula[0], jax.tree.map(np.asarray, self.params), formula[1])
 
     @property
     def vote(self) -> Vote | None:
