@@ -66,9 +66,9 @@ dist: $(VENV)/.installed-dist
 	$(BIN)/python -m build
 	$(BIN)/python -m twine check --strict dist/*
 
-# what others wrote for JaxPlan and whose pins differ from ours
+# clients that others wrote, for JaxPlan and for gymnasium, whose pins differ from ours
 test-clients: .venv-clients/.installed
-	.venv-clients/bin/pytest tests/examples/test_scikit_decide.py
+	.venv-clients/bin/pytest tests/examples/test_scikit_decide.py tests/examples/test_ppo.py
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -153,7 +153,7 @@ $(VENV)/.installed-dist $(VENV)/.installed-docs: $(VENV)/.installed-%: $(VENV)/.
 	grep -v '^gymnasium==' constraints.txt > .venv-clients/constraints.txt
 	.venv-clients/bin/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint .venv-clients/constraints.txt --editable '.[dev]' \
-	  scikit-decide==1.1.1 'gymnasium<1.2' gurobipy==13.0.3
+	  scikit-decide==1.1.1 'gymnasium<1.2' gurobipy==13.0.3 stable-baselines3==2.9.2 torch==2.13.0
 	.venv-clients/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  pyRDDLGym-rl==0.2 pyRDDLGym-gurobi==0.2
 	touch $@

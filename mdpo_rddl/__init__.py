@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from mdpo_rddl.session.configuration import load_preset
     from mdpo_rddl.session.in_python import plan
     from mdpo_rddl.session.watch import PlanProgress
+    from mdpo_rddl.simulator.rollouts import rollout
+    from mdpo_rddl.simulator.simulator import Simulator
+    from mdpo_rddl.simulator.vector_env import make_vec
 
 # whoever wants to read what is logged says where it goes
 logging.getLogger(__name__).addHandler(logging.NullHandler())
@@ -66,6 +69,7 @@ __all__ = [
     "Policy",
     "Problem",
     "RelaxedPlanPolicy",
+    "Simulator",
     "TablePolicy",
     "evaluate",
     "load_config",
@@ -74,7 +78,9 @@ __all__ = [
     "load_preset",
     "load_problem",
     "make_environment",
+    "make_vec",
     "plan",
+    "rollout",
 ]
 
 _SOURCES = {
@@ -105,6 +111,9 @@ _SOURCES = {
     "session.configuration": ("load_preset",),
     "session.in_python": ("plan",),
     "session.watch": ("PlanProgress",),
+    "simulator.rollouts": ("rollout",),
+    "simulator.simulator": ("Simulator",),
+    "simulator.vector_env": ("make_vec",),
 }
 
 

@@ -23,6 +23,7 @@ ROOMS = {
     "machine": (),
     "noise": (),
     "problem": ("machine",),
+    "simulator": ("machine", "problem"),
     "planner": ("machine", "noise", "problem"),
     "policy": ("machine", "noise", "problem", "planner"),
     "auto": ("machine", "noise", "problem", "planner", "policy"),
@@ -132,10 +133,10 @@ def test_a_cycle_is_seen():
     assert cycle({("a", "b"), ("b", "c"), ("a", "c")}) == []
 
 
-def test_there_are_ten_rooms_and_nothing_beside_them():
+def test_there_are_eleven_rooms_and_nothing_beside_them():
     entries = {path.name for path in PACKAGE.iterdir() if path.name != "__pycache__"}
     assert entries - LOOSE == ALL_ROOMS
-    assert len(ALL_ROOMS) <= 10
+    assert len(ALL_ROOMS) <= 11
 
 
 @pytest.mark.parametrize("name", ROOMS)
@@ -168,6 +169,10 @@ def test_only_the_planner_imports_jaxplan():
 
 def test_the_problem_knows_no_jax():
     assert violations(room("problem"), "jax", "mdpo_rddl.machine.jax_setup") == []
+
+
+def test_the_simulator_knows_no_jax():
+    assert violations(room("simulator"), "jax", "mdpo_rddl.machine.jax_setup") == []
 
 
 def test_the_machine_knows_no_rddl():

@@ -18,8 +18,8 @@ from mdpo_rddl.cli.configure import configure
 from mdpo_rddl.cli.display import print_summary
 from mdpo_rddl.cli.option_checks import preset_name, replans
 from mdpo_rddl.errors import printable
+from mdpo_rddl.machine.cache import grammar_tables
 from mdpo_rddl.machine.jax_setup import (
-    grammar_tables,
     keep_compiled_programs,
     keep_no_programs,
     leave_out_of_collections,

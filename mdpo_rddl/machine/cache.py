@@ -35,6 +35,11 @@ def cache_folder() -> Path:
     return Path(base) / "mdpo-rddl" / "jax"
 
 
+def grammar_tables() -> Path:
+    """Where the tables of RDDL's grammar are kept, which take longer to build than to read."""
+    return cache_folder() / TABLES
+
+
 class CacheSize(NamedTuple):
     """What a folder holds.
 

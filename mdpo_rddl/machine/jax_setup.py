@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.machine.cache import TABLES, TRACED, bound_cache, cache_folder
+from mdpo_rddl.machine.cache import TRACED, bound_cache, cache_folder, grammar_tables
 from mdpo_rddl.machine.cores import usable_cores
 
 
@@ -47,11 +47,6 @@ def kept_tables() -> Path | None:
     """`grammar_tables` if this process keeps compiled programs, as a child is told to or not."""
     folder: str | None = jax.config.values["jax_compilation_cache_dir"]
     return None if folder is None else grammar_tables()
-
-
-def grammar_tables() -> Path:
-    """Where the tables of RDDL's grammar are kept, which take longer to build than to read."""
-    return cache_folder() / TABLES
 
 
 def leave_out_of_collections() -> None:

@@ -12,7 +12,7 @@ import re
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,9 @@ from mdpo_rddl.problem.sizes import oversize
 
 logger = logging.getLogger(__name__)
 _redirecting = threading.RLock()
+
+Functions = Mapping[str, Callable[..., Any]]
+"""External Python functions that a domain calls, by name."""
 
 _UNDECODABLE = "\ufffd"
 _LINE_BREAK = re.compile(r"\s*[\r\n]+\s*")
@@ -73,6 +76,7 @@ def load_problem(
     instance: str | None = None,
     horizon: int | None = None,
     tables: Path | None = None,
+    functions: Functions | None = None,
 ) -> Problem:
     """Parse and check a problem: two files, two names of rddlrepository, or a shipped one's name.
 
@@ -82,17 +86,20 @@ def load_problem(
     Raises `InputError` for whatever is wrong with the arguments or in the files.
     """
     _check_horizon(horizon)
-    return parse_problem(read_problem(domain, instance), horizon, tables)
+    return parse_problem(read_problem(domain, instance), horizon, tables, functions)
 
 
 def parse_problem(
-    files: ProblemFiles, horizon: int | None = None, tables: Path | None = None
+    files: ProblemFiles,
+    horizon: int | None = None,
+    tables: Path | None = None,
+    functions: Functions | None = None,
 ) -> Problem:
     """Parse and check the texts of a problem.
 
     A `horizon` replaces the instance's own. `tables` is a file that keeps the grammar's tables
-    for the next run, a pickle that is trusted. Two files of the user's must name the same domain
-    and non-fluents.
+    for the next run, a pickle that is trusted. `functions` are those that the domain calls. Two
+    files of the user's must name the same domain and non-fluents.
 
     Raises `InputError` for whatever is wrong in the texts.
     """
@@ -121,7 +128,7 @@ def parse_problem(
         instance_text=files.instance_text,
         digest=hashlib.sha256((files.domain_text + files.instance_text).encode()).hexdigest(),
     )
-    _try_one_step(problem)
+    _try_one_step(problem, functions)
     return problem
 
 
@@ -129,10 +136,12 @@ def make_environment(
     problem: Problem,
     enforce_action_constraints: bool = False,
     backend: type[RDDLSimulator] = RDDLSimulator,
+    functions: Functions | None = None,
 ) -> RDDLEnv:
     """Make an environment of its own (numpy simulator, vectorized) for a loaded problem.
 
-    Environments of one problem share only its model. Raises `InputError` where the
+    Environments of one problem share only its model. `functions` are those that its domain calls.
+    Raises `InputError` where the
     simulator rejects the problem.
     """
     with _guarded(problem.domain_path, problem.instance_path):
@@ -143,7 +152,10 @@ def make_environment(
             vectorized=True,
             backend=backend,
             # The simulator's default generator is one object that all simulators share.
-            backend_kwargs={"rng": np.random.default_rng()},
+            backend_kwargs={
+                "rng": np.random.default_rng(),
+                **({} if functions is None else {"python_functions": dict(functions)}),
+            },
         )
 
 
@@ -277,13 +289,13 @@ def _is_positive_int(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
-def _try_one_step(problem: Problem) -> None:
+def _try_one_step(problem: Problem, functions: Functions | None) -> None:
     """Evaluate every expression once. Raises `InputError` where the simulator rejects one.
 
     The simulator finds an undefined fluent when it is built, but an unknown function or an
     operand of the wrong type only when it evaluates the expression.
     """
-    env = make_environment(problem)
+    env = make_environment(problem, functions=functions)
     with _guarded(problem.domain_path, problem.instance_path):
         env.reset(seed=0)
         is_legal = env.sampler.check_action_preconditions(env.sampler.noop_actions, silent=True)

@@ -35,4 +35,5 @@ def problem_of(env: Any) -> Problem:
     # whoever made the environment has accepted the names in them
     files = dataclasses.replace(files, is_own=False)
     horizon = None if inner.horizon == inner.model.horizon else inner.horizon
-    return parse_problem(files, horizon)
+    functions = getattr(inner.sampler, "python_functions", None)
+    return parse_problem(files, horizon, functions=functions)

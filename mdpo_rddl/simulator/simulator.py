@@ -10,7 +10,7 @@ there is a mask here, so that a replica's error is its own.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -154,7 +154,7 @@ class Simulator:
         """
         replicas = next(iter(state.values())).shape[-1]
         if replicas > self.block:
-            return self._in_blocks(state, actions, generator, replicas)
+            return self._in_blocks(state, actions, generator)
         frame = self._frame(state, actions, generator, replicas)
         values = frame.values
         with np.errstate(all="ignore"):
@@ -174,13 +174,18 @@ class Simulator:
 
     def ended(self, state: State) -> np.ndarray:
         """[B], whether a termination condition holds in a state."""
-        frame = self._frame(state, {}, None, next(iter(state.values())).shape[-1])
+        replicas = next(iter(state.values())).shape[-1]
+        if replicas > self.block:
+            return np.concatenate([self.ended(part) for part, _ in self._blocks(state, {})])
+        frame = self._frame(state, {}, None, replicas)
         with np.errstate(all="ignore"):
             return self._any(self._masks["terminations"], frame)
 
     def legal(self, state: State, actions: Mapping[str, Any]) -> np.ndarray:
         """[B], whether actions keep all preconditions and max-nondef-actions in a state."""
         replicas = next(iter(state.values())).shape[-1]
+        if replicas > self.block:
+            return np.concatenate([self.legal(*part) for part in self._blocks(state, actions)])
         frame = self._frame(state, actions, None, replicas)
         with np.errstate(all="ignore"):
             legal = self._all(self._masks["preconditions"], frame) & ~frame.lost
@@ -211,19 +216,23 @@ class Simulator:
         shape = (self._rows[name], replicas)
         return value if value.shape == shape else np.broadcast_to(value, shape)
 
-    def _in_blocks(
-        self, state: State, actions: Mapping[str, Any], generator: Any, replicas: int
-    ) -> Step:
+    def _blocks(
+        self, state: State, actions: Mapping[str, Any]
+    ) -> Iterator[tuple[State, Mapping[str, Any]]]:
+        replicas = next(iter(state.values())).shape[-1]
         full = {
             name: np.broadcast_to(value, (*self.shapes[name], replicas))
             for name, value in actions.items()
         }
-        parts = []
         for first in range(0, replicas, self.block):
-            which = slice(first, min(first + self.block, replicas))
-            part = {name: value[..., which] for name, value in state.items()}
-            taken = {name: value[..., which] for name, value in full.items()}
-            parts.append(self.step(part, taken, generator))
+            which = slice(first, first + self.block)
+            yield (
+                {name: value[..., which] for name, value in state.items()},
+                {name: value[..., which] for name, value in full.items()},
+            )
+
+    def _in_blocks(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+        parts = [self.step(*part, generator) for part in self._blocks(state, actions)]
         names = parts[0].state
         joined = {n: np.concatenate([each.state[n] for each in parts], axis=-1) for n in names}
         rest = (np.concatenate(each) for each in list(zip(*parts, strict=True))[1:])
