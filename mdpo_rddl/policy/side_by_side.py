@@ -27,7 +27,9 @@ class FormulaReplicas:
           groups: limits on groups of bools that it keeps.
         """
         self._actions, self._params, self._groups = actions, params, groups
-        self._step, self._memory, self._seen = 0, {}, {}
+        self._step = 0
+        self._memory: dict[str, Any] = {}
+        self._seen: Arrays = {}
 
     def __call__(self, step: int, observation: Arrays) -> dict[str, np.ndarray]:
         """Per action fluent [*shape, B]."""

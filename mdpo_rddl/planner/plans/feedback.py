@@ -244,7 +244,9 @@ class Feedback:
             if "lifted" in params:
                 value = value + self._lifted(name, params["lifted"][name], scaled, time)
             if "plan" in params:
-                value = value + self.of_all(params["plan"][name][step], name)
+                # JAX takes the last step's for what comes after it
+                place = min(step, self.horizon - 1) if self.is_replicated else step
+                value = value + self.of_all(params["plan"][name][place], name)
             if hidden is not None:
                 output = (hidden @ params["net"][f"{OUTPUT}{name}"]).T
                 value = value + self.xp.reshape(output, shape + output.shape[1:])
