@@ -150,10 +150,11 @@ $(VENV)/.installed-dist $(VENV)/.installed-docs: $(VENV)/.installed-%: $(VENV)/.
 # scikit-decide's extras bring torch and more, of which its JaxPlan solver needs nothing
 .venv-clients/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear .venv-clients
-	grep -v '^gymnasium==' constraints.txt > .venv-clients/constraints.txt
+	grep -v '^gymnasium==\|^numpy==' constraints.txt > .venv-clients/constraints.txt
 	.venv-clients/bin/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint .venv-clients/constraints.txt --editable '.[dev]' \
-	  scikit-decide==1.1.1 'gymnasium<1.2' gurobipy==13.0.3 stable-baselines3==2.9.2 torch==2.13.0
+	  scikit-decide==1.1.1 'gymnasium<1.2' 'numpy<2.4' gurobipy==13.0.3 \
+	  stable-baselines3==2.9.2 torch==2.13.0
 	.venv-clients/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  pyRDDLGym-rl==0.2 pyRDDLGym-gurobi==0.2
 	touch $@

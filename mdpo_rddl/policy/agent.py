@@ -112,16 +112,16 @@ class PolicyAgent(BaseAgent):
           keep: whether states, actions and rewards are kept.
 
         Returns:
-          What they came to; None where the policy decides for one episode after the other, or the
-          simulator does not have what the problem's expressions call.
+          What they came to; None where the policy decides for one episode after the other, the
+          simulator does not have what the problem's expressions call, or there is no state.
 
         Raises:
           NotPlayedError: if the environment would have raised an error in an episode.
         """
-        replicated = self.replicated()
-        if replicated is None or self._exact_model is None:
+        replicated, model = self.replicated(), self._exact_model
+        if replicated is None or model is None or not model.observed:
             return None
-        return evaluate_side_by_side(self._exact_model, replicated, episodes, seed, keep)
+        return evaluate_side_by_side(model, replicated, episodes, seed, keep)
 
     @cached_property
     def _exact_model(self) -> Simulator | None:

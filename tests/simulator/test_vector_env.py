@@ -152,7 +152,7 @@ def test_episodes_go_on_from_a_state_that_was_kept(track, tmp_path):
         assert truncated.all() == (step == 2)
     # and an end that was reported is kept, too
     many.set_state(many.get_state())
-    observations, rewards, _, truncated, _ = many.step({})
+    observations, _, _, truncated, _ = many.step({})
     assert observations["steps"].ravel().tolist() == [0] * 5
     assert not truncated.any()
     with pytest.raises(InputError, match="another problem"):
