@@ -25,7 +25,7 @@ ROOMS = {
     "problem": ("machine",),
     "simulator": ("machine", "problem"),
     "planner": ("machine", "noise", "problem"),
-    "policy": ("machine", "noise", "problem", "planner"),
+    "policy": ("machine", "noise", "problem", "planner", "simulator"),
     "auto": ("machine", "noise", "problem", "planner", "policy"),
     "session": ("machine", "noise", "problem", "planner", "policy", "auto"),
     "ipc": ("machine", "noise", "problem", "planner", "policy", "auto"),

@@ -14,8 +14,10 @@ from mdpo_rddl.noise import ActionNoise, default_noise
 from mdpo_rddl.noise.actions import ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
 from mdpo_rddl.planner.calling import CallingPlanner
+from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions
+from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
-from mdpo_rddl.planner.plans.legal import legal_policy
+from mdpo_rddl.planner.plans.legal import LegalActions, legal_policy
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.compiled import PerturbedModel, RolloutOptions, compile_rollouts
 from mdpo_rddl.planner.rollouts.termination import stop_at_termination
@@ -40,7 +42,7 @@ from mdpo_rddl.planner.update.plain_rule import PlainUpdatesRule
 from mdpo_rddl.planner.update.restarts import PerRestart, Restarts, require_one_each
 from mdpo_rddl.planner.update.sharding import shard
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
-from mdpo_rddl.problem.limits import group_limits
+from mdpo_rddl.problem.limits import GroupLimit, group_limits
 
 
 class MDPOPlanner(CallingPlanner):
@@ -180,6 +182,21 @@ class MDPOPlanner(CallingPlanner):
         self._perturbed_policy = perturbed_policy(
             self.raw_policy, self.plan, self.rddl, self.action_specs, limits, self.perturb
         )
+
+    @functools.cached_property
+    def numpy_actions(self) -> tuple[FeedbackActions, list[GroupLimit]] | None:
+        """A feedback policy's formula on numpy, and the limits on groups of bools that it keeps.
+
+        None where actions are made legal by more than boxes and such limits, or of another plan.
+        """
+        if not isinstance(self.plan, FeedbackPlan):
+            return None
+        limits = group_limits(self.rddl)[0] if self.keep_group_limits else []
+        if self.keep_group_limits:
+            legal = LegalActions(self.test_compiled, [*limits, *self.plan.concurrency])
+            if not legal.has_boxes_only:
+                return None
+        return self.plan.actions.on_numpy(), limits
 
     @property
     def is_noisy(self) -> bool:

@@ -26,6 +26,8 @@ from mdpo_rddl.problem.grounding import (
 )
 from mdpo_rddl.problem.legal_moves import LegalMoves
 from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.simulator.evaluation import Replicated, SideBySide, evaluate_side_by_side
+from mdpo_rddl.simulator.simulator import Simulator
 
 _EPISODES = 50
 
@@ -128,6 +130,37 @@ class PolicyAgent(BaseAgent):
         ]
         return {name: np.stack([np.asarray(a[name]) for a in actions]) for name in actions[0]}
 
+    def replicated(self) -> Replicated | None:
+        """What decides for many episodes at once; None if it decides for one after the other."""
+        return None
+
+    def side_by_side(self, episodes: int, seed: int, keep: bool = False) -> SideBySide | None:
+        """Plays episodes side by side on the simulator (`mdpo_rddl.simulator`).
+
+        Args:
+          episodes: how many.
+          seed: of all their draws.
+          keep: whether states, actions and rewards are kept.
+
+        Returns:
+          What they came to; None where the policy decides for one episode after the other, the
+          simulator does not have what the problem's expressions call, or there is no state.
+
+        Raises:
+          NotPlayedError: if the environment would have raised an error in an episode.
+        """
+        replicated, model = self.replicated(), self._exact_model
+        if replicated is None or model is None or not model.observed:
+            return None
+        return evaluate_side_by_side(model, replicated, episodes, seed, keep)
+
+    @cached_property
+    def _exact_model(self) -> Simulator | None:
+        try:
+            return Simulator(self.problem)
+        except InputError:
+            return None
+
     def evaluate(
         self,
         env: RDDLEnv | None = None,
@@ -136,12 +169,13 @@ class PolicyAgent(BaseAgent):
         render: bool = False,
         seed: int | None = None,
     ) -> Evaluation:
-        """Plays the policy on an exact environment.
+        """Plays the policy on the exact model.
 
         Args:
           env: played as pyRDDLGym's agents play it, vectorized or not, with the seed for the first
-            episode only; if None an environment of the problem's, each episode with a seed of
-            its own, as `mdpo-plan` evaluates.
+            episode only. If None, all episodes are played side by side on the simulator, whose
+            draws are others than those of `mdpo-plan`'s evaluation (`mdpo_rddl.evaluate`). A
+            policy that thinks or votes plays them one by one, as there.
           episodes: how many; if None 50, or 1 in an environment that is given, as there.
           verbose: have pyRDDLGym print each step of an environment that is given.
           render: have it draw them.
@@ -149,7 +183,8 @@ class PolicyAgent(BaseAgent):
 
         Raises:
           InputError: if `verbose` or `render` is set without an environment, there is to be no
-            episode, or the seed is negative.
+            episode, or the seed is negative; or if the environment would have raised an error in
+            an episode on the simulator.
         """
         usual = _EPISODES if env is None else 1
         count = usual if episodes is None else episodes
@@ -161,6 +196,9 @@ class PolicyAgent(BaseAgent):
             return self._evaluate_in(env, count, verbose, render, seed)
         if verbose or render:
             raise InputError("verbose and render need an environment: give one as env")
+        played = self.side_by_side(count, seed or 0)
+        if played is not None:
+            return played.evaluation
         return evaluate(make_environment(self.problem), self, count, seed or 0)
 
     def _evaluate_in(

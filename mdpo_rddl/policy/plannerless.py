@@ -12,6 +12,7 @@ from mdpo_rddl.policy.file import SavedPlanRule, SavedTable, save_policy
 from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.plan_rule import Simulated
 from mdpo_rddl.policy.rule.explanation import Explanation
+from mdpo_rddl.policy.side_by_side import DistinctStates
 from mdpo_rddl.policy.table import Claim, Optimum
 from mdpo_rddl.problem.grounding import (
     grounded,
@@ -21,6 +22,7 @@ from mdpo_rddl.problem.grounding import (
     require_step,
 )
 from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.simulator.evaluation import Replicated
 
 
 class PlannerlessPolicy(PolicyAgent):
@@ -109,6 +111,10 @@ class PlannerlessPolicy(PolicyAgent):
         if is_grounded(model, observation):
             return grounded(model, self._act(step, lifted(model, observation)))
         return self._act(step, observation)
+
+    def replicated(self) -> Replicated:
+        """See `PolicyAgent.replicated`."""
+        return DistinctStates(self.batch, self._problem.model)
 
     @abstractmethod
     def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,6 +36,7 @@ class Playable:
         self._keys = step_keys(planner, seed)
         self._one, self._many = Recall(planner), Recall(planner)
         self._seen: Mapping[str, Any] = {}
+        self._seen_by_many: Mapping[str, Any] = {}
         self._noted: Mapping[str, Any] = {}
 
     def __call__(self, step: int, state: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -88,8 +89,17 @@ class Playable:
         keys = np.stack([decision_key(self._planner.rddl, key, one) for one in each])
         given = keys, self._params, step, seen, self._hyperparams
         actions = self._planner.get_actions(*given, memories)
+        self._seen_by_many = seen
         self._many.note(seen, actions)
         return actions
+
+    def were_played(self, actions: Mapping[str, np.ndarray]) -> None:
+        """Takes in what was played at the latest step of `batch`, per action fluent.
+
+        Args:
+          actions: per action fluent [batch, *shape].
+        """
+        self._many.note(self._seen_by_many, actions)
 
     def reset(self) -> None:
         """Forgets the episodes."""

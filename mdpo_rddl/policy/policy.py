@@ -38,6 +38,7 @@ from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.rule.explanation import Explanation, explain
+from mdpo_rddl.policy.side_by_side import BatchReplicas, FormulaReplicas
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.grounding import (
     grounded,
@@ -50,6 +51,7 @@ from mdpo_rddl.problem.grounding import (
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.problem.underlying import underlying_mdp
+from mdpo_rddl.simulator.evaluation import Replicated
 
 # properties that are computed once, and hang on nothing but what is played
 _COMPILED = ("_play", "underlying")
@@ -263,6 +265,16 @@ class Policy(PolicyAgent):
         """
         require_batch(self.problem.model, step, observations)
         return self._play.batch(step, observations)
+
+    def replicated(self) -> Replicated | None:
+        """See `PolicyAgent.replicated`; of a feedback policy its formula, without a compiler."""
+        play = self._play
+        if isinstance(play, ActionVoting):
+            return None
+        formula = self.planner.numpy_actions
+        if formula is None:
+            return BatchReplicas(play.batch, play.were_played, self.problem.model)
+        return FormulaReplicas(formula[0], jax.tree.map(np.asarray, self.params), formula[1])
 
     @property
     def vote(self) -> Vote | None:

@@ -127,6 +127,10 @@ class RelaxedPlanPolicy(PlannerlessPolicy):
             for name, like in self._noop.items()
         }
 
+    def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """As `PolicyAgent.batch`, with the plans of all states made together."""
+        return self.actions_in(step, observations)
+
     def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
         state = {name: np.asarray(observation[name])[np.newaxis] for name in self._fluents}
         return {name: each[0][()] for name, each in self.actions_in(step, state).items()}

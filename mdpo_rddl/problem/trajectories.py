@@ -154,6 +154,50 @@ class TrajectoriesRecorder:
         self._episodes: list[_EpisodeRecord] = []
         self._begun = 0
         self._noop = dict(model.action_fluents)
+        self._is_hidden = bool(model.observ_fluents)
+
+    @property
+    def kept(self) -> int:
+        """How many episodes are recorded."""
+        return self._kept
+
+    def of_replicas(
+        self,
+        states: Mapping[str, np.ndarray],
+        actions: Mapping[str, np.ndarray],
+        rewards: np.ndarray,
+        lengths: np.ndarray,
+    ) -> Trajectories:
+        """The same of episodes that were played side by side.
+
+        Args:
+          states: per fluent that is observed, before each step and at the end [T + 1, *shape, B].
+          actions: per action fluent [T, *shape, B].
+          rewards: [T, B].
+          lengths: numbers of steps [B].
+        """
+        given = {"state": states, "action": actions}
+        steps = self._steps[self._steps < len(rewards)]
+        count = min(self._kept, len(lengths))
+        is_over = steps >= lengths[:count, np.newaxis]
+
+        def kept(values: np.ndarray, places: np.ndarray, first: int = 0) -> np.ndarray:
+            flat = values[: len(rewards)].reshape(len(rewards), -1, len(lengths))
+            found = np.full((count, len(self._steps), len(places)), np.nan, np.float32)
+            part = np.moveaxis(flat[steps][:, places, :count], -1, 0)
+            found[:, : len(steps)] = np.where(is_over[..., np.newaxis], np.nan, part)
+            found[:, :first] = np.nan
+            return found
+
+        # before the first step of a partially observed problem nothing is observed
+        first = {"state": 1 if self._is_hidden else 0, "action": 0}
+        values = {
+            (kind, name): kept(given[kind][name], places, first[kind])
+            for (kind, name), places in self._places.items()
+        }
+        return Trajectories(
+            self._fluents, self._steps, values, kept(rewards, np.zeros(1, int))[..., 0]
+        )
 
     def begin(self) -> "_EpisodeRecord | None":
         """The recorder of the next episode; None once enough are kept."""

@@ -12,10 +12,12 @@ import numpy as np
 from pyRDDLGym.core.simulator import RDDLSimulator
 
 from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.problem.episode import Policy, WatchedPolicy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem, make_environment
-from mdpo_rddl.problem.trajectories import TrajectoriesRecorder
+from mdpo_rddl.problem.played import NotPlayedError
+from mdpo_rddl.problem.trajectories import Trajectories, TrajectoriesRecorder
 from mdpo_rddl.session.references import noop_evaluation, random_evaluation
 from mdpo_rddl.session.report.page.record import write_play
 from mdpo_rddl.session.report.summary import return_figures
@@ -33,6 +35,9 @@ _INTS = -(2**31), 2**31 - 1
 _LARGEST = float(np.finfo(np.float32).max)
 _NEAR_LARGEST = 1e-8 * _LARGEST
 _OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns", "steps", "unplayable_steps")
+# of the simulator, so many at first, to see how long they take
+_FIRST_EPISODES, _MOST_EPISODES = 16, 1_000
+_MOST_NUMBERS = 1_000_000
 
 
 class Observed:
@@ -52,11 +57,12 @@ class Observed:
         self._seconds: list[float] = []
         self._began = self._ended = 0.0
         self.recorder = TrajectoriesRecorder(terms.problem.model, terms.episodes)
+        self._simulated: Trajectories | None = None
         self._noop = TrajectoriesRecorder(terms.problem.model, terms.episodes)
 
     def watch(self, policy: Policy) -> Policy:
         """The same policy, whose decisions are timed; what was kept of another one is forgotten."""
-        self._seconds, self._began = [], time.perf_counter()
+        self._seconds, self._began, self._simulated = [], time.perf_counter(), None
         seconds = self._seconds
         self.recorder = TrajectoriesRecorder(self._terms.problem.model, self._terms.episodes)
 
@@ -69,6 +75,38 @@ class Observed:
 
         return WatchedPolicy(policy, watched)
 
+    def play_side_by_side(self, policy: PolicyAgent) -> None:
+        """Plays many more episodes, on the simulator, for what is drawn of the trajectories.
+
+        What was kept of the evaluation's stays where that takes too long or cannot be.
+
+        Args:
+          policy: whose play is kept.
+        """
+        seed, model = self._terms.seed, self._terms.problem.model
+        recorder = TrajectoriesRecorder(model, _MOST_EPISODES, _MOST_NUMBERS)
+        try:
+            count = 0
+            for _ in range(2):  # the first time more is made than played
+                began = time.perf_counter()
+                if policy.side_by_side(_FIRST_EPISODES, seed) is None:
+                    return
+                took = time.perf_counter() - began
+                if took > _LONGEST:
+                    return
+                count = min(recorder.kept, int(_FIRST_EPISODES * _LONGEST / took))
+            if count <= self._terms.episodes:
+                return
+            played = policy.side_by_side(count, seed, keep=True)
+        except NotPlayedError as error:  # the evaluation has met no such episode
+            logger.warning("trajectories: %s", one_line_cause(error))
+            return
+        if played is not None and (found := played.trajectories) is not None:
+            lengths = played.evaluation.lengths
+            self._simulated = recorder.of_replicas(
+                found.states, found.actions, found.rewards, lengths
+            )
+
     @contextlib.contextmanager
     def replaced(self) -> Iterator["Observed"]:
         """Keeps another policy's play, which replaces what is kept here if the block ends well."""
@@ -77,7 +115,11 @@ class Observed:
         vars(self).update(vars(other))
 
     def figures(self) -> dict[str, Any]:
-        """Plays the no-op and random actions; JSON of their returns and of the decision times."""
+        """Plays the no-op and random actions; JSON of their returns and of the decision times.
+
+        Also how many episodes of the simulator the trajectories are of; None if they are those of
+        the evaluation.
+        """
         self._warn_of_exploits()
         references: dict[str, Any] = {"noop": None, "random": None}
         if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
@@ -88,7 +130,12 @@ class Observed:
             references["random"] = _reference(
                 lambda: random_evaluation(self._terms, _RANDOM_SHARE * most)
             )
-        return {"references": references, "decision_times": self._decision_times()}
+        simulated = None if self._simulated is None else len(self._simulated.rewards)
+        return {
+            "references": references,
+            "decision_times": self._decision_times(),
+            "simulated_episodes": simulated,
+        }
 
     @property
     def episode_seconds(self) -> float:
@@ -97,7 +144,8 @@ class Observed:
 
     def write(self, folder: Path) -> None:
         """Writes the trajectories and the decision times."""
-        plays = {"policy": self.recorder.result(), "noop": self._noop.result()}
+        own = self.recorder.result() if self._simulated is None else self._simulated
+        plays = {"policy": own, "noop": self._noop.result()}
         # the no-op was not played where an episode takes too long
         plays = {name: play for name, play in plays.items() if len(play.rewards)}
         write_play(folder, plays, np.array(self._seconds))

@@ -211,9 +211,12 @@ def _tried(
 ) -> Evaluation | NotPlayedError:
     """Plays a policy, which is to be kept even where the environment fails."""
     try:
-        return evaluator.run(policy, observed)
+        found = evaluator.run(policy, observed)
     except NotPlayedError as error:
         return error
+    if observed is not None:
+        observed.play_side_by_side(policy)
+    return found
 
 
 def _figures(found: Evaluation | NotPlayedError) -> dict[str, Any]:

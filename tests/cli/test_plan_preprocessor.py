@@ -8,7 +8,7 @@ from helpers.plan_command import CONFIG, TANKS, run
 from helpers.problems import assert_same_bits
 from safetensors.numpy import load_file
 
-from mdpo_rddl import load_policy
+from mdpo_rddl import evaluate, load_policy, make_environment
 from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session.progress_bar import ProgressBar
 from mdpo_rddl.session.report.run_folder import POLICY
@@ -30,7 +30,8 @@ def test_a_run_is_loaded_and_gone_on_with(
     whole = run(f"{command} --out whole", capsys).summary
     loaded = run(f"{TANKS} --load whole --episodes 3 --quiet --json", capsys).summary
     assert loaded["returns"] == whole["returns"]
-    found = load_policy(workplace / "whole").evaluate(episodes=3, seed=5)
+    policy = load_policy(workplace / "whole")
+    found = evaluate(make_environment(policy.problem), policy, 3, 5)
     assert found.returns.tolist() == whole["returns"]
 
     def interrupt(bar: ProgressBar, progress: Progress) -> None:

@@ -77,7 +77,7 @@ def test_the_summary_names_the_run(finished: Run) -> None:
     assert {key: summary[key] for key in expected} == expected
     measured = {"best_iteration", "train_seconds", "compile_seconds", "device", "versions"}
     returns = {"mean_return", "std_return", "ci95", "returns"}
-    looks = {"references", "decision_times", "warnings", "command"}
+    looks = {"references", "decision_times", "simulated_episodes", "warnings", "command"}
     assert set(summary) == set(expected) | measured | returns | looks | {"last_iterate"}
     assert set(summary["last_iterate"]) == returns | {
         "episode_lengths",
@@ -177,6 +177,7 @@ def test_the_same_seed_gives_the_same_run_and_quiet_json_exactly_one_line(
     assert outcome.err == ""
     assert len(outcome.out.splitlines()) == 1
     unequal = {"train_seconds", "compile_seconds", "decision_times", "command", "references"}
+    unequal.add("simulated_episodes")  # as many as fit into the time
     ours = {key: value for key, value in outcome.summary.items() if key not in unequal}
     theirs = {key: value for key, value in finished.summary.items() if key not in unequal}
     assert ours == theirs

@@ -5,6 +5,8 @@ import pytest
 from helpers.tanks import DOMAIN, INSTANCE
 from helpers.toys import problem_from
 
+from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.side_by_side import BatchReplicas
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
@@ -44,6 +46,55 @@ def test_the_policy_that_played_last_is_kept_and_the_references_meet_its_episode
     np.testing.assert_array_equal(plays["policy"].values["action", "fill"], np.float32(0.1))
     np.testing.assert_array_equal(plays["noop"].values["action", "fill"], 0.0)
     np.testing.assert_allclose(plays["policy"].rewards.sum(axis=1), found.returns, rtol=1e-5)
+
+
+class Filling(PolicyAgent):
+    """Fills by chance, so that episodes differ, and as a formula on numpy would."""
+
+    problem = problem_from(DOMAIN + INSTANCE, horizon=4)
+    lasts = False
+
+    def __call__(self, step, observation):
+        return {"fill": np.full(2, 0.1)}
+
+    def replicated(self):
+        return None if self.lasts else BatchReplicas(self.batch, lambda actions: None, MODEL)
+
+
+MODEL = Filling.problem.model
+
+
+def test_trajectories_are_of_many_episodes_on_the_simulator(tmp_path):
+    policy, terms = Filling(), Terms(Filling.problem, seed=5, episodes=3)
+    observed = Observed(terms)
+    Evaluator(terms, Silent()).run(policy, observed)
+    observed.play_side_by_side(policy)
+    figures = observed.figures()
+    observed.write(tmp_path)
+    plays, seconds = read_play(tmp_path / "trajectories.npz")
+    episodes = figures["simulated_episodes"]
+    assert len(plays["policy"].rewards) == episodes > 3
+    assert len(plays["noop"].rewards) == 3
+    assert seconds.shape == (12,)
+    kept = policy.side_by_side(episodes, 5, keep=True)
+    np.testing.assert_allclose(
+        plays["policy"].rewards.sum(axis=1), kept.evaluation.returns, rtol=1e-5
+    )
+    np.testing.assert_array_equal(plays["policy"].values["action", "fill"], np.float32(0.1))
+    for (kind, name), values in plays["policy"].values.items():
+        if kind == "state":
+            like = np.moveaxis(kept.trajectories.states[name][:-1], -1, 0)
+            np.testing.assert_allclose(values, like, rtol=1e-6)
+
+
+def test_trajectories_of_one_episode_at_a_time_are_those_of_the_evaluation():
+    policy, terms = Filling(), Terms(Filling.problem, seed=5, episodes=3)
+    policy.lasts = True
+    observed = Observed(terms)
+    Evaluator(terms, Silent()).run(policy, observed)
+    observed.play_side_by_side(policy)
+    assert observed.figures()["simulated_episodes"] is None
+    assert len(observed.recorder.result().rewards) == 3
 
 
 def test_a_reference_ends_with_its_time():

@@ -10,9 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from mdpo_rddl.planner.plans.neighbours import Neighbours, distant_neighbours, related_neighbours
 
@@ -25,7 +23,7 @@ class Feature(NamedTuple):
       fluent: the state fluent that it reads.
       lay: from that fluent's value [*its shape], or its means [objects], to one per object, an
         array that broadcasts to the action's shape: of size 1 along the axes on which it does not
-        depend.
+        depend. An axis of replicas may follow, and then follows in what is returned.
       means: what takes the mean over each object's neighbours [objects, values of the fluent];
         None if the value itself is laid out.
     """
@@ -50,6 +48,18 @@ class ActionFeatures(NamedTuple):
     state: tuple[Feature, ...]
     constant: dict[str, np.ndarray]
     moments: dict[str, tuple[float, float]]
+
+
+def array_module(value: Any) -> Any:
+    """The module whose functions take an array: numpy, or jax.numpy of whatever JAX traces.
+
+    So one formula serves both, and who plays on numpy need not import JAX.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        return np
+    from jax import numpy
+
+    return numpy
 
 
 def observed_fluents(rddl: Any) -> list[str]:
@@ -117,8 +127,9 @@ def _aligned(
 
     def spread(value: Any) -> Any:
         # numpy's methods are jax's: constants are laid out without a program
+        replicas = value.shape[len(own) :]
         value = value.mean(axis=rest) if rest else value
-        return value.transpose(order).reshape(broadcast)
+        return value.transpose(order + [len(order)] * len(replicas)).reshape(broadcast + replicas)
 
     return spread
 
@@ -146,8 +157,8 @@ def _at_each_end(
     return features
 
 
-def _reshaped(sizes: tuple[int, ...], value: Array) -> Array:
-    return jnp.reshape(value, sizes)
+def _reshaped(sizes: tuple[int, ...], value: Any) -> Any:
+    return value.reshape(sizes + value.shape[1:])
 
 
 def _constants(

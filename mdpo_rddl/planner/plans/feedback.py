@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from copy import copy
+from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax, random
 
 from mdpo_rddl.planner.plans.feature_values import feature_values, weighted_sum
 from mdpo_rddl.planner.plans.features import ActionFeatures, action_features, observed_fluents
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.lookups import Lookups
 from mdpo_rddl.planner.plans.memory import Memory, MemoryShape
-from mdpo_rddl.planner.rollouts.plan_memory import Entries
+
+if TYPE_CHECKING:  # who plays on numpy need not import it
+    from jax import Array
 
 _LARGEST_INPUT = 10.0
 _LARGEST_NET_INPUT = 5.0
@@ -44,6 +45,9 @@ class Feedback:
 
     A memory's entries are read as fluents are, and so are fluents at objects that the state names.
 
+    The formula stands once, for JAX and for numpy: `on_numpy` computes it with numpy, for many
+    replicas of the state at once, which are the last axis of all arrays but the parameters.
+
     The parameters are {"shared": {action: [features]}, "own": {action: {"bias": [*shape],
     "gain on " + fluent: [*shape], "gains of pairs on " + fluent: [*shape, *fluent's shape]}},
     "lifted": {action: {"hidden": [features, units], "output": [units]}}, "plan": {action: [H,
@@ -57,6 +61,8 @@ class Feedback:
       shapes: of each of them.
       action_shapes: of each action fluent.
       features: of each action fluent.
+      xp: the module that computes, jax.numpy or numpy.
+      is_replicated: whether arrays have a last axis of replicas.
     """
 
     def __init__(
@@ -79,6 +85,9 @@ class Feedback:
         Raises:
           ValueError: for a name of what is looked up that is none.
         """
+        from jax import numpy
+
+        self.xp, self.is_replicated = numpy, False
         self.shape, self.horizon, self.dtype = shape, horizon, dtype
         self._scales = dict(shape.state_scales or {})
         observed = observed_fluents(rddl)
@@ -105,6 +114,12 @@ class Feedback:
             for name in self.action_shapes
         }
 
+    def on_numpy(self) -> "Feedback":
+        """The same formula on numpy, for replicas of the state."""
+        other = copy(self)
+        other.xp, other.is_replicated = np, True
+        return other
+
     def _paired(self, action: str) -> list[str]:
         """The fluents of whose pairs there are gains: where neither has objects, `own` says all."""
         shape = self.action_shapes[action]
@@ -121,13 +136,13 @@ class Feedback:
         cosines = [f"cos({k} pi t / H)" for k in range(1, self.shape.cosines + 1)]
         return ["1", *names, *squares, *found.constant, *cosines]
 
-    def initial(self, key: Array | np.random.Generator) -> Params:
+    def initial(self, key: "Array | np.random.Generator") -> Params:
         """Parameters with which every raw action is zero.
 
         Args:
           key: draws the hidden units; with a generator of numpy's nothing is compiled for that.
         """
-        zeros = np.zeros if isinstance(key, np.random.Generator) else jnp.zeros
+        zeros = np.zeros if isinstance(key, np.random.Generator) else self.xp.zeros
         lifted_normal, net_normal = _normals(key, self.dtype)
         own = {
             name: {
@@ -180,14 +195,16 @@ class Feedback:
         entry = self._memory.entries.get(name)
         return entry.source if entry is not None and entry.is_action else None
 
-    def empty_memory(self) -> Entries:
-        """The memory before the first step, per entry [*shape]."""
+    def empty_memory(self) -> dict[str, Any]:
+        """The memory before the first step, per entry [*shape], without replicas."""
         return {
-            name: jnp.full(self.shapes[name], entry.start(self.scale(name)[0]), self.dtype)
+            name: self.xp.full(self.shapes[name], entry.start(self.scale(name)[0]), self.dtype)
             for name, entry in self._memory.entries.items()
         }
 
-    def updated(self, memory: Entries, step: Any, values: Mapping[str, Array]) -> Entries:
+    def updated(
+        self, memory: Mapping[str, Any], step: Any, values: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """The memory after a step.
 
         Args:
@@ -197,12 +214,15 @@ class Feedback:
         """
         return self._memory.updated(memory, step, values)
 
-    def raw(self, params: Params, state: Mapping[str, Array], step: Any) -> dict[str, Array]:
+    def raw(self, params: Params, state: Mapping[str, Any], step: Any) -> dict[str, Any]:
         """The raw actions, per fluent [*shape].
+
+        Of replicas [*shape, B], or [*shape, 1] where a policy plays the same in all of them.
 
         Args:
           params: as `initial` makes them.
-          state: per observed fluent its value [*shape], and the entries of the memory.
+          state: per observed fluent its value [*shape], of replicas [*shape, B], and the entries
+            of the memory.
           step: of the rollout, from 0.
         """
         scaled = self._all_scaled(state)
@@ -211,99 +231,122 @@ class Feedback:
         actions = {}
         for name, shape in self.action_shapes.items():
             own = params["own"][name]
-            value = own["bias"]
+            value = self.of_all(own["bias"], name)
             if "shared" in params:
                 columns = self._columns(name, scaled, time)
                 value = value + weighted_sum(params["shared"][name], columns)
             for fluent in self._own[name]:
                 if (gain := f"{GAIN}{fluent}") in own:
-                    value = value + own[gain] * scaled[fluent]
+                    value = value + self.of_all(own[gain], name) * scaled[fluent]
             for fluent in self._pairs[name]:
                 if (gains := f"{PAIRS}{fluent}") in own:
-                    value = value + _product(own[gains], scaled[fluent])
+                    value = value + self._product(own[gains], scaled[fluent])
             if "lifted" in params:
                 value = value + self._lifted(name, params["lifted"][name], scaled, time)
             if "plan" in params:
-                value = value + params["plan"][name][step]
+                # JAX takes the last step's for what comes after it
+                place = min(step, self.horizon - 1) if self.is_replicated else step
+                value = value + self.of_all(params["plan"][name][place], name)
             if hidden is not None:
-                value = value + jnp.reshape(hidden @ params["net"][f"{OUTPUT}{name}"], shape)
+                output = (hidden @ params["net"][f"{OUTPUT}{name}"]).T
+                value = value + self.xp.reshape(output, shape + output.shape[1:])
             actions[name] = value
         return actions
 
-    def flat(self, state: Mapping[str, Array]) -> Array:
-        """All that the policy reads, in the units in which it does, side by side."""
+    def of_all(self, value: Any, name: str) -> Any:
+        """What an action fluent has in all replicas [*shape], so that it broadcasts to theirs."""
+        if not self.is_replicated:
+            return value
+        return np.reshape(value, (*self.action_shapes[name], 1))
+
+    def flat(self, state: Mapping[str, Any]) -> Any:
+        """All that the policy reads, in the units in which it does, side by side [..., inputs]."""
         return self._side_by_side(self._all_scaled(state))
 
-    def _side_by_side(self, scaled: Mapping[str, Array]) -> Array:
-        return jnp.concatenate([jnp.ravel(scaled[name]) for name in self.fluents])
+    def _side_by_side(self, scaled: Mapping[str, Any]) -> Any:
+        rows = [(math.prod(self.shapes[name]), *self._replicas(scaled)) for name in self.fluents]
+        parts = zip(self.fluents, rows, strict=True)
+        return self.xp.concatenate([self.xp.reshape(scaled[n], shape) for n, shape in parts]).T
 
-    def _all_scaled(self, state: Mapping[str, Array]) -> dict[str, Array]:
+    def _replicas(self, values: Mapping[str, Any]) -> tuple[int, ...]:
+        """How many replicas there are, (B,); () if they are no axis."""
+        if not self.is_replicated:
+            return ()
+        return next((value.shape[-1:] for value in values.values()), (1,))
+
+    def _all_scaled(self, state: Mapping[str, Any]) -> dict[str, Any]:
         """All that the policy reads, in the units in which it does, per fluent [*shape]."""
-        given = {name: jnp.asarray(state[name]) for name in self.seen}
-        read = {**given, **self._lookups(given)}
-        return {name: self._scaled(name, read[name]) for name in self.fluents}
+        given = {name: self.xp.asarray(state[name]) for name in self.seen}
+        replicas = self._replicas(given)
+        read = {**given, **self._lookups(given, replicas)}
+        return {name: self._scaled(name, read[name], replicas) for name in self.fluents}
 
-    def _scaled(self, name: str, value: Any) -> Array:
-        center, scale = self.scale(name)
+    def _scaled(self, name: str, value: Any, replicas: tuple[int, ...]) -> Any:
+        xp, (center, scale) = self.xp, self.scale(name)
         # the environment gives a fluent without parameters as an array of one
-        value = jnp.reshape(jnp.asarray(value, self.dtype), self.shapes[name])
+        value = xp.reshape(xp.asarray(value, self.dtype), self.shapes[name] + replicas)
         scaled = (value - center) / scale
-        scaled = lax.stop_gradient(scaled) if self.shape.cut_feedback else scaled
-        return jnp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)
+        if self.shape.cut_feedback and xp is not np:
+            from jax import lax
+
+            scaled = lax.stop_gradient(scaled)
+        return xp.clip(scaled, -_LARGEST_INPUT, _LARGEST_INPUT)
 
     def _lifted(
-        self, name: str, weights: Mapping[str, Array], scaled: Mapping[str, Array], time: Any
-    ) -> Array:
+        self, name: str, weights: Mapping[str, Any], scaled: Mapping[str, Any], time: Any
+    ) -> Any:
         """v_a . tanh(phi_a V_a), an array that broadcasts to the action's shape."""
-        columns, hidden = self._columns(name, scaled, time), weights["hidden"]
+        xp, hidden = self.xp, weights["hidden"]
+        columns = self._columns(name, scaled, time)
         parts = [
-            jnp.tensordot(jnp.stack([columns[n] for n in numbers], axis=-1), hidden[numbers], 1)
+            xp.tensordot(xp.stack([columns[n] for n in numbers], axis=-1), hidden[numbers], 1)
             for numbers in self._groups(name, columns)
         ]
-        return jnp.tanh(sum(parts[1:], start=parts[0])) @ weights["output"]
+        return xp.tanh(sum(parts[1:], start=parts[0])) @ weights["output"]
 
-    def _groups(self, name: str, columns: Sequence[Array]) -> list[np.ndarray]:
+    def _groups(self, name: str, columns: Sequence[Any]) -> list[np.ndarray]:
         """The numbers of features that depend on the same axes; of others one by one."""
         groups: dict[tuple[int, ...], list[int]] = {}
         fixed = len(columns) - len(self.features[name].constant) - self.shape.cosines
         for number, column in enumerate(columns[:fixed]):
-            groups.setdefault(jnp.shape(column), []).append(number)
+            groups.setdefault(np.shape(column), []).append(number)
         places = [*groups.values(), *([number] for number in range(fixed, len(columns)))]
         return [np.array(numbers) for numbers in places]
 
-    def _columns(self, name: str, scaled: Mapping[str, Array], time: Any) -> list[Array]:
+    def _columns(self, name: str, scaled: Mapping[str, Any], time: Any) -> list[Any]:
         """phi_a, the features in the order of their weights, each as `feature_values` gives it."""
-        shape, found = self.action_shapes[name], self.features[name]
-        seen = feature_values(found.state, scaled)
-        one = jnp.ones((1,) * len(shape), self.dtype)
+        xp, shape, found = self.xp, self.action_shapes[name], self.features[name]
+        replicas = self._replicas(scaled)
+        seen = feature_values(found.state, scaled, replicas)
+        one = xp.ones((1,) * (len(shape) + len(replicas)), self.dtype)
         columns = [one, *seen]
         if self.shape.squares:
             columns += [value**2 - 1.0 for value in seen]
-        columns += [jnp.asarray(value, self.dtype) for value in found.constant.values()]
-        angle = jnp.pi * jnp.asarray(time, self.dtype)
-        return columns + [one * jnp.cos(k * angle) for k in range(1, self.shape.cosines + 1)]
+        for value in found.constant.values():
+            columns.append(self.of_all(xp.asarray(value, self.dtype), name))
+        angle = xp.pi * xp.asarray(time, self.dtype)
+        return columns + [one * xp.cos(k * angle) for k in range(1, self.shape.cosines + 1)]
 
-    def _hidden(self, net: Mapping[str, Any], scaled: Mapping[str, Array]) -> Array | None:
+    def _hidden(self, net: Mapping[str, Any], scaled: Mapping[str, Any]) -> Any:
         if not net:
             return None
         hidden = self._side_by_side(scaled)
-        hidden = jnp.clip(hidden, -_LARGEST_NET_INPUT, _LARGEST_NET_INPUT)
+        hidden = self.xp.clip(hidden, -_LARGEST_NET_INPUT, _LARGEST_NET_INPUT)
         for number in range(len(self.shape.layers)):
             layer = net[f"hidden_{number}"]
-            hidden = jnp.tanh(hidden @ layer["kernel"] + layer["bias"])
+            hidden = self.xp.tanh(hidden @ layer["kernel"] + layer["bias"])
         return hidden
 
-
-def _product(gains: Array, value: Array) -> Array:
-    """Gains of pairs [*shape, *fluent's shape] times a fluent's value, summed over its objects."""
-    axes = jnp.ndim(value)
-    if jnp.size(gains) > _FEW_PAIRS:
-        return jnp.tensordot(gains, value, axes)
-    return jnp.sum(gains * value, axis=tuple(range(-axes, 0)))
+    def _product(self, gains: Any, value: Any) -> Any:
+        """Gains of pairs [*shape, *fluent's] times a fluent's value, summed over its objects."""
+        axes = np.ndim(value) - self.is_replicated
+        if self.is_replicated or np.size(gains) > _FEW_PAIRS:
+            return self.xp.tensordot(gains, value, axes)
+        return self.xp.sum(gains * value, axis=tuple(range(-axes, 0)))
 
 
 def _normals(
-    key: Array | np.random.Generator, dtype: Any
+    key: "Array | np.random.Generator", dtype: Any
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """What draws standard normal numbers: (number, shape) of a layer, and (shape) of the next."""
     if isinstance(key, np.random.Generator):
@@ -313,12 +356,14 @@ def _normals(
             return generator.standard_normal(arguments[-1]).astype(dtype)
 
         return drawn, drawn
+    from jax import random
+
     latest = key
 
-    def lifted(number: int, shape: tuple[int, ...]) -> Array:
+    def lifted(number: int, shape: tuple[int, ...]) -> Any:
         return random.normal(random.fold_in(random.fold_in(key, _LIFTED), number), shape, dtype)
 
-    def net(shape: tuple[int, ...]) -> Array:
+    def net(shape: tuple[int, ...]) -> Any:
         nonlocal latest
         latest, own = random.split(latest)
         return random.normal(own, shape, dtype)

@@ -9,22 +9,24 @@ import numpy as np
 from jax import Array
 
 from mdpo_rddl.planner.plans.feedback import Feedback, Params
+from mdpo_rddl.planner.plans.feedback_actions import (
+    BOOL_SCALE,
+    FeedbackActions,
+    in_order,
+    sigmoid,
+)
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
 from mdpo_rddl.planner.plans.limited_bools import Shift, limited_bools
-from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
+from mdpo_rddl.planner.plans.limits import scale_to_limits
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, Entries, PlanMemory
 from mdpo_rddl.planner.upstream import JaxPlan
 from mdpo_rddl.problem.limits import GroupLimit
 
-# a bool's log-odds for a raw value of 1
-_BOOL_SCALE = 4.0
-
 
 class FeedbackPlan(JaxPlan):
-    """Plays no-op + unit * u, clipped to the box, u being the raw action of `Feedback`.
+    """Plays what `FeedbackActions` makes of the raw actions of `Feedback`.
 
-    For bools u is, up to a factor, the log-odds of not being at the no-op. The initial policy
-    plays the no-op.
+    The initial policy plays the no-op.
     """
 
     history_dependent = False
@@ -48,13 +50,12 @@ class FeedbackPlan(JaxPlan):
         self._shape = shape or FeedbackShape()
         self._given_units = dict(units or {})
         self.units: dict[str, np.ndarray] = {}
-        self._feedback: Feedback | None = None
+        self._actions: FeedbackActions | None = None
         # at most so many bools that are not at their default, all fluents together
         self.concurrency: list[GroupLimit] = []
         self.probabilities: Callable[..., dict[str, Array]] = _not_compiled
         # between 0 and 1 as these, in the order of the log-odds: for whoever ranks proposals
         self.preferences: Callable[..., dict[str, Array]] = _not_compiled
-        self._relaxed: Callable[..., dict[str, Array]] = _not_compiled
         # the policies' last argument has its entries
         self.memory: PlanMemory = NO_MEMORY
         # the parameters' gradient -> that of the raw actions [..., H, *shape], as noise meets them
@@ -67,7 +68,16 @@ class FeedbackPlan(JaxPlan):
         Raises:
           RuntimeError: before the plan is compiled.
         """
-        return _not_compiled() if self._feedback is None else self._feedback
+        return self.actions.feedback
+
+    @property
+    def actions(self) -> FeedbackActions:
+        """What the policy plays of them, before anything is made legal.
+
+        Raises:
+          RuntimeError: before the plan is compiled.
+        """
+        return _not_compiled() if self._actions is None else self._actions
 
     def compile(self, compiled: Any, _bounds: Any, horizon: int, preprocessor: Any = None) -> None:
         """Compiles the policy, as JaxPlan asks its plans to.
@@ -83,7 +93,6 @@ class FeedbackPlan(JaxPlan):
         _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
         values = compiled.init_values
         feedback = Feedback(compiled.rddl, values, self._shape, horizon, compiled.REAL)
-        self._feedback = feedback
         bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
         numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
         self.units = {name: self._unit(compiled, name) for name in numbers}
@@ -94,53 +103,40 @@ class FeedbackPlan(JaxPlan):
         if not any(np.any(noop[name]) for limit in limits for name in limit.groups):
             self.concurrency = limits
 
-        memory = self.memory = self._compile_memory(noop)
+        whole = [name for name in numbers if ranges[name] != "real"]
+        kinds = compiled.REAL, compiled.INT
+        actions = self._actions = FeedbackActions(
+            feedback, noop, self.units, self.bounds, whole, kinds, limits
+        )
+        memory = self.memory = self._compile_memory()
 
-        def relaxed(
-            params: Params,
-            step: Any,
-            state: Mapping[str, Array],
-            entries: Entries,
-            squash: Callable[[Array], Array] = jax.nn.sigmoid,
-        ) -> dict[str, Array]:
-            """Numbers in their box, and of bools the probability of not being at the no-op."""
+        def seen(state: Mapping[str, Array], entries: Entries) -> dict[str, Array]:
             # who knows no memory, as JaxPlan's own controllers, gives none
-            raw = feedback.raw(params, {**state, **(entries or memory.initial)}, step)
-            actions = {name: squash(_BOOL_SCALE * raw[name]) for name in bools}
-            for name in numbers:
-                action = noop[name] + self.units[name] * raw[name]
-                actions[name] = _clip(action.astype(compiled.REAL), *self.bounds[name])
-            return actions
+            return {**state, **(entries or memory.initial)}
 
         def probabilities(key, params, hyperparams, step, state, history):
             del key, hyperparams
-            return _flipped(relaxed(params, step, state, history), noop, bools)
+            return actions.probabilities(params, seen(state, history), step, sigmoid)
 
         def preferences(key, params, hyperparams, step, state, history):
             del key, hyperparams
-            return _flipped(relaxed(params, step, state, history, in_order), noop, bools)
+            return actions.probabilities(params, seen(state, history), step, in_order)
 
         def train_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams
-            actions = scale_to_limits(relaxed(params, step, state, history), limits)
-            return _flipped(actions, noop, bools)
+            relaxed = actions.relaxed(params, seen(state, history), step, sigmoid)
+            return actions.flipped(scale_to_limits(relaxed, limits))
 
         def test_policy(key, params, hyperparams, step, state, history):
             del key, hyperparams
-            actions = relaxed(params, step, state, history, in_order)
-            chosen = choose_within_limits({name: actions[name] for name in bools}, limits)
-            true = {name: chosen[name] ^ noop[name] for name in bools}
-            whole = [name for name in numbers if ranges[name] != "real"]
-            rounded = {n: jnp.asarray(jnp.round(actions[n]), compiled.INT) for n in whole}
-            return {**actions, **true, **rounded}
+            return actions.played(params, seen(state, history), step)
 
         self.train_policy, self.test_policy = train_policy, test_policy
-        self._relaxed = relaxed
         self.probabilities, self.preferences = probabilities, preferences
         self.projection = lambda params, hyperparams: (params, jnp.array(True))
         if self._shape.plan:
             self.action_gradients = lambda gradient: {
-                name: value / _BOOL_SCALE if name in bools else value
+                name: value / BOOL_SCALE if name in bools else value
                 for name, value in gradient["plan"].items()
             }
         self.initializer = lambda key, hyperparams, state: feedback.initial(key)
@@ -169,26 +165,14 @@ class FeedbackPlan(JaxPlan):
         Raises:
           RuntimeError: before the plan is compiled.
         """
-        return self._relaxed(params, step, state, {}, squash=lambda log_odds: log_odds)
+        return self.actions.relaxed(
+            params, {**state, **self.memory.initial}, step, squash=lambda log_odds: log_odds
+        )
 
-    def _compile_memory(self, noop: Mapping[str, np.ndarray]) -> PlanMemory:
+    def _compile_memory(self) -> PlanMemory:
         """The policy's memory, told of actions as they are played."""
-        feedback, initial = self.feedback, self.feedback.empty_memory()
-        if not initial:
-            return NO_MEMORY
-
-        def update(
-            memory: Entries, step: Any, state: Mapping[str, Array], actions: Mapping[str, Array]
-        ) -> Entries:
-            given = {name: jnp.asarray(a, feedback.dtype) for name, a in actions.items()}
-            moved = {name: value - noop[name] for name, value in given.items()}
-            units = {
-                name: value / self.units[name] if name in self.units else jnp.abs(value)
-                for name, value in moved.items()
-            }
-            return feedback.updated(memory, step, {**state, **units})
-
-        return PlanMemory(initial, update)
+        initial = self.feedback.empty_memory()
+        return PlanMemory(initial, self.actions.remembered) if initial else NO_MEMORY
 
     def guess_next_epoch(self, params: Params) -> Params:
         """A policy of the state is a warm start as it is; a plan has one step less to go."""
@@ -207,7 +191,7 @@ class FeedbackPlan(JaxPlan):
         """Parameters whose policy has the bools' log-odds shifted, per fluent [*shape]."""
         own = dict(params["own"])
         for name in names:
-            bias = own[name]["bias"] + shifts[name] / _BOOL_SCALE
+            bias = own[name]["bias"] + shifts[name] / BOOL_SCALE
             own[name] = {**own[name], "bias": bias}
         return {**params, "own": own}
 
@@ -239,11 +223,6 @@ def _not_compiled(*_: Any) -> Any:
     raise RuntimeError("the plan is not compiled yet")
 
 
-def in_order(log_odds: Array) -> Array:
-    """Between 0 and 1, 0.5 for log-odds of 0; a sigmoid is 1 in 32 bit from 17 on."""
-    return 0.5 + 0.5 * log_odds / (1.0 + jnp.abs(log_odds))
-
-
 def box_width(lower: Any, upper: Any) -> float | None:
     """The median width of an action fluent's boxes; None if none of them is finite.
 
@@ -252,20 +231,6 @@ def box_width(lower: Any, upper: Any) -> float | None:
     width = np.subtract(upper, lower, dtype=float)
     finite = width[np.isfinite(width) & (width > 0)]
     return float(np.median(finite)) if finite.size else None
-
-
-def _clip(action: Array, lower: Any, upper: Any) -> Array:
-    """Clips to the box; a value on a bound keeps its gradient."""
-    lower, upper = jnp.asarray(lower, action.dtype), jnp.asarray(upper, action.dtype)
-    return jnp.where(action < lower, lower, jnp.where(action > upper, upper, action))
-
-
-def _flipped(
-    actions: Mapping[str, Array], noop: Mapping[str, np.ndarray], bools: Sequence[str]
-) -> dict[str, Array]:
-    """Of bools the probability of true, from that of not being at the no-op."""
-    true = {n: jnp.where(noop[n], 1.0 - actions[n], actions[n]) for n in bools}
-    return {**actions, **true}
 
 
 def concurrency_limits(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:

@@ -11,7 +11,8 @@ from jax import Array, lax, random
 
 from mdpo_rddl.planner.plans.effects import Effects
 from mdpo_rddl.planner.plans.expectation import Expectation
-from mdpo_rddl.planner.plans.feedback_plan import concurrency_limits, in_order
+from mdpo_rddl.planner.plans.feedback_actions import in_order
+from mdpo_rddl.planner.plans.feedback_plan import concurrency_limits
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.plans.limited_bools import Shift
 from mdpo_rddl.planner.plans.limits import are_largest, choose_within_limits

@@ -67,6 +67,7 @@ class LegalActions:
 
     Attributes:
       is_needed: whether a proposal can be illegal at all; whoever asks may skip the rest if not.
+      has_boxes_only: whether nothing can be illegal but an integer that is outside of its box.
     """
 
     def __init__(self, compiled: Any, limits: Sequence[GroupLimit]) -> None:
@@ -93,7 +94,8 @@ class LegalActions:
         self._is_checked = unread > 0 or any(limit.exact for limit in self._limits)
         if rddl.max_allowed_actions < self._changes.size:
             self._is_checked |= self._changes.has_numbers or bool(np.any(self._changes.noop))
-        self.is_needed = bool(self._masks or self._is_checked or self._integer_boxes)
+        self.has_boxes_only = not (self._masks or self._is_checked)
+        self.is_needed = bool(self._integer_boxes) or not self.has_boxes_only
 
     def __call__(
         self, proposal: Mapping[str, Array], probabilities: Mapping[str, Array], state: Any

@@ -1,6 +1,5 @@
 """Bool actions that keep the limits on their groups, relaxed and exact."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import jax
@@ -8,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from mdpo_rddl.planner.plans.features import array_module
 from mdpo_rddl.problem.limits import GroupLimit
 
 
@@ -38,27 +38,36 @@ def choose_within_limits(
     """Bool actions [*shape] that keep every limit: the likeliest of each group.
 
     A component is true if its probability is above 0.5 and it is among the group's
-    `limit` likeliest; under an exact limit, if it is among them at all.
+    `limit` likeliest; under an exact limit, if it is among them at all. Of numpy's arrays an axis
+    of replicas may follow [*shape, B].
     """
     chosen = {name: value > 0.5 for name, value in probabilities.items()}
-    allowed = {name: jnp.ones_like(value, bool) for name, value in probabilities.items()}
+    allowed = {n: array_module(v).ones_like(v, bool) for n, v in probabilities.items()}
     for limit in limits:
         names = list(limit.groups)
+        xp = array_module(probabilities[names[0]])
         group = np.concatenate([np.ravel(limit.groups[name]) for name in names])
+        sizes = [limit.groups[name].size for name in names]
+        shape = np.shape(probabilities[names[0]])
+        rest = shape[limit.groups[names[0]].ndim :] if xp is np else ()
         values, picked, free = (
-            jnp.concatenate([jnp.ravel(tree[name]) for name in names])
+            xp.concatenate(
+                [xp.reshape(tree[n], (size, *rest)) for n, size in zip(names, sizes, strict=True)]
+            )
             for tree in (probabilities, chosen, allowed)
         )
-        candidates = free & (picked | (limit.exact & (group >= 0)))
+        is_member = (group >= 0).reshape(-1, *(1 for _ in rest))
+        candidates = free & (picked | (limit.exact & is_member))
         # what is no candidate ranks last, so that it takes no place
-        within = are_largest(jnp.where(candidates, values, -1.0), group, limit.limits)
+        ranked = xp.where(candidates, values, -1.0)
+        largest = _are_largest_of_replicas if rest else are_largest
+        within = largest(ranked, group, limit.limits)
         picked, free = candidates & within, free & within
         start = 0
-        for name in names:
-            shape = jnp.shape(probabilities[name])
-            part = slice(start, start + math.prod(shape))
-            chosen[name] = jnp.reshape(picked[part], shape)
-            allowed[name] = jnp.reshape(free[part], shape)
+        for name, size in zip(names, sizes, strict=True):
+            shape, part = np.shape(probabilities[name]), slice(start, start + size)
+            chosen[name] = xp.reshape(picked[part], shape)
+            allowed[name] = xp.reshape(free[part], shape)
             start = part.stop
     return chosen
 
@@ -90,6 +99,21 @@ def are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
     is_within = np.arange(places) < limits[:, np.newaxis]
     chosen = jnp.zeros(len(values) + 1, bool).at[largest].max(is_within)
     return chosen[:-1] | (group < 0)
+
+
+def _are_largest_of_replicas(
+    values: np.ndarray, group: np.ndarray, limits: np.ndarray
+) -> np.ndarray:
+    """`are_largest` of numpy's values [n, B]."""
+    members = _members(group, len(limits))
+    last = np.full((1, values.shape[1]), -np.inf, values.dtype)
+    table = np.concatenate([values, last])[members]
+    order = np.argsort(-table, axis=1, kind="stable")
+    ranks = np.empty_like(order)
+    np.put_along_axis(ranks, order, np.arange(members.shape[1])[:, np.newaxis], axis=1)
+    chosen = np.zeros((len(values) + 1, values.shape[1]), bool)
+    chosen[members] = ranks < limits[:, np.newaxis, np.newaxis]
+    return chosen[:-1] | (group < 0)[:, np.newaxis]
 
 
 def _by_group(values: Array, members: np.ndarray) -> Array:

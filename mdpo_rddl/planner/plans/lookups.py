@@ -8,10 +8,9 @@ of each bus.
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from mdpo_rddl.planner.plans.features import observed_fluents
+from mdpo_rddl.planner.plans.features import array_module, observed_fluents
 
 _NUMBERS = ("real", "int", "bool")
 
@@ -93,22 +92,27 @@ class Lookups:
             if each.fluent in rddl.non_fluents
         }
 
-    def __call__(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """The values [*shape].
+    def __call__(self, state: Mapping[str, Any], replicas: tuple[int, ...] = ()) -> dict[str, Any]:
+        """The values [*shape, *replicas].
 
         Args:
           state: per observed fluent an array of its shape, of numpy's or JAX's; a relaxed model's
             objects are numbers.
+          replicas: how many there are, (B,), if they are a last axis of all these.
         """
         found: dict[str, Any] = {}
         known = {**self._constants, **state}
         for name, (fluent, by, axis) in self._chosen.items():
             values = known[fluent]
             most = values.shape[axis] - 1
-            places = state[by].reshape(self.shapes[name]).round().clip(0, most).astype(np.int32)
-            rows = list(np.indices(self.shapes[name], sparse=True)) if values.ndim > 1 else []
+            shape = self.shapes[name] + replicas
+            places = state[by].reshape(shape).round().clip(0, most).astype(np.int32)
+            # of a constant there are no replicas
+            trailing = 0 if fluent in self._constants else len(replicas)
+            axes = list(np.indices(shape, sparse=True))
+            rows = axes[: len(self.shapes[name])] if values.ndim - trailing > 1 else []
             rows.insert(axis, places)
+            rows += axes[len(axes) - trailing :]
             # numpy's arrays are no place for what is traced
-            xp = np if isinstance(places, np.ndarray | np.generic) else jnp
-            found[name] = xp.asarray(values)[tuple(rows)]
+            found[name] = array_module(places).asarray(values)[tuple(rows)]
         return found

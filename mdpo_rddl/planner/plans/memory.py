@@ -10,10 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-from jax import Array
-
-from mdpo_rddl.planner.rollouts.plan_memory import Entries
+from mdpo_rddl.planner.plans.features import array_module
 
 _MOST_STEPS = 100
 
@@ -89,11 +86,11 @@ class Mean(NamedTuple):
         """Nothing is known yet."""
         return center
 
-    def after(self, before: Array, value: Array, count: Any) -> Array:
+    def after(self, before: Any, value: Any, count: Any) -> Any:
         """The value joins with the weight 1/N, corrected for the start."""
-        share = 1.0 / self.steps
-        weight = share / (1.0 - (1.0 - share) ** (jnp.maximum(count, 0.0) + 1.0))
-        return jnp.where(count < 0.0, before, before + weight * (value - before))
+        xp, share = array_module(before), 1.0 / self.steps
+        weight = share / (1.0 - (1.0 - share) ** (xp.maximum(count, 0.0) + 1.0))
+        return xp.where(count < 0.0, before, before + weight * (value - before))
 
 
 class Trace(NamedTuple):
@@ -118,10 +115,11 @@ class Trace(NamedTuple):
         del center
         return 0.0
 
-    def after(self, before: Array, value: Array, count: Any) -> Array:
+    def after(self, before: Any, value: Any, count: Any) -> Any:
         """1 where it is true, else a little less than before."""
-        now = jnp.where(count < 0.0, 0.0, value)
-        return jnp.maximum(now, math.exp(-1.0 / self.steps) * before)
+        xp = array_module(before)
+        now = xp.where(count < 0.0, 0.0, value)
+        return xp.maximum(now, math.exp(-1.0 / self.steps) * before)
 
 
 class Memory:
@@ -158,18 +156,22 @@ class Memory:
         params = rddl.variable_params
         self.types = {name: list(params[entry.source]) for name, entry in self.entries.items()}
 
-    def updated(self, memory: Entries, step: Any, values: Mapping[str, Array]) -> Entries:
+    def updated(
+        self, memory: Mapping[str, Any], step: Any, values: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """The memory after a step.
 
         Args:
-          memory: before it.
+          memory: before it, arrays of numpy's or JAX's.
           step: of the rollout, from 0.
-          values: of the observed fluents, and of the actions in units from the no-op [*shape].
+          values: of the observed fluents, and of the actions in units from the no-op, each of the
+            shape of its entries.
         """
         found = {}
         for name, entry in self.entries.items():
             before = memory[name]
-            value = jnp.reshape(jnp.asarray(values[entry.source], before.dtype), before.shape)
+            xp = array_module(before)
+            value = xp.reshape(xp.asarray(values[entry.source], before.dtype), before.shape)
             count = step - (0 if entry.is_action else self._first)
-            found[name] = entry.after(before, value, jnp.asarray(count, before.dtype))
+            found[name] = entry.after(before, value, xp.asarray(count, before.dtype))
         return found

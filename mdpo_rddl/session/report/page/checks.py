@@ -84,6 +84,7 @@ _SUMMARY = fields(
         "rule": absent_or(fields({"equations": entries(_EQUATION), "note": text})),
         "thinking": absent_or(_THINKING),
         "decision_seconds": absent_or(number),
+        "simulated_episodes": absent_or(count),
         "train_seconds": number,
         "compile_seconds": number,
         "warnings": entries(text),

@@ -1,0 +1,144 @@
+"""Returns of a policy in many episodes side by side, under the referee's rules."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.legality import Referee, action_box
+from mdpo_rddl.problem.load import make_environment
+from mdpo_rddl.problem.played import NotPlayedError
+from mdpo_rddl.simulator.rollouts import Trajectories, rollout
+from mdpo_rddl.simulator.simulator import Simulator, State
+
+Arrays = Mapping[str, np.ndarray]
+
+
+class Replicated(Protocol):
+    """A policy that decides for B episodes at once."""
+
+    def __call__(self, step: int, observation: Arrays) -> Mapping[str, Any]:
+        """Per action fluent [*shape, B], for an observation per fluent [*shape, B]; episodes begin
+        at step 0."""
+
+    def were_played(self, actions: Arrays) -> None:
+        """What was played at that step, per action fluent [*shape, B]."""
+
+
+class SideBySide(NamedTuple):
+    """What many episodes came to.
+
+    Attributes:
+      evaluation: the returns.
+      trajectories: states, actions and rewards by step, where they were asked for.
+    """
+
+    evaluation: Evaluation
+    trajectories: Trajectories | None
+
+
+def evaluate_side_by_side(
+    simulator: Simulator, policy: Replicated, episodes: int, seed: int, keep: bool = False
+) -> SideBySide:
+    """Plays episodes of the exact model.
+
+    An action that is not legal is replaced as `mdpo_rddl.problem.legality.Referee` does it.
+
+    Args:
+      simulator: of the problem.
+      policy: decides.
+      episodes: how many.
+      seed: of all draws; the same seed and number of episodes give the same returns.
+      keep: whether trajectories are kept.
+
+    Raises:
+      NotPlayedError: if the environment would have raised an error in an episode.
+    """
+    problem = simulator.problem
+    refereed = _Refereed(simulator, policy)
+    found = rollout(_ShowingStates(simulator), refereed, episodes, seed, keep=keep)
+    if lost := int(found.errors.sum()):
+        raise NotPlayedError(
+            f"{problem.domain_path}, {problem.instance_path}: the environment fails in "
+            f"{lost:,} of {episodes:,} episodes"
+        )
+    illegal, fallback = refereed.counts(found.lengths)
+    evaluation = Evaluation(found.returns, found.lengths, illegal, fallback)
+    return SideBySide(evaluation, found.trajectories)
+
+
+class _ShowingStates(Simulator):
+    """Shows all of a state, which decides what is legal."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        vars(self).update(vars(simulator))
+
+    def observation(self, state: State) -> dict[str, np.ndarray]:
+        return dict(state)
+
+
+class _Refereed:
+    """A policy of states whose actions are legal, as long as there are legal ones."""
+
+    def __init__(self, simulator: Simulator, policy: Replicated) -> None:
+        self._simulator, self._policy = simulator, policy
+        self._env = make_environment(simulator.problem)
+        self._env.reset(seed=0)
+        self._referee, self._box = Referee(self._env), action_box(self._env)
+        self._reals = {n for n, kind in self._env.model.action_ranges.items() if kind == "real"}
+        # of each block of episodes, at each step [2, B]: illegal, and replaced
+        self._marks: list[list[np.ndarray]] = []
+
+    def __call__(self, step: int, state: Arrays) -> dict[str, np.ndarray]:
+        if step == 0:
+            self._marks.append([])
+        count = next(iter(state.values())).shape[-1]
+        proposed = self._policy(step, self._simulator.observation(state))
+        actions = {
+            name: np.array(np.broadcast_to(value, (*self._simulator.shapes[name], count)))
+            for name, value in proposed.items()
+        }
+        is_legal = np.ones(count, bool)
+        for name in self._reals & actions.keys():
+            shape = self._simulator.shapes[name]
+            lower, upper = (np.broadcast_to(b, shape)[..., np.newaxis] for b in self._box[name])
+            actions[name] = np.clip(np.asarray(actions[name], np.float64), lower, upper)
+            is_legal &= np.isfinite(actions[name]).reshape(-1, count).all(axis=0)
+        is_legal &= self._simulator.legal(state, actions)
+        marks = np.zeros((2, count), bool)
+        if not is_legal.all():
+            # of an episode that has ended nothing is played
+            places = np.flatnonzero(~is_legal & ~self._simulator.ended(state))
+            for place in places:
+                marks[:, place] = self._replace(actions, state, int(place))
+        self._marks[-1].append(marks)
+        self._policy.were_played(actions)
+        return actions
+
+    def _replace(
+        self, actions: dict[str, np.ndarray], state: Arrays, place: int
+    ) -> tuple[bool, bool]:
+        """Puts what the referee says in a replica's place: whether it was illegal, and replaced."""
+        subs = self._env.sampler.subs
+        for name, values in state.items():
+            subs[name] = np.reshape(values[..., place], np.shape(subs[name]))
+        verdict = self._referee.rule({name: v[..., place][()] for name, v in actions.items()})
+        for name, value in verdict.actions.items():
+            if name not in actions:
+                noop = self._simulator.noop[name][..., np.newaxis]
+                count = next(iter(state.values())).shape[-1]
+                actions[name] = np.repeat(noop, count, axis=-1)
+            actions[name][..., place] = value
+        return verdict.illegal, verdict.fallback
+
+    def counts(self, lengths: np.ndarray) -> tuple[int, int]:
+        """Steps with an illegal action, and with another in its place, of episodes so long [B]."""
+        totals, first = np.zeros(2, int), 0
+        for block in filter(None, self._marks):
+            marks = np.stack(block)  # [T, 2, B]
+            own = lengths[first : first + marks.shape[-1]]
+            is_played = np.arange(len(marks))[:, np.newaxis] < own
+            totals += (marks & is_played[:, np.newaxis]).sum(axis=(0, 2))
+            first += marks.shape[-1]
+        return int(totals[0]), int(totals[1])
