@@ -10,7 +10,7 @@ from mdpo_rddl.problem.legality import Referee, action_box
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.played import NotPlayedError
 from mdpo_rddl.simulator.rollouts import Trajectories, rollout
-from mdpo_rddl.simulator.simulator import Simulator, State
+from mdpo_rddl.simulator.simulator import Simulator, State, Step
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -57,25 +57,37 @@ def evaluate_side_by_side(
     """
     problem = simulator.problem
     refereed = _Refereed(simulator, policy)
-    found = rollout(_ShowingStates(simulator), refereed, episodes, seed, keep=keep)
+    found = rollout(_RefereedSimulator(simulator, refereed), refereed, episodes, seed, keep=keep)
     if lost := int(found.errors.sum()):
         raise NotPlayedError(
             f"{problem.domain_path}, {problem.instance_path}: the environment fails in "
             f"{lost:,} of {episodes:,} episodes"
         )
     illegal, fallback = refereed.counts(found.lengths)
-    evaluation = Evaluation(found.returns, found.lengths, illegal, fallback)
+    evaluation = Evaluation(
+        found.returns,
+        found.lengths,
+        int(illegal.sum()),
+        int(fallback.sum()),
+        illegal - fallback,
+        tuple(refereed.unmet),
+    )
     return SideBySide(evaluation, found.trajectories)
 
 
-class _ShowingStates(Simulator):
-    """Shows all of a state, which decides what is legal."""
+class _RefereedSimulator(Simulator):
+    """Shows all of a state, which decides what is legal, and pays by the referee's verdicts."""
 
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator: Simulator, refereed: "_Refereed") -> None:
         vars(self).update(vars(simulator))
+        self._refereed = refereed
 
     def observation(self, state: State) -> dict[str, np.ndarray]:
         return dict(state)
+
+    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+        after = super().step(state, actions, generator)
+        return after._replace(rewards=self._refereed.paid(after.rewards))
 
 
 class _Refereed:
@@ -89,10 +101,13 @@ class _Refereed:
         self._reals = {n for n, kind in self._env.model.action_ranges.items() if kind == "real"}
         # of each block of episodes, at each step [2, B]: illegal, and replaced
         self._marks: list[list[np.ndarray]] = []
+        self._worst: Any = 0.0
+        self.unmet: dict[str, None] = {}
 
     def __call__(self, step: int, state: Arrays) -> dict[str, np.ndarray]:
         if step == 0:
             self._marks.append([])
+            self._worst = 0.0
         count = next(iter(state.values())).shape[-1]
         proposed = self._policy(step, self._simulator.observation(state))
         actions = {
@@ -124,6 +139,8 @@ class _Refereed:
         for name, values in state.items():
             subs[name] = np.reshape(values[..., place], np.shape(subs[name]))
         verdict = self._referee.rule({name: v[..., place][()] for name, v in actions.items()})
+        if verdict.illegal and not verdict.fallback:
+            self.unmet.update(dict.fromkeys(verdict.unmet))
         for name, value in verdict.actions.items():
             if name not in actions:
                 noop = self._simulator.noop[name][..., np.newaxis]
@@ -132,13 +149,20 @@ class _Refereed:
             actions[name][..., place] = value
         return verdict.illegal, verdict.fallback
 
-    def counts(self, lengths: np.ndarray) -> tuple[int, int]:
-        """Steps with an illegal action, and with another in its place, of episodes so long [B]."""
-        totals, first = np.zeros(2, int), 0
+    def paid(self, rewards: np.ndarray) -> np.ndarray:
+        """What the last step pays [B]: without a legal action no more than any step before it."""
+        is_illegal, is_replaced = self._marks[-1][-1]
+        paid = np.where(is_illegal & ~is_replaced, np.minimum(rewards, self._worst), rewards)
+        self._worst = np.minimum(self._worst, paid)
+        return paid
+
+    def counts(self, lengths: np.ndarray) -> np.ndarray:
+        """Of episodes so long [B], the steps [2, B] with an illegal action, and with another one in
+        its place."""
+        totals = list[np.ndarray]()
         for block in filter(None, self._marks):
-            marks = np.stack(block)  # [T, 2, B]
+            marks, first = np.stack(block), sum(each.shape[-1] for each in totals)
             own = lengths[first : first + marks.shape[-1]]
             is_played = np.arange(len(marks))[:, np.newaxis] < own
-            totals += (marks & is_played[:, np.newaxis]).sum(axis=(0, 2))
-            first += marks.shape[-1]
-        return int(totals[0]), int(totals[1])
+            totals.append((marks & is_played[:, np.newaxis]).sum(axis=0))
+        return np.concatenate(totals, axis=1) if totals else np.zeros((2, len(lengths)), int)
