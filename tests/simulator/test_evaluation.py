@@ -22,7 +22,8 @@ domain pit {
   action-preconditions { ~fallen; };
 }
 non-fluents nf { domain = pit; }
-instance one { domain = pit; non-fluents = nf; max-nondef-actions = 1; horizon = 6; discount = 0.5; }
+instance one { domain = pit; non-fluents = nf; max-nondef-actions = 1; horizon = 6;
+  discount = 0.5; }
 """
 
 
