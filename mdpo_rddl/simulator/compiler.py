@@ -32,6 +32,7 @@ from mdpo_rddl.simulator.laws import (
     REAL,
     RELATIONS,
     UNARY,
+    UNIFORM,
     WHOLE_RESULTS,
     sums_to_one,
 )
@@ -108,6 +109,7 @@ class Node:
       checks: whether computing it may lose replicas.
       fresh: whether its array is new, so that the only user may write into it.
       shared: whether it has several users.
+      kept: whether its value is kept for the step where it is shared, though it has no arguments.
     """
 
     rows: int
@@ -119,6 +121,7 @@ class Node:
     checks: bool = False
     fresh: bool = True
     shared: bool = False
+    kept: bool = False
     closure: Closure | None = field(default=None, repr=False)
 
     def may_be_overwritten(self, rows: int, kind: str) -> bool:
@@ -184,6 +187,8 @@ class Compiler:
         self.largest = 1
         """The most bytes of a node for one replica."""
         self._made: list[Any] = []
+        self._bases: dict[tuple[Scope, str, int], Node] = {}
+        self._drawn: dict[tuple[Scope, str], int] = {}
 
     # --- what an expression reads --------------------------------------------------------
 
@@ -291,7 +296,7 @@ class Compiler:
         if node.closure is None:
             assert node.make is not None
             node.closure = node.make(*map(self.link, node.args))
-            if node.shared and node.args:
+            if node.shared and (node.args or node.kept):
                 node.closure = self._kept(node.closure)
         return node.closure
 
@@ -582,7 +587,37 @@ class Compiler:
             return self.lower(e.args[1], scope)
         if condition.value is not None and not condition.value.any():
             return self.lower(e.args[2], scope)
-        return self._choice(condition, *(self.lower(branch, scope) for branch in e.args[1:]))
+        return self._choice(condition, *self._branches(e.args[1:], scope))
+
+    def _branches(self, branches: Sequence[Any], scope: Scope) -> list[Node]:
+        """The nodes of expressions of which one is evaluated.
+
+        The n-th draw of each is made of the same numbers, which changes no law.
+        """
+        nodes, before, most = [], dict(self._drawn), dict(self._drawn)
+        for branch in branches:
+            self._drawn = dict(before)
+            nodes.append(self.lower(branch, scope))
+            for key, count in self._drawn.items():
+                most[key] = max(count, most.get(key, 0))
+        self._drawn = most
+        return nodes
+
+    def _base(self, method: str, scope: Scope) -> Node:
+        """The next draws [K, B] of a generator's method."""
+        number = self._drawn.get((scope, method), 0)
+        self._drawn[scope, method] = number + 1
+        key, rows = (scope, method, number), scope.rows
+        if key in self._bases:
+            self._bases[key].shared = True
+        else:
+            self._bases[key] = Node(
+                rows,
+                "f",
+                lambda: lambda s: getattr(s.generator, method)((rows, s.replicas)),
+                kept=True,
+            )
+        return self._bases[key]
 
     def _choice(self, condition: Node, then: Node, other: Node) -> Node:
         kind = _promoted(then, other)
@@ -616,12 +651,11 @@ class Compiler:
         named = {self._index(case[0]): case[1] for kind, case in cases if kind == "case"}
         default = next((case for kind, case in cases if kind != "case"), None)
         count = len(self._model.type_to_objects[self._model.variable_ranges[predicate.args[0]]])
-        exprs = [named.get(number, default) for number in range(count)]
-        result = self.lower(exprs[0], scope)
+        nodes = self._branches([named.get(number, default) for number in range(count)], scope)
+        node.shared, result = True, nodes[0]
         for number in range(1, count):
             is_it = self._elementwise(np.equal, "b", node, _constant(np.full((1, 1), number)))
-            node.shared = True
-            result = self._choice(is_it, self.lower(exprs[number], scope), result)
+            result = self._choice(is_it, nodes[number], result)
         return result
 
     # --- aggregation ---------------------------------------------------------------------
@@ -803,7 +837,7 @@ class Compiler:
         if name in ("Discrete", "UnnormDiscrete"):
             named = {self._index(case[0]): case[1] for _, case in e.args[1:]}
             nodes = [self.lower(named[number], scope) for number in range(len(named))]
-            return self._discrete(nodes, scope.rows, name == "UnnormDiscrete")
+            return self._discrete(nodes, scope, name == "UnnormDiscrete")
         if name in ("Discrete(p)", "UnnormDiscrete(p)"):
             *binders, (body,) = e.args
             ((variable, kind),) = typed(binders)
@@ -819,7 +853,7 @@ class Compiler:
                 )
                 for number in range(count)
             ]
-            return self._discrete(nodes, scope.rows, name == "UnnormDiscrete(p)")
+            return self._discrete(nodes, scope, name == "UnnormDiscrete(p)")
         if name not in LAWS:
             raise UnsupportedError(f"the simulator does not know the distribution {name}")
         law = LAWS[name]
@@ -828,19 +862,23 @@ class Compiler:
         is_sound = all(v is not None for v in constants) and bool(np.all(law.domain(*constants)))
         rows = scope.rows
 
+        def parameters(s: Frame, fs: Sequence[Closure]) -> list[np.ndarray]:
+            values = [f(s) for f in fs]
+            return values if is_sound else sound(s, values, law.domain, law.safe)
+
         def make(*fs: Closure) -> Closure:
-            def draw(s: Frame) -> np.ndarray:
-                parameters = [f(s) for f in fs]
-                if not is_sound:
-                    parameters = sound(s, parameters, law.domain, law.safe)
-                return law.draw(s.generator, (rows, s.replicas), *parameters)
+            if law.base:
+                *of, base = fs
+                return lambda s: law.draw(base(s), *parameters(s, of))
+            return lambda s: law.draw(s.generator, (rows, s.replicas), *parameters(s, fs))
 
-            return draw
+        args = (*nodes, self._base(law.base, scope)) if law.base else tuple(nodes)
+        return Node(rows, law.kind, make, args, checks=not is_sound or _checks(nodes))
 
-        return Node(rows, law.kind, make, tuple(nodes), checks=not is_sound or _checks(nodes))
+    def _discrete(self, nodes: list[Node], scope: Scope, is_unnormalised: bool) -> Node:
+        rows = scope.rows
 
-    def _discrete(self, nodes: list[Node], rows: int, is_unnormalised: bool) -> Node:
-        def make(*fs: Closure) -> Closure:
+        def make(uniform: Closure, *fs: Closure) -> Closure:
             def draw(s: Frame) -> np.ndarray:
                 weights = np.stack([np.broadcast_to(f(s), (rows, s.replicas)) for f in fs]).astype(
                     REAL
@@ -851,12 +889,12 @@ class Compiler:
                 fine = (weights >= 0).all(axis=0) & sums_to_one(below[-1])
                 if not fine.all():
                     s.lose(~fine)
-                passed = (s.generator.random((rows, s.replicas)) >= below).sum(axis=0)
+                passed = (uniform(s) >= below).sum(axis=0)
                 return np.where(passed == len(fs), 0, passed)
 
             return draw
 
-        return Node(rows, "i", make, tuple(nodes), checks=True)
+        return Node(rows, "i", make, (self._base(UNIFORM, scope), *nodes), checks=True)
 
     # --- vectors, matrices, external functions -------------------------------------------
 

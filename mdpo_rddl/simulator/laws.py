@@ -97,31 +97,34 @@ class Law:
 
     Attributes:
       draw: (generator, size, *parameters) -> values [K, B]; the parameters broadcast to the size.
+        Where there is a base, (its draws [K, B], *parameters) -> values.
       domain: for which parameters neither pyRDDLGym nor numpy raises an error.
       safe: parameters in that domain.
       kind: of the values: `b`, `i` or `f`.
+      base: the generator's method whose draws need no parameters and are the only ones.
     """
 
     draw: Callable[..., np.ndarray]
     domain: Callable[..., Any]
     safe: tuple[float, ...]
     kind: str = "f"
+    base: str = ""
 
 
-def _uniform(g: Any, size: tuple[int, int], low: Any, high: Any) -> np.ndarray:
-    return low + (high - low) * g.random(size)
+def _uniform(u: Any, low: Any, high: Any) -> np.ndarray:
+    return low + (high - low) * u
 
 
-def _normal(g: Any, size: tuple[int, int], mean: Any, variance: Any) -> np.ndarray:
-    return mean + np.sqrt(variance) * g.standard_normal(size)
+def _normal(z: Any, mean: Any, variance: Any) -> np.ndarray:
+    return mean + np.sqrt(variance) * z
 
 
-def _gompertz(g: Any, size: tuple[int, int], shape: Any, scale: Any) -> np.ndarray:
-    return np.log(1.0 - np.log1p(-g.random(size)) / shape) / scale
+def _gompertz(u: Any, shape: Any, scale: Any) -> np.ndarray:
+    return np.log(1.0 - np.log1p(-u) / shape) / scale
 
 
-def _kumaraswamy(g: Any, size: tuple[int, int], a: Any, b: Any) -> np.ndarray:
-    return (1.0 - g.random(size) ** (1.0 / b)) ** (1.0 / a)
+def _kumaraswamy(u: Any, a: Any, b: Any) -> np.ndarray:
+    return (1.0 - u ** (1.0 / b)) ** (1.0 / a)
 
 
 def _second_positive(mean: Any, scale: Any) -> Any:
@@ -129,14 +132,22 @@ def _second_positive(mean: Any, scale: Any) -> Any:
 
 
 _ONES = (1.0, 1.0)
+UNIFORM = "random"
+"""The base of what is made of numbers that are uniform on [0, 1)."""
 LAWS: Mapping[str, Law] = {
-    "Uniform": Law(_uniform, lambda a, b: (a <= b) & np.isfinite(b - a), (0.0, 0.0)),
-    "Bernoulli": Law(lambda g, n, p: g.random(n) <= p, _probability, (0.0,), "b"),
-    "Normal": Law(_normal, lambda m, v: (v >= 0) & np.ones(np.shape(m), bool), (0.0, 0.0)),
+    "Uniform": Law(_uniform, lambda a, b: (a <= b) & np.isfinite(b - a), (0.0, 0.0), "f", UNIFORM),
+    "Bernoulli": Law(lambda u, p: u <= p, _probability, (0.0,), "b", UNIFORM),
+    "Normal": Law(
+        _normal,
+        lambda m, v: (v >= 0) & np.ones(np.shape(m), bool),
+        (0.0, 0.0),
+        "f",
+        "standard_normal",
+    ),
     "Poisson": Law(
         lambda g, n, m: g.poisson(m, n), lambda m: (m >= 0) & (m <= _LARGEST_RATE), (0.0,), "i"
     ),
-    "Exponential": Law(lambda g, n, m: m * g.standard_exponential(n), _positive, (1.0,)),
+    "Exponential": Law(lambda e, m: m * e, _positive, (1.0,), "f", "standard_exponential"),
     "Weibull": Law(lambda g, n, k, m: m * g.weibull(k, n), _positive, _ONES),
     "Gamma": Law(lambda g, n, k, m: m * g.standard_gamma(k, n), _positive, _ONES),
     "Binomial": Law(
@@ -158,9 +169,9 @@ LAWS: Mapping[str, Law] = {
     "Gumbel": Law(lambda g, n, m, s: g.gumbel(m, s, n), _second_positive, (0.0, 1.0)),
     "Laplace": Law(lambda g, n, m, s: g.laplace(m, s, n), _second_positive, (0.0, 1.0)),
     "Cauchy": Law(lambda g, n, m, s: m + s * g.standard_cauchy(n), _second_positive, (0.0, 1.0)),
-    "Gompertz": Law(_gompertz, _positive, _ONES),
+    "Gompertz": Law(_gompertz, _positive, _ONES, "f", UNIFORM),
     "ChiSquare": Law(lambda g, n, df: g.chisquare(df, n), _positive, (1.0,)),
-    "Kumaraswamy": Law(_kumaraswamy, _positive, _ONES),
+    "Kumaraswamy": Law(_kumaraswamy, _positive, _ONES, "f", UNIFORM),
 }
 
 

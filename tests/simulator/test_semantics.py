@@ -183,6 +183,25 @@ def test_the_draws_of_replicas_and_objects_are_independent():
     assert np.abs(np.corrcoef(step.state["x"]) - np.eye(3)).max() < 0.06
 
 
+@pytest.mark.parametrize(
+    ("expression", "chance"),
+    [
+        ("Bernoulli(0.5) ^ Bernoulli(0.5)", 0.25),
+        ("if (Bernoulli(0.5)) then Bernoulli(0.5) else false", 0.25),
+        ("if (b(?i)) then Bernoulli(0.3) else Bernoulli(0.6) ^ Bernoulli(0.5)", 0.3),
+        ("(if (b(?i)) then Bernoulli(0.5) else Bernoulli(0.9)) <=> Bernoulli(0.5)", 0.5),
+        ("(if (b(?i)) then Bernoulli(0.5) else true) ^ (b(?i) => Bernoulli(0.5))", 0.25),
+    ],
+)
+def test_draws_of_one_expression_are_independent(expression, chance):
+    # exclusive branches are made of the same numbers, and nothing else is
+    simulator = Simulator(problem_from(toy("s", f"t(?i) = {expression}")))
+    state = dict(simulator.initial(20_000))
+    state["b"] = np.ones((3, 20_000), bool)
+    drawn = simulator.step(state, {}, np.random.default_rng(0)).state["t"]
+    assert drawn.mean() == pytest.approx(chance, abs=4 * 0.5 / np.sqrt(drawn.size))
+
+
 def test_an_error_is_its_replicas_own():
     problem = problem_from(toy("s", "t(?i) = Bernoulli(0.5 + push(?i))"))
     simulator = Simulator(problem)
