@@ -18,6 +18,7 @@ Draws are made there, too, which changes no law.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -876,25 +877,40 @@ class Compiler:
         return Node(rows, law.kind, make, args, checks=not is_sound or _checks(nodes))
 
     def _discrete(self, nodes: list[Node], scope: Scope, is_unnormalised: bool) -> Node:
-        rows = scope.rows
+        count = len(nodes)
+        nodes = [self._number(node) for node in nodes]
+
+        def bounds(weights: list[Any]) -> tuple[list[Any], Any]:
+            """The cumulative probabilities, and where they are ones."""
+            sums = list(accumulate(weights))
+            if is_unnormalised:
+                sums = [each / sums[-1] for each in sums]
+            fine = sums_to_one(sums[-1])
+            for weight in weights:
+                fine = fine & (weight >= 0)
+            return sums, fine
+
+        constants = [node.value for node in nodes]
+        known = bounds(constants) if all(each is not None for each in constants) else None
+        is_sound = known is not None and bool(np.all(known[1]))
+        small = np.uint8 if count < 256 else INT
 
         def make(uniform: Closure, *fs: Closure) -> Closure:
             def draw(s: Frame) -> np.ndarray:
-                weights = np.stack([np.broadcast_to(f(s), (rows, s.replicas)) for f in fs]).astype(
-                    REAL
-                )
-                below = np.cumsum(weights, axis=0)
-                if is_unnormalised:
-                    below = below / below[-1]
-                fine = (weights >= 0).all(axis=0) & sums_to_one(below[-1])
-                if not fine.all():
+                sums, fine = known or bounds([f(s) for f in fs])
+                if not is_sound and not fine.all():
                     s.lose(~fine)
-                passed = (uniform(s) >= below).sum(axis=0)
-                return np.where(passed == len(fs), 0, passed)
+                drawn = uniform(s)
+                passed = (drawn >= sums[0]).astype(small)
+                for each in sums[1:]:
+                    passed += drawn >= each
+                # beyond the last sum, which may be less than 1, pyRDDLGym takes the first value
+                return np.multiply(passed, passed != count, dtype=INT)
 
             return draw
 
-        return Node(rows, "i", make, (self._base(UNIFORM, scope), *nodes), checks=True)
+        args = (self._base(UNIFORM, scope), *nodes)
+        return Node(scope.rows, "i", make, args, checks=not is_sound or _checks(nodes))
 
     # --- vectors, matrices, external functions -------------------------------------------
 
