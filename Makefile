@@ -5,7 +5,7 @@ VENV := .venv
 HASHES ?=
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-newest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-newest test-clients lint floors bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -74,6 +74,10 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# 24 problems, 15 s each on one core, two side by side: fails if a return fell below its floor
+floors: $(VENV)/.installed
+	$(BIN)/python benchmarks/floors.py
 
 # speed against JaxPlan's own loop, in turn
 bench: $(VENV)/.installed
