@@ -12,8 +12,10 @@ range, two standard errors of a mean over the episodes, and 1% of that smallest 
 its floor is measured again with the next seed, and only if that is below as well the floor fell. A
 run that fails is as one below.
 
-Rows are written as they come; a run into the same `--out` goes on where that one stopped. Floors
-hold for machines at least as fast as the one they were recorded on: on a slower one, record first.
+Rows are written as they come; a run into the same `--out` goes on where that one stopped. Seconds
+are by the clock: a run that had less than 0.8 of its core sets no floor, and the table tells which
+had. Floors hold for machines at least as fast as the one they were recorded on: on a slower one,
+record first.
 """
 
 import argparse
@@ -34,10 +36,11 @@ HERE = Path(__file__).parent
 FLOORS = HERE / "floors.csv"
 COLUMNS = ["problem", "instance", "kind", "floor", "means", "standard_error", "commit"]
 ROW_COLUMNS = ["problem", "instance", "seed", "mean", "standard_error", "episodes", "arm"]
-ROW_COLUMNS += ["wall_seconds", "cause", "commit"]
+ROW_COLUMNS += ["core_share", "wall_seconds", "cause", "commit"]
 SECONDS = 15
-# beyond the seconds of the plan: start-up, evaluation, report
+# with start-up, evaluation and report
 LIMIT_SECONDS = 300
+LEAST_SHARE = 0.8
 
 Row = dict[str, str]
 
@@ -150,22 +153,37 @@ def plan(floor: Row, seed: int, core: int, out: Path) -> Row:
     command += ["--out", str(folder), "--no-cache", "--quiet"]
     row = {"problem": floor["problem"], "instance": floor["instance"], "seed": str(seed)}
     row |= {"mean": "", "standard_error": "", "episodes": "", "arm": "", "cause": ""}
-    began = time.monotonic()
-    try:
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=LIMIT_SECONDS)
-        summary = json.loads((folder / "summary.json").read_text())
-    except subprocess.CalledProcessError as error:
-        last = error.stderr.strip().splitlines()[-1:] or [""]
-        row["cause"] = f"status {error.returncode}: {last[0]}"
-    except (subprocess.TimeoutExpired, OSError, ValueError) as error:
-        row["cause"] = " ".join(str(error).split())
+    log, began = folder.with_suffix(".log"), time.monotonic()
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as output:
+        child = subprocess.Popen(command, stdout=output, stderr=output)
+    status, cpu_seconds = ended(child)
+    wall_seconds = time.monotonic() - began
+    if status != 0:
+        last = log.read_text().strip().splitlines()[-1:] or [""]
+        row["cause"] = f"status {status}: {last[0]}"
     else:
+        summary = json.loads((folder / "summary.json").read_text())
         returns = summary["returns"]
         row["mean"] = repr(statistics.fmean(returns))
         row["standard_error"] = repr(standard_error(returns))
         row["episodes"] = str(len(returns))
         row["arm"] = summary["auto"]["arm"]
-    return {**row, "wall_seconds": f"{time.monotonic() - began:.1f}"}
+    row["core_share"] = f"{cpu_seconds / wall_seconds:.2f}"
+    return {**row, "wall_seconds": f"{wall_seconds:.1f}"}
+
+
+def ended(child: subprocess.Popen[bytes]) -> tuple[int, float]:
+    """The exit status and CPU seconds of a process, which is killed if it takes too long."""
+    until = time.monotonic() + LIMIT_SECONDS
+    while True:
+        pid, status, usage = os.wait4(child.pid, os.WNOHANG)
+        if pid:
+            child.returncode = os.waitstatus_to_exitcode(status)
+            return child.returncode, usage.ru_utime + usage.ru_stime
+        if time.monotonic() > until:
+            child.kill()
+        time.sleep(0.05)
 
 
 def standard_error(returns: list[float]) -> float:
@@ -175,8 +193,9 @@ def standard_error(returns: list[float]) -> float:
 
 def set_floor(floor: Row, rows: list[Row]) -> None:
     """Sets the floor of a problem from its seeds' rows."""
-    if any(row["cause"] for row in rows):
-        print(f"{floor['problem']}: a run failed; its floor is left", file=sys.stderr)
+    if any(row["cause"] or is_disturbed(row) for row in rows):
+        said = "a run failed or had too little of its core: the floor is left"
+        print(f"{floor['problem']}: {said}", file=sys.stderr)
         return
     means = [float(row["mean"]) for row in rows]
     error = max(float(row["standard_error"]) for row in rows)
@@ -192,6 +211,11 @@ def is_below(row: Row, floor: Row) -> bool:
     return bool(row["cause"]) or float(row["mean"]) < float(floor["floor"])
 
 
+def is_disturbed(row: Row) -> bool:
+    """Whether other processes had much of its core."""
+    return float(row["core_share"]) < LEAST_SHARE
+
+
 def print_table(
     floors: list[Row], rows: dict[tuple[str, ...], Row], seed: int, fallen: list[Row]
 ) -> None:
@@ -202,6 +226,8 @@ def print_table(
         returned = ", ".join(f"{float(r['mean']):.6g}" if r["mean"] else r["cause"] for r in runs)
         name = f"{floor['problem']} {floor['instance']}"
         verdict = "FELL" if floor in fallen else "holds"
+        if any(map(is_disturbed, runs)):
+            verdict += ", with " + ", ".join(r["core_share"] for r in runs) + " of its core"
         lines.append((name, floor["kind"], floor["floor"], returned, verdict))
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
     for line in lines:
@@ -210,11 +236,14 @@ def print_table(
 
 
 def described_commit() -> str:
-    """The short hash of this checkout, with a plus where files differ from it."""
-    command = ["git", "describe", "--always", "--exclude=*", "--dirty=+"]
-    return subprocess.run(
-        command, cwd=HERE, check=True, capture_output=True, text=True
-    ).stdout.strip()
+    """The latest commit of the package, with a plus where files differ from it."""
+    package = HERE.parent / "mdpo_rddl"
+
+    def git(*arguments: str) -> str:
+        command = ["git", *arguments, "--", str(package)]
+        return subprocess.run(command, cwd=HERE, check=True, capture_output=True, text=True).stdout
+
+    return git("log", "-1", "--format=%h").strip() + "+" * bool(git("status", "--porcelain"))
 
 
 def key_of(floor: Row, seed: int) -> tuple[str, ...]:
