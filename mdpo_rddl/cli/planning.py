@@ -96,7 +96,6 @@ def _load_request(options: argparse.Namespace, command: str | None) -> LoadReque
         decision_seconds=options.decision_seconds,
         command=command,
         movie=options.movie,
-        hindsight=options.hindsight,
     )
 
 
@@ -126,7 +125,6 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         start_from=None if options.start_from is None else load_policy(options.start_from),
         resume=options.resume,
         checkpoint_seconds=options.checkpoint_seconds,
-        hindsight=options.hindsight,
     )
 
 
