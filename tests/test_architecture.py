@@ -192,7 +192,7 @@ def test_arms_see_each_other_only_through_their_interface():
     # what an arm is, each of them more than the one before
     kinds = ["base", "compiling", "trained"]
     arms = {path.stem for path in folder.glob("*.py")} - {"__init__", *kinds}
-    assert {"gradient", "plan_search", "jaxplan"} <= arms
+    assert {"gradient", "plan_search", "shooting"} <= arms
     assert {end for _, end in edges_inside(folder)} == set(kinds)
     among = {(start, end) for start, end in edges_inside(folder) if start in kinds}
     assert among == {("compiling", "base"), ("trained", "compiling")}
@@ -201,14 +201,14 @@ def test_arms_see_each_other_only_through_their_interface():
 
 
 def test_a_race_asks_one_clock_for_the_time():
-    # threads and a process of its own are waited for by the machine's clock
+    # threads are waited for by the machine's clock
     asking = {
         module_name(path)
         for path in room("auto")
         for node in ast.walk(tree(path))
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("time.")
     }
-    waiting = {"arms.compiling", "arms.jaxplan", "common.compilations"}
+    waiting = {"arms.compiling", "common.compilations"}
     assert asking == {f"mdpo_rddl.auto.{name}" for name in waiting}
 
 

@@ -191,7 +191,6 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
         earlier=kept.start,
         on_begun=kept.begun,
         on_pulse=kept.pulse,
-        on_wait=kept.waits,
     )
     outcome = find_by_race(without_choice(request), reporter, options)
     if outcome.interrupted:

@@ -62,8 +62,8 @@ def test_an_arm_is_left_out_where_it_had_a_part_in_the_policy(tmp_path, monkeypa
 def test_only_the_whole_races_arms_count(tmp_path):
     records = Records(tmp_path / "rows.csv", COLUMNS, KEYS)
     add(records, TOY, "auto", [1.0], "plan; polishing the plan; polishing the plan")
-    add(records, TOY, "auto", [1.0], "JaxPlan's default slp", seed=1)
-    add(records, TOY, "auto-without-plan", [1.0], "pgpe")
+    add(records, TOY, "auto", [1.0], "luck", seed=1)
+    add(records, TOY, "auto-without-plan", [1.0], "greedy")
     assert arms_of(records.rows) == ["plan", "polishing the plan"]
 
 
@@ -73,7 +73,7 @@ def test_the_table_worked_by_hand(tmp_path):
     add(records, TOY, "auto", [6.0, 8.0], seed=1)
     add(records, TOY, "auto-without-plan", [1.0, 3.0])
     add(records, TOY, "auto-without-plan", [3.0, 5.0], seed=1)  # 3 less on both episodes
-    add(records, TOY, "auto-without-pgpe", [0.0, 20.0])
+    add(records, TOY, "auto-without-shooting", [0.0, 20.0])
     add(records, TOY, "auto-without-greedy", [9.0, 11.0])
     add(records, TOY, "auto-without-noise")
     add(records, TOY, "auto-without-luck", [5.0, 7.0])  # no arm any more
@@ -84,8 +84,8 @@ def test_the_table_worked_by_hand(tmp_path):
     assert table.startswith("2 tasks, seeds of each: 2.")
     assert "| plan | 2 | 1 | 1 | 0 |" in table
     assert "| greedy | 1 | 0 | 0 | 1 |" in table
-    assert "| pgpe | 1 | 0 | 1 | 0 |" in table
-    assert "| drp | 0 | 0 | 0 | 0 |" in table
+    assert "| shooting | 1 | 0 | 1 | 0 |" in table
+    assert "| exploration | 0 | 0 | 0 | 0 |" in table
     assert "| luck | 1 | 0 | 1 | 0 |" in table
     assert "| adaptive noise | 1 | 1 | 0 | 0 |" in table
     assert "| Toy | 1 | plan | 6 | 3 | 3 [3, 3] | worse |" in table

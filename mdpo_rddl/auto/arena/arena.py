@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mdpo_rddl.auto.arena.judge import Judge, difference_error
-from mdpo_rddl.auto.arena.plain import REACTIVE, STRAIGHT_LINE, PlainPlanners
+from mdpo_rddl.auto.arena.plain import StraightLine
 from mdpo_rddl.auto.arena.probed import Probed
 from mdpo_rddl.auto.common.candidate import NOOP, Candidate
 from mdpo_rddl.auto.common.compilations import Compilations, TooLateError
@@ -164,12 +164,10 @@ class Arena:
         return min(until + self.clock() - started, max(until, self.deadline))
 
     @cached_property
-    def plain(self) -> PlainPlanners:
-        """Planners of JaxPlan's own classes of policies."""
-        # a plan does not see the states, which may be random where the return is not
-        probe = self.probe
-        single = [STRAIGHT_LINE] * probe.deterministic + [REACTIVE] * probe.certain
-        return PlainPlanners(self.problem, single)
+    def straight_line(self) -> StraightLine:
+        """JaxPlan's own straight-line plan."""
+        # it does not see the states, which may be random where the return is not
+        return StraightLine(self.problem, self.probe.deterministic)
 
     @cached_property
     def compilations(self) -> Compilations:

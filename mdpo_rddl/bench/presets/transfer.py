@@ -102,9 +102,9 @@ def _race(
 ) -> RaceOutcome:
     """A race; only for a lifted rule, which fits other instances, if `is_lifted`."""
     config = auto_preset(problem.domain_name).with_values("Optimize", train_seconds=seconds)
-    config = config.with_values("Search", alternatives=False, optimum_until=0.0)
+    config = config.with_values("Search", optimum_until=0.0)
     if is_lifted:
-        config = config.with_values("Search", without=["greedy", "pgpe", "slp", "drp"])
+        config = config.with_values("Search", without=["greedy"])
     options = RaceOptions(initial=functools.partial(start_candidates, policy=start))
     return plan_automatically(problem, config, seed, options)
 

@@ -262,7 +262,7 @@ def finished(names):
     clock = Stopped()
     clock.now = 148.0
     judge = Judge(1, 0, clock, 0.0)
-    judge.record(Candidate("slp", "earlier", preset(1.0), None, None, mean=0.0, error=0.0))
+    judge.record(Candidate("shooting", "earlier", preset(1.0), None, None, mean=0.0, error=0.0))
     arena = SimpleNamespace(judge=judge, clock=clock, planner=object(), **times(), incumbent=None)
     schedule = Schedule(arena, Search(), lambda name: None)
 
@@ -274,9 +274,9 @@ def finished(names):
             raise AssertionError
 
     arm, polisher = Slow(clock, [1.0]), Scripted(clock, [])
-    arm.name = "slp"
+    arm.name = "shooting"
 
-    def trained(name, until, arms):
+    def trained(name, until):
         assert until == arena.deadline
         return arm if name in names else None
 
@@ -284,7 +284,7 @@ def finished(names):
     schedule._affording = SimpleNamespace(patience=lambda until: clock())
     schedule._polishers[False] = polisher
     # the rounds are over: nothing is opened for them
-    schedule._open_programs(147.0, ["slp"])
+    schedule._open_programs(147.0, opens_gradient=True)
     assert schedule.arms == []
     schedule._finish()
     assert clock() == 160.0
@@ -293,7 +293,7 @@ def finished(names):
 
 def test_who_led_a_race_that_was_stopped_after_its_rounds_has_the_rest():
     # the search has what the compilation takes, till 158
-    assert finished(["slp"]) == (1, 1)
+    assert finished(["shooting"]) == (1, 1)
     assert finished([]) == (0, 1)
 
 
