@@ -7,7 +7,6 @@ VARIANT_NAMES = (
     "auto",
     "auto-without-dynamic-programming",
     "auto-without-relaxed-plans",
-    "auto-without-trials",
     "auto-without-greedy",
     "auto-without-exploration",
     "auto-without-shared-weights",

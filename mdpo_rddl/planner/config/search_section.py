@@ -9,7 +9,6 @@ SEARCH = "Search"
 OPTIONAL_ARMS = (
     "dynamic programming",
     "relaxed plans",
-    "trials",
     "greedy",
     "exploration",
     "shared weights",
