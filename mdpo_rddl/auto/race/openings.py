@@ -233,8 +233,7 @@ class Openings(Slices):
 
         Args:
           share: of the time left, for all of them.
-          is_rare: whether no reward was found yet; its policies must soon find some then, unless it
-            counts goals.
+          is_rare: whether no reward was found yet; its policies must soon find some then.
         """
         if not self._entrants.may_be_greedy(share):
             return  # its part may begin later
@@ -243,11 +242,8 @@ class Openings(Slices):
             return
         least = _NUMBERS_AT_LEAST if self._entrants.has_numbers else _GREEDY_AT_LEAST
 
-        def must_find() -> bool:
-            return is_rare and not arm.counts_goals
-
         def at_least() -> float:
-            return 0.0 if must_find() and not self._arena.beats_noop(self._best) else least
+            return 0.0 if is_rare and not self._arena.beats_noop(self._best) else least
 
-        terms = Terms(share, at_least=at_least, by_policies=must_find)
+        terms = Terms(share, at_least=at_least, by_policies=lambda: is_rare)
         self._begin_with(_GREEDY_FIRST, arm, terms)

@@ -3,7 +3,7 @@
 import logging
 from dataclasses import replace
 
-from mdpo_rddl.auto.arena.arena import GOAL_COUNTING, Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arena.judge import ROLLOUTS, Judge, rollouts_for
 from mdpo_rddl.auto.arena.probed import Probed
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
@@ -248,7 +248,6 @@ def _arena(
         on_progress=options.on_progress,
         pulse=options.on_pulse,
         probed=None if large else probed,
-        counts_goals=GOAL_COUNTING not in shares.without,
     )
 
 

@@ -17,7 +17,6 @@ VARIANT_NAMES = (
     "auto-without-polishing-the-plan",
     "auto-without-polishing-the-weights",
     "auto-without-action-voting",
-    "auto-without-goal-counting",
     "auto-without-noise",
     "auto-with-analysis-rollouts",
     "auto-without-open-loop-part",

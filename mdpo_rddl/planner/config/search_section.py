@@ -19,7 +19,6 @@ OPTIONAL_ARMS = (
     "polishing the plan",
     "polishing the weights",
     "action voting",
-    "goal counting",
 )
 """Arms, and parts of some, that can be left out of the race."""
 

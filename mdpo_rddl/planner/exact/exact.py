@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, dtypes, lax
 
-from mdpo_rddl.planner.model.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.opened import open_plan
@@ -32,13 +31,10 @@ class Visits(NamedTuple):
     Attributes:
       returns: discounted [P, N].
       states: per observed fluent its values after each step [P, N, H, *shape].
-      counted: the returns with goals counted (`mdpo_rddl.planner.model.goal_counting`) [P, N]; the
-        returns themselves where there are no goals, or none were asked for.
     """
 
     returns: Array
     states: dict[str, Array]
-    counted: Array
 
 
 def compile_exact_returns(
@@ -77,7 +73,6 @@ def compile_visits(
     planner: MDPOPlanner,
     rollouts: int,
     side_by_side: int | None = None,
-    counts_goals: bool = False,
     jit: Jit = light_jit,
 ) -> Callable[[Array, Any], Visits]:
     """As `compile_exact_returns`, and what the policies saw.
@@ -86,10 +81,9 @@ def compile_visits(
       planner: the compiled planner.
       rollouts: number of rollouts N of each policy.
       side_by_side: policies that are computed at once; all if None.
-      counts_goals: whether returns with goals counted are told, too.
       jit: compiles it.
     """
-    play = _compile_play(planner, rollouts, with_states=True, counts_goals=counts_goals)
+    play = _compile_play(planner, rollouts, with_states=True)
     return _over_policies(play, side_by_side, jit)
 
 
@@ -127,18 +121,16 @@ def _over_policies(
 
 
 def _compile_play(
-    planner: MDPOPlanner, rollouts: int, with_states: bool, counts_goals: bool = False
+    planner: MDPOPlanner, rollouts: int, with_states: bool
 ) -> Callable[[Array, Any], Visits]:
     compiled = planner.test_compiled
     stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
     fluents, nonfluents = initial_values(planner).test
-    goals = counted_reward(compiled) if counts_goals else None
     options = RolloutOptions(
         check_constraints=stopping,
         cache_path_info=with_states,
         differentiated=False,
         memory=open_plan(planner.plan).memory,
-        goals=goals,
     )
     rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
     if stopping:
@@ -153,16 +145,11 @@ def _compile_play(
     def play(key: Array, params: Any) -> Visits:
         log, _ = rollout(key, params, hyperparams, start, nonfluents, model)
         states = {name: log["fluents"][name] for name in seen} if with_states else {}
-
-        def total(rewards: Array) -> Array:
-            summed = jnp.sum(discounts * rewards, axis=-1)
-            if planner.lose_on_error:
-                has_error = jnp.any((log["error"] & INVALID_PARAMETERS) != 0, axis=-1)
-                summed = jnp.where(has_error, LOST, summed)
-            return jnp.zeros_like(summed) if ends_at_once else summed
-
-        returns = total(log["reward"])
-        return Visits(returns, states, returns if goals is None else total(log["counted"]))
+        returns = jnp.sum(discounts * log["reward"], axis=-1)
+        if planner.lose_on_error:
+            has_error = jnp.any((log["error"] & INVALID_PARAMETERS) != 0, axis=-1)
+            returns = jnp.where(has_error, LOST, returns)
+        return Visits(jnp.zeros_like(returns) if ends_at_once else returns, states)
 
     return play
 

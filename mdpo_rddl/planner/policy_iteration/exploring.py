@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array, lax, random
 
-from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
@@ -39,21 +38,18 @@ class Explored(NamedTuple):
     Attributes:
       states: per state fluent its values before each step [B, H, *shape].
       rewards: of each step, zero after the end of the episode [B, H].
-      counted: the same with goals counted (`mdpo_rddl.planner.model.goal_counting`), if there are
-        any.
       alive: 1 up to the step that ends the episode, 0 after it [B, H].
       is_tried: whether one change was decided at random at a step [B, H].
     """
 
     states: dict[str, Array]
     rewards: Array
-    counted: Array
     alive: Array
     is_tried: Array
 
 
 def compile_exploring(
-    planner: MDPOPlanner, guide: FeedbackPlan, rollouts: int, goals: CountedReward | None = None
+    planner: MDPOPlanner, guide: FeedbackPlan, rollouts: int
 ) -> Callable[[tuple[Array, Array], Any, Any, Trying], Explored]:
     """Compiles rollouts under the exact environment's rules.
 
@@ -61,7 +57,6 @@ def compile_exploring(
       planner: compiled, with a `GreedyPlan`.
       guide: a compiled feedback policy of the same problem, which plays where it is asked for.
       rollouts: how many, B.
-      goals: the reward with goals counted; None if there are none.
 
     Returns:
       A function of two random keys, of the rollouts and of what is tried; weights of the value;
@@ -82,9 +77,7 @@ def compile_exploring(
         return plan.choose(jnp.where(given["tried"], tried, gains), state)
 
     compiled = planner.test_compiled
-    options = RolloutOptions(
-        check_constraints=True, cache_path_info=True, differentiated=False, goals=goals
-    )
+    options = RolloutOptions(check_constraints=True, cache_path_info=True, differentiated=False)
     rollout = compile_rollouts(compiled, policy, horizon, rollouts, options)
     fluents, nonfluents = initial_values(planner).test
     start = repeated(fluents, rollouts)
@@ -112,11 +105,8 @@ def compile_exploring(
             name: jnp.concatenate([start[name][:, jnp.newaxis], log["fluents"][name][:, :-1]], 1)
             for name in planner.rddl.state_fluents
         }
-        rewards, counted = (
-            jnp.where(alive > 0.0, log[name], 0.0)
-            for name in ("reward", "reward" if goals is None else "counted")
-        )
-        return Explored(states, rewards, counted, alive, given["tried"])
+        rewards = jnp.where(alive > 0.0, log["reward"], 0.0)
+        return Explored(states, rewards, alive, given["tried"])
 
     return play
 

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, core, lax, random
 
-from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory, initial_memories
@@ -49,7 +48,6 @@ class RolloutOptions:
       cache_path_info: whether the log keeps every fluent at every step.
       differentiated: whether a gradient is taken, for which a large model keeps little.
       memory: what a policy that does not read the history remembers.
-      goals: what counts goals; the log then has the reward with them counted as `counted`.
     """
 
     copies: int = 1
@@ -58,7 +56,6 @@ class RolloutOptions:
     cache_path_info: bool = False
     differentiated: bool = True
     memory: PlanMemory = NO_MEMORY
-    goals: CountedReward | None = None
 
 
 def compile_rollouts(
@@ -90,7 +87,9 @@ def compile_rollouts(
       leading batch axis B on the fluents, giving JaxPlan's log [B, H, ...] and the model
       parameters.
     """
-    transition = _transition(compiled, options)
+    transition = compiled.compile_transition(
+        check_constraints=options.check_constraints, cache_path_info=options.cache_path_info
+    )
 
     def step(shared, early, late, known):
         hyperparams, nonfluents, model = shared
@@ -159,25 +158,6 @@ def compile_rollouts(
         return log, model
 
     return rollout
-
-
-def _transition(compiled: Any, options: RolloutOptions) -> Callable[..., tuple[Any, Any, Any]]:
-    """JaxPlan's transition, which counts goals if that is wanted."""
-    transition = compiled.compile_transition(
-        check_constraints=options.check_constraints, cache_path_info=options.cache_path_info
-    )
-    goals = options.goals
-    if goals is None:
-        return transition
-
-    def counting(key, actions, fluents, nonfluents, model):
-        after, log, params = transition(key, actions, fluents, nonfluents, model)
-        # the reward is of the states before the step; no goal draws random numbers
-        before = {name: fluents[name] for name in compiled.rddl.state_fluents}
-        counted = goals({**after, **before}, nonfluents, model, key)
-        return after, {**log, "counted": counted}, params
-
-    return counting
 
 
 def _empty_history(fluents: Any, horizon: int) -> Any:

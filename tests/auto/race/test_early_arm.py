@@ -38,7 +38,7 @@ def times(deadline=160.0):
 class Planned(Scripted):
     """One that must compile, and does so at once or never."""
 
-    descends = counts_goals = False
+    descends = False
 
     def __init__(self, clock, returns, is_pending=False):
         super().__init__(clock, returns)
@@ -99,25 +99,6 @@ def test_one_that_is_behind_must_catch_up_in_time(pace, slices, monkeypatch):
     assert arm.log.slices == slices
 
 
-class Unjudged(Planned):
-    """Whose policies cannot be judged before another program is compiled, after its first slice."""
-
-    awaited = 0
-
-    def _work(self, until):
-        super()._work(until)
-        self._pending = self.awaited == 1
-
-    def await_program(self, until):
-        self.awaited += 1
-        self._pending = False
-
-
-def test_a_plan_that_leads_goes_on_once_its_policies_can_be_judged():
-    arm, _, _ = first([-2.0, 0.5, 3.0, 4.9, 9.0], True, kind=Unjudged, least_gain=lambda: 0.02)
-    assert arm.log.slices == 4
-
-
 def test_one_that_has_given_up_has_no_slice():
     assert first([1.0, 2.0], at_least=lambda: 0.25, gives_up=True)[0].log.slices == 1
 
@@ -129,8 +110,6 @@ def test_one_that_has_given_up_has_no_slice():
         ({"rare"}, 0.6, 0.0),
         # what its first slice has found is a reward
         ({"rare", "found"}, 0.6, 0.4),
-        # goals are a way to one
-        ({"rare", "goals"}, 0.6, 0.4),
         ({"numbers"}, 0.6, 0.2),
     ],
 )
@@ -147,9 +126,7 @@ def test_a_value_that_finds_no_reward_or_is_of_numbers_has_less_time(tells, shar
 
     def greedy(until, share):
         asked.append((until, share))
-        arm = named("greedy", Planned(clock, [1.0]))
-        arm.counts_goals = "goals" in tells
-        return arm
+        return named("greedy", Planned(clock, [1.0]))
 
     has_time = [False, True]
     schedule._entrants = SimpleNamespace(
