@@ -7,6 +7,7 @@ VARIANT_NAMES = (
     "auto",
     "auto-without-dynamic-programming",
     "auto-without-relaxed-plans",
+    "auto-without-trials",
     "auto-without-greedy",
     "auto-without-exploration",
     "auto-without-shared-weights",

@@ -11,6 +11,7 @@ import numpy as np
 
 from helpers.clocks import Ticking
 from helpers.config_texts import TEXT
+from helpers.toys import toy
 from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.state import UNFIT, State
@@ -20,9 +21,12 @@ from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.mutations import layout_of
+from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.container import read_container, write_container
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits
+from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 from mdpo_rddl.session.unfinished import RACE_FILES
 
@@ -52,12 +56,37 @@ class _Cells:
         self._archive.plans(2)
 
 
+@cache
+def _model() -> GroundModel:
+    return ground_model(toy("quest"), EnumerationLimits(seconds=1e9))
+
+
+class _Seen:
+    """A search by trials that is restored as the other searches are."""
+
+    def __init__(self) -> None:
+        self._search = TrialSearch(_model(), EnumerationLimits(seconds=1e9), 0, Ticking())
+
+    def state(self) -> State:
+        self._search.work(20.0)
+        return self._search.state()
+
+    def restore(self, state: State) -> None:
+        for _ in self._search.restoring(state):
+            pass
+
+    def run(self, evaluate: Any, until: float) -> None:
+        self._search.work(5.0)
+        self._search.found(0.0)
+
+
 def searches() -> dict[str, Any]:
     """What goes on with a state, by the names of arms."""
     sampling = Sampling(sigma=0.5, population=8, seed=1)
     return {
         "shared weights": Adaptation(np.zeros(3), sampling, Ticking()),
         "exploration": _Cells().filled(),
+        "trials": _Seen(),
     }
 
 
@@ -100,7 +129,7 @@ def read(folder: Path, chance: random.Random, change: Any) -> None:
             if state is not None:
                 search.restore(state)
                 search.run(lambda number, vectors: -np.sum(vectors**2, axis=1), 3.5)
-                assert isinstance(search, _Cells) or search.iterations > 0
+                assert isinstance(search, _Cells | _Seen) or search.iterations > 0
         except UNFIT as error:
             raise InputError(f"{arm}: {error}") from error
 

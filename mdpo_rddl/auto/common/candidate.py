@@ -32,8 +32,8 @@ class Candidate:
       policy_hyperparams: JaxPlan's policy hyperparameters.
       parents: names of the arms whose policies it was made from, the earliest first.
       uses_noise: whether it, or what it was made from, was trained with noise on the actions.
-      table: of the actions, with what is known of its return, if the policy looks its
-        actions up.
+      table: of the actions, with what is known of its return, if the policy is one that trials
+        have found.
       plans: how relaxed plans are made, with what simulated episodes have returned, if the policy
         plays by them.
       relaxed: what makes them; None if it has yet to be made here.

@@ -96,14 +96,15 @@ class Affording:
         is_compiled_then = arena.has_plan and not arena.plans.is_compiled and self.plans()
         return POPULATION_PROGRAMS * self._usual_seconds if is_compiled_then else 0.0
 
-    def value(self, share: float, in_turn: int = 0) -> bool:
+    def value(self, share: float, in_turn: int = 0, later: float = 0.0) -> bool:
         """Whether there is time for what learns a value, whose policies make many model steps.
 
         Args:
           share: of the time left, that its compilation and its first iterations may take.
           in_turn: changes that a decision tries one after the other.
+          later: seconds from now, at which it would begin.
         """
-        left = self._arena.deadline - self._arena.clock()
+        left = self._arena.deadline - self._arena.clock() - later
         evaluations = max(_VALUE_EVALUATIONS, _EVALUATIONS_IN_TURN * (1 + in_turn))
         iteration = evaluations * self.batch_seconds + _FITTING_SECONDS
         needed = self.usual_seconds(GREEDY) + _VALUE_ITERATIONS * iteration

@@ -49,18 +49,19 @@ class Entrants:
         usual, jit = affording.usual_seconds(GREEDY), affording.value_jit()
         return PolicyIterationArm(self._arena, until, usual, jit, affording.batch_seconds)
 
-    def may_be_greedy(self, share: float) -> bool:
+    def may_be_greedy(self, share: float, later: float = 0.0) -> bool:
         """Whether there is such an arm, and time for it.
 
         Args:
           share: as `greedy` takes it.
+          later: seconds from now, at which it would begin.
         """
         changes = self._changes
         if changes is None:
             return False
         # bools are tried side by side, and those together that affect nothing in common
         in_turn = changes.size if self.decides_numbers else 0
-        return self._affording.value(share, in_turn)
+        return self._affording.value(share, in_turn, later)
 
     @property
     def decides_numbers(self) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
+from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -17,8 +18,9 @@ from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
 from mdpo_rddl.problem.load import Problem
 
-# of the time: a first slice of the relaxed plans, and their most slices
-_PLANS_SHARE, _PLANS_SLICES = 0.08, 2
+# of the time: a first slice of the relaxed plans, and those of the trials; the former's most slices
+_PLANS_SHARE, _TRIALS_SHARES = 0.08, (0.04, 0.06)
+_PLANS_SLICES = 2
 
 
 @dataclass
@@ -28,15 +30,17 @@ class GroundArms:
     Attributes:
       exact: looks for the optimum.
       plans: makes relaxed plans.
+      trials: searches by trials where states are too many to be enumerated.
     """
 
     exact: DynamicProgrammingArm | None = None
     plans: RelaxedPlansArm | None = None
+    trials: TrialsArm | None = None
 
     @property
     def all(self) -> tuple[Arm, ...]:
         """In the order in which they work."""
-        arms = self.exact, self.plans
+        arms = self.exact, self.plans, self.trials
         return tuple(arm for arm in arms if arm is not None)
 
 
@@ -82,7 +86,7 @@ class GroundSlices:
         until = now + self._shares.optimum_until * max(0.0, deadline - now)
         is_over = resumption.marks.is_over(exact.name)
         is_left_out = exact.name in self._shares.without
-        others = self._plans_go_on(resumption)
+        others = resumption.goes_on(TRIALS) or self._plans_go_on(resumption)
         if not (is_over or is_left_out):
             exact.work(until)
         elif is_left_out or others:
@@ -92,7 +96,7 @@ class GroundSlices:
     def search(
         self, resumption: Resumption, deadline: float, on_stage: Callable[[str], None]
     ) -> None:
-        """Relaxed plans, if there is a ground model.
+        """Relaxed plans, then trials, if there is a ground model.
 
         Args:
           resumption: where the race goes on.
@@ -102,7 +106,7 @@ class GroundSlices:
         exact, without = self.arms.exact, self._shares.without
         assert exact is not None
         given = self._config, self._seed, self._clock
-        opened = exact.grounded.opened
+        opened, model = exact.grounded.opened, exact.grounded.model
         if opened is not None and RELAXED_PLANS not in without:
             on_stage("searching")
             self.arms.plans = RelaxedPlansArm(*given, opened, self._options.on_pulse)
@@ -112,12 +116,29 @@ class GroundSlices:
                     if self.arms.plans.is_undecided:
                         self.arms.plans.work(min(self._until(_PLANS_SHARE), deadline))
         resumption.marks.ended(RELAXED_PLANS)
+        if model is not None and TRIALS not in without:
+            on_stage("searching")
+            more = model, self._options.on_pulse
+            self.arms.trials = TrialsArm(self._problem, *given, *more)
+            resumption.enter(self.arms.trials)
+            if not resumption.marks.is_over(TRIALS):
+                self._begin(self.arms.trials, deadline)
 
     def _plans_go_on(self, resumption: Resumption) -> bool:
         """Whether there are relaxed plans to be tried in a race that goes on."""
         is_over = resumption.marks.is_over(RELAXED_PLANS)
         may_plan = RELAXED_PLANS not in self._shares.without
         return may_plan and (not is_over or resumption.goes_on(RELAXED_PLANS))
+
+    def _begin(self, trials: TrialsArm, deadline: float) -> None:
+        """Two slices, of which the second is given only to what promises something.
+
+        They need no compilation and thus come before it. A search that goes on has had the first.
+        """
+        begun = int(trials.state() is not None)
+        for share in _TRIALS_SHARES[begun:]:
+            if not trials.is_exhausted:
+                trials.work(min(self._until(share), deadline))
 
     def _until(self, share: float) -> float:
         """The end of a share of the race's time that begins now."""

@@ -27,6 +27,8 @@ _GREEDY_SHARE, _GREEDY_AT_LEAST = 0.85, 0.4
 # the same where some action is a number or an object, or a state fluent a number: rules often do
 # as well there
 _NUMBERS_SHARE, _NUMBERS_AT_LEAST = 0.6, 0.2
+# its compilation takes longer than expected now and then: so many times the delay must leave time
+_MARGIN = 2.0
 # of the time left, that others' programs may take where one of these leads: where greedy does, and
 # where it does among numbers; where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _AMONG_NUMBERS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.6, 0.5, 0.15
@@ -140,6 +142,12 @@ class Openings(Slices):
             found = judge.latest(candidate.label)
             if found is not None and found.returns is not None:
                 judge.correct(candidate, found.returns)
+
+    def _makes_greedy_late(self, until: float) -> bool:
+        """Whether there is time for what learns a value now, and not any more then."""
+        share, may_be_greedy = self._greedy_share, self._entrants.may_be_greedy
+        later = _MARGIN * (until - self._arena.clock())
+        return may_be_greedy(share) and not may_be_greedy(share, later)
 
     def _open_alone(self) -> bool:
         """Their slices; whether one leads by far, or with too little time for others' programs."""

@@ -126,10 +126,10 @@ def _raced(
     schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
     interrupted, chosen = False, None
     schedule.arms += [] if ground.exact is None else [ground.exact]
-    schedule.plans = ground.plans
+    schedule.plans, schedule.early = ground.plans, ground.trials
     try:
         rules = EarlyRulesArm(arena)
-        early = [arm for arm in (ground.plans, rules) if arm is not None]
+        early = [arm for arm in (ground.plans, ground.trials, rules) if arm is not None]
         with known_kept(arena, options.earlier, early), incumbent_kept(arena.judge):
             if options.earlier is not None:
                 # the first that is left is the incumbent, so that the result is not worse

@@ -1,6 +1,7 @@
 """The race of the preset `auto`: who works when.
 
-Where all states can be enumerated, the optimum is known before any of this begins.
+Where all states can be enumerated, the optimum is known before any of this begins; where they
+can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
 2. The arms begin in the order of what they cost: `greedy`, where all actions have few values;
@@ -19,7 +20,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 
 from mdpo_rddl.auto.arena.arena import Arena
-from mdpo_rddl.auto.arms.base import Arm
+from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
@@ -48,13 +49,15 @@ _RARE_SHARE = 0.01
 _PLAN_SHARE = 0.5
 # of the time left, for the exploration: before the other arms, and for these if it finds nothing
 _EXPLORATION_SHARE, _OTHERS_SHARE = 0.45, 0.4
-_LESS = 0.5
+# of the time left, at most, for an arm without compilation, by whether a constant finds a reward
+_EARLY_SHARES, _LESS = {True: 0.3, False: 0.5}, 0.5
 
 
 class Schedule(Openings):
     """Which arm works when.
 
     Attributes:
+      early: an arm that needs no compilation, to be tried before those that do.
       random_return: mean return of random actions; None if it was not measured.
     """
 
@@ -74,6 +77,7 @@ class Schedule(Openings):
         super().__init__(arena, shares, on_stage, resumption)
         self._initial = initial
         self._polishers: dict[bool, Arm] = {}
+        self.early: Arm | None = None
         self.random_return: float | None = None
 
     def run(self) -> None:
@@ -90,21 +94,31 @@ class Schedule(Openings):
         for candidate in self._initial:
             judge.record(candidate)
         self._judge_plans()
+        if self.early is not None:
+            until = self._end("early", _EARLY_SHARES[self._finds_reward()])
+            makes_late = begins_at_once and self._makes_greedy_late(until)
+            self._try_early(self.early, arena.clock() if makes_late else until)
         if begins_at_once:
             if self._open_alone():
                 self._finish()
                 return
             self._judge_simple(simple)
-        if by_probing or not self._affording.policies():
-            self._end_without_population()
+        early = None if self.early is None or self.early.is_exhausted else self.early
+        affords = self._affording.policies if early is None else self._affording.population
+        if by_probing or not affords():
+            self._end_without_population(early)
             return
         self._search(simple)
 
-    def _end_without_population(self) -> None:
-        """The rest of the time for rules by the probing's program."""
+    def _end_without_population(self, early: Arm | None) -> None:
+        """The rest of the time for rules by the probing's program, and for one that can go on."""
         logger.warning("there is too little time to search: compilation takes so long")
+        if early is not None and (early.name == self._best.arm or not self._finds_reward()):
+            self._end_with(early)
         for candidate in found_by_probing(self._arena):
             self._judge.record(candidate)
+        if early is not None:  # what is left where no rules can be played
+            self._end_with(early)
 
     def _search(self, simple: SimpleArm) -> None:
         """Everything that needs a population of rollouts."""
@@ -155,6 +169,21 @@ class Schedule(Openings):
         self._judge.record(constant_without_rollouts(self._arena))
         self._judge_plans()
         self._judge_given(self._initial)
+        if self.early is not None:
+            self._try_early(self.early, self._arena.deadline)
+
+    def _try_early(self, arm: Arm, until: float) -> None:
+        """Slices for one that may have worked already, while each finds a better policy."""
+        self._enter(arm)
+        is_better = self._judge_candidates(arm)
+        # it has had the short ones, and what it found is kept from here on
+        self._marks.ended(arm.name)
+        contender = self._contend(arm, lambda: arm.reached, FIRST_SLICES if is_better else 0)
+        self._on_stage("searching")
+        if is_better:
+            # its returns are told with errors; where no other finds a reward, what it knows decides
+            own, judge = not self._finds_reward(), self._judge
+            self._give_while(contender, until, lambda: arm.progress if own else judge.best_mean)
 
     def _was_searched(self, candidate: Candidate) -> bool:
         """Whether it is better than the no-op, and no random rule."""

@@ -9,6 +9,7 @@ SEARCH = "Search"
 OPTIONAL_ARMS = (
     "dynamic programming",
     "relaxed plans",
+    "trials",
     "greedy",
     "exploration",
     "shared weights",

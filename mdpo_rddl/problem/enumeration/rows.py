@@ -28,6 +28,10 @@ class Rows(NamedTuple):
     afterstates: np.ndarray
 
 
+NO_ROWS = Rows(np.zeros(0, int), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 1), np.uint64))
+"""Of no states."""
+
+
 _Flip = tuple[int, np.ndarray]
 """A word of afterstates, and the bits in it [N] that differ from another's."""
 

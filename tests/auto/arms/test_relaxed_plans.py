@@ -283,15 +283,16 @@ def test_it_does_not_know_where_the_environment_fails(problem):
 
 
 @pytest.mark.parametrize("without", [[], [RELAXED_PLANS]])
-def test_it_works_before_the_race_unless_it_is_left_out(problem, without):
+def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
     options = RaceOptions(clock=Stopped())
-    shares = Search(without=["dynamic programming", *without])
+    shares = Search(without=["dynamic programming", "trials", *without])
     ground = GroundSlices(problem, preset(100.0), 0, options, shares)
     resumption = Resumption(lambda: 0.0, None)
     stages = []
     ground.enumerate(resumption, 100.0)
     ground.search(resumption, 100.0, stages.append)
     assert ground.arms.exact.grounded.opened is not None
+    assert ground.arms.trials is None
     names = [arm.name for arm in ground.arms.all]
     assert names == ["dynamic programming", *([] if without else [RELAXED_PLANS])]
     assert stages == ([] if without else ["searching"])

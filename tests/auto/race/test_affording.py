@@ -81,6 +81,12 @@ def test_few_policies_one_by_one_are_worse_than_rules_side_by_side(case, has_tim
     assert affording(**case, probed=probed).policies() is expected
 
 
+def test_what_would_begin_later_has_less_time():
+    # 8 s for the program and 30 iterations of 0.034 s are 9 s, of 0.4 times what is left then
+    assert affording(0.001).value(0.4, later=17.0)
+    assert not affording(0.001).value(0.4, later=18.0)
+
+
 @pytest.mark.parametrize(
     ("usual", "left", "seconds", "jit"),
     [

@@ -1,4 +1,4 @@
-"""Arms that begin before the others: how long they go on."""
+"""An arm that worked before the race: when it goes on before the others."""
 
 from types import SimpleNamespace
 
@@ -33,6 +33,59 @@ class Scripted(Arm):
 def times(deadline=160.0):
     """Of an arena that begins at 0."""
     return {"began": 0.0, "deadline": deadline, "seconds": deadline}
+
+
+def slices(returns, deadline=160.0, is_rare=False):
+    """How many slices the arm has had before the others begin, and the best return."""
+    clock = Stopped()
+    judge = Judge(1, 0, clock, 0.0)
+    judge.record(Candidate("other", "no-op", preset(1.0), None, None, mean=0.0, error=0.0))
+    given = times(deadline)
+    arena = SimpleNamespace(judge=judge, clock=clock, **given, has_plan=is_rare, incumbent=None)
+    arena.beats_noop = lambda candidate: False
+    arm = Scripted(clock, returns)
+    arm.work(1.0)
+    schedule = Schedule(arena, Search(), lambda name: None)
+    schedule._try_early(arm, 100.0)
+    assert schedule.arms == [arm]
+    return arm.log.slices, judge.best_mean
+
+
+@pytest.mark.parametrize(
+    ("returns", "expected"),
+    [
+        ([-1.0, 5.0], (1, 0.0)),  # it has found nothing before
+        ([1.0, 2.0, 3.0, 3.0, 9.0], (4, 3.0)),  # as long as it gains
+        ([1.0], (2, 1.0)),
+    ],
+)
+def test_it_goes_on_as_long_as_it_gains(returns, expected):
+    assert slices(returns) == expected
+
+
+def test_where_no_other_finds_a_reward_its_own_figures_decide(monkeypatch):
+    # it knows more after each slice, whatever it returns in a few episodes
+    monkeypatch.setattr(Scripted, "progress", property(lambda arm: min(5, arm.log.slices)))
+    assert slices([1.0, 1.0, 1.0], is_rare=True) == (6, 1.0)
+    assert slices([1.0, 1.0, 1.0]) == (2, 1.0)
+
+
+def test_it_is_over_once_what_it_found_was_judged():
+    clock, seen = Stopped(), []
+    judge = Judge(1, 0, clock, 0.0, lambda judged: seen.append(schedule._marks.values()["over"]))
+    arena = SimpleNamespace(judge=judge, clock=clock, **times(), has_plan=False)
+    arm = Scripted(clock, [1.0])
+    arm.work(1.0)
+    schedule = Schedule(arena, Search(), lambda name: None)
+    schedule._try_early(arm, 0.0)
+    assert seen == [[]]
+    assert schedule._marks.is_over(arm.name)
+
+
+def test_it_ends_in_time():
+    count, best = slices(range(1, 100))
+    # no shorter ones, but slices of 10 seconds until 100
+    assert count == best == 1 + 10
 
 
 class Planned(Scripted):

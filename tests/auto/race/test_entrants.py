@@ -19,8 +19,8 @@ class Generous:
         """Refuses these."""
         self.refused = refused
 
-    def value(self, share: float, in_turn: int = 0) -> bool:
-        return "greedy" not in self.refused and in_turn < 30
+    def value(self, share: float, in_turn: int = 0, later: float = 0.0) -> bool:
+        return "greedy" not in self.refused and in_turn < 30 and later < 10.0
 
     def value_jit(self) -> Jit:
         return light_jit
@@ -135,6 +135,12 @@ def test_few_changes_are_tried_one_by_one_where_the_state_is_seen(case, comes):
     arm = found.greedy(60.0, 0.5)
     assert (arm is not None) == comes
     assert arm is None or (arm.name, arm._batch_seconds) == ("greedy", 7.0)
+
+
+def test_it_may_come_too_late():
+    found = entrants(kind="bool")
+    assert found.may_be_greedy(0.5, later=9.0)
+    assert not found.may_be_greedy(0.5, later=11.0)
 
 
 @pytest.mark.parametrize(("kind", "decides"), [("bool", False), ("int", True), ("real", True)])

@@ -173,11 +173,11 @@ def test_arms_that_are_left_out_get_no_slice(problem, request, monkeypatch):
 
 
 @pytest.mark.long
-def test_without_the_optimum_its_model_is_there_for_relaxed_plans(tmp_path, monkeypatch):
+def test_without_the_optimum_its_model_is_there_for_the_trials(tmp_path, monkeypatch):
     def refuse(*arguments):
         raise AssertionError("asked for")
 
     monkeypatch.setattr(dynamic_programming, "find_optimum", refuse)
     outcome = raced(toys.walk(tmp_path, 6), 300.0, without=list(OPTIONAL_ARMS[:1]))
-    assert "relaxed plans" in [log.name for log in outcome.arms]
+    assert "trials" in [log.name for log in outcome.arms]
     assert outcome.optimum is None

@@ -124,6 +124,18 @@ def test_elsewhere_the_judge_comes_first(openings):
 
 
 @pytest.mark.parametrize(
+    ("seconds", "needed", "is_late"),
+    # of 600 s, of which twice the delay must leave enough
+    [(100.0, 300.0, False), (160.0, 300.0, True), (160.0, 700.0, False)],
+)
+def test_greedy_may_come_too_late_after_another(openings, seconds, needed, is_late):
+    arena = openings._arena
+    left = arena.deadline - arena.clock()
+    openings._entrants.may_be_greedy = lambda share, later=0.0: left - later >= needed
+    assert openings._makes_greedy_late(arena.clock() + seconds) == is_late
+
+
+@pytest.mark.parametrize(
     ("leader", "has_stalled", "needed", "expected"),
     [
         # what the programs of all others need, as a share of the time left

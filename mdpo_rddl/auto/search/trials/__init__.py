@@ -1,0 +1,1 @@
+"""Search by trials on a ground model whose states are too many to be enumerated."""
