@@ -130,6 +130,13 @@ def test_of_long_names_a_picture_has_the_beginning_and_its_description_all():
     assert names[1] in other.text
 
 
+def test_a_run_of_an_earlier_version_is_shown_without_what_has_gone(tmp_path):
+    earlier = {"bound": {"gain": 4.0}, "estimate": None, "note": "the time is over"}
+    text = Page(write_page(write_run(tmp_path / "a", hindsight=earlier))).text
+    assert "the time is over" not in text
+    assert text == Page(write_page(write_run(tmp_path / "b"))).text
+
+
 def test_quantiles_are_of_the_episodes_that_have_reached_a_step():
     values = np.array([[0.0, 2.0, np.nan], [10.0, np.nan, np.nan]])
     with warnings.catch_warnings():
