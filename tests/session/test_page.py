@@ -133,8 +133,8 @@ def test_of_long_names_a_picture_has_the_beginning_and_its_description_all():
 def test_a_run_of_an_earlier_version_is_shown_without_what_has_gone(tmp_path):
     earlier = {"bound": {"gain": 4.0}, "estimate": None, "note": "the time is over"}
     text = Page(write_page(write_run(tmp_path / "a", hindsight=earlier))).text
+    assert SUMMARY["label"] in text
     assert "the time is over" not in text
-    assert text == Page(write_page(write_run(tmp_path / "b"))).text
 
 
 def test_quantiles_are_of_the_episodes_that_have_reached_a_step():
