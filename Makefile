@@ -5,7 +5,7 @@ VENV := .venv
 HASHES ?=
 BIN := $(VENV)/bin
 
-.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-newest test-clients lint bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
+.PHONY: docs results gallery screens dist test-wheel plan test test-long test-all test-random test-lowest test-newest test-clients lint floors bench sweep paper-preset decay paper ipc auto-jaxplan audit hashes licences hardening load clean
 
 plan: $(VENV)/.installed
 	$(BIN)/mdpo-plan hvac10
@@ -75,34 +75,38 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# 24 problems, 15 s each on one core, two side by side: fails if a return fell below its floor
+floors: $(VENV)/.installed
+	$(BIN)/python benchmarks/floors.py
+
 # speed against JaxPlan's own loop, in turn
 bench: $(VENV)/.installed
 	rm -rf runs/speed
-	$(BIN)/mdpo-bench speed --out runs/speed
+	$(BIN)/python -m benchmarks speed --out runs/speed
 
 # the measurements behind the preset's noise and the README's table
 sweep: $(VENV)/.installed
-	$(BIN)/mdpo-bench noise-sweep --alphas 0.25 0.5 1 2 4 8 --sigma-maxes 10
-	$(BIN)/mdpo-bench noise-sweep --settings hvac10 hvac20 --alphas 4 8 --sigma-maxes 9 11
-	$(BIN)/mdpo-bench noise-sweep --settings powergen7 powergen11 --alphas 2 4 --sigma-maxes 9 11
-	$(BIN)/mdpo-bench noise-sweep --settings reservoir15 reservoir30 --alphas 0.25 0.5 --sigma-maxes 9 11
-	$(BIN)/mdpo-bench noise-sweep --settings reservoir15 --alphas 0.125 --sigma-maxes 10
+	$(BIN)/python -m benchmarks noise-sweep --alphas 0.25 0.5 1 2 4 8 --sigma-maxes 10
+	$(BIN)/python -m benchmarks noise-sweep --settings hvac10 hvac20 --alphas 4 8 --sigma-maxes 9 11
+	$(BIN)/python -m benchmarks noise-sweep --settings powergen7 powergen11 --alphas 2 4 --sigma-maxes 9 11
+	$(BIN)/python -m benchmarks noise-sweep --settings reservoir15 reservoir30 --alphas 0.25 0.5 --sigma-maxes 9 11
+	$(BIN)/python -m benchmarks noise-sweep --settings reservoir15 --alphas 0.125 --sigma-maxes 10
 
 paper-preset: $(VENV)/.installed
-	$(BIN)/mdpo-bench paper-preset
+	$(BIN)/python -m benchmarks paper-preset
 
 # the same with other decays of RMSProp
 decay: $(VENV)/.installed
-	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep
-	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
+	$(BIN)/python -m benchmarks noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep
+	$(BIN)/python -m benchmarks noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
 	  --settings hvac10 hvac20 --alphas 8 --sigma-maxes 10 11 12 15 20
-	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
+	$(BIN)/python -m benchmarks noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
 	  --settings hvac20 --alphas 16 32 --sigma-maxes 11
-	$(BIN)/mdpo-bench noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
+	$(BIN)/python -m benchmarks noise-sweep --decay 0.9 --out results/decay_0.9/noise_sweep \
 	  --settings reservoir15 reservoir30 --alphas 0.125 0.2 0.25 --sigma-maxes 11
-	for decay in 0.8 0.95; do $(BIN)/mdpo-bench noise-sweep --decay $$decay --settings hvac10 hvac20 \
+	for decay in 0.8 0.95; do $(BIN)/python -m benchmarks noise-sweep --decay $$decay --settings hvac10 hvac20 \
 	  --alphas 8 --sigma-maxes 11 --out results/decay_$$decay/noise_sweep; done
-	$(BIN)/mdpo-bench paper-preset --decay 0.9 --noises none --out results/decay_0.9/paper_preset
+	$(BIN)/python -m benchmarks paper-preset --decay 0.9 --noises none --out results/decay_0.9/paper_preset
 
 # the 2023 competition's forty instances, a minute on one core to prepare for each
 ipc: $(VENV)/.installed
@@ -110,15 +114,15 @@ ipc: $(VENV)/.installed
 
 # the default preset against JaxPlan's defaults on the competition's instances of the paper's domains
 auto-jaxplan: $(VENV)/.installed
-	taskset --cpu-list 0 $(BIN)/mdpo-bench auto --seconds 120 --seeds 1 \
+	taskset --cpu-list 0 $(BIN)/python -m benchmarks auto --seconds 120 --seeds 1 \
 	  --planners auto jaxplan-slp jaxplan-drp --out runs/auto_jaxplan \
 	  --problems $(foreach d,HVAC PowerGen Reservoir,$(foreach i,1 2 3 4 5,$(d)_ippc2023:$(i)))
 
 # the paper's table and figures, and the evidence for what docs/paper.md says
 paper: $(VENV)/.installed-paper
-	$(BIN)/mdpo-bench paper
-	$(BIN)/mdpo-bench theorem
-	$(BIN)/mdpo-bench paper-sensitivity
+	$(BIN)/python -m benchmarks paper
+	$(BIN)/python -m benchmarks theorem
+	$(BIN)/python -m benchmarks paper-sensitivity
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

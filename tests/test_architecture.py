@@ -29,7 +29,6 @@ ROOMS = {
     "auto": ("machine", "noise", "problem", "planner", "policy"),
     "session": ("machine", "noise", "problem", "planner", "policy", "auto"),
     "ipc": ("machine", "noise", "problem", "planner", "policy", "auto"),
-    "bench": ("machine", "noise", "problem", "planner", "policy", "auto", "session", "ipc"),
 }
 # the command line imports from all of them
 ALL_ROOMS = {*ROOMS, "cli"}
@@ -45,6 +44,8 @@ RACE_ROOMS = [
     "race",
     "hidden",
 ]
+# beside the package: what is measured, and those of its files that know it all
+BENCHMARKS, COMMANDS = PACKAGE.parent / "benchmarks", {"__main__", "commands", "main"}
 # what may lie beside the rooms
 LOOSE = {"__init__.py", "errors.py", "py.typed"}
 
@@ -133,10 +134,10 @@ def test_a_cycle_is_seen():
     assert cycle({("a", "b"), ("b", "c"), ("a", "c")}) == []
 
 
-def test_there_are_eleven_rooms_and_nothing_beside_them():
+def test_there_are_ten_rooms_and_nothing_beside_them():
     entries = {path.name for path in PACKAGE.iterdir() if path.name != "__pycache__"}
     assert entries - LOOSE == ALL_ROOMS
-    assert len(ALL_ROOMS) <= 11
+    assert len(ALL_ROOMS) <= 10
 
 
 @pytest.mark.parametrize("name", ROOMS)
@@ -187,9 +188,12 @@ def test_noise_knows_only_jax_and_numpy():
 
 
 def test_the_measurements_rooms_share_only_what_is_common():
-    folder = PACKAGE / "bench"
-    ends = {end for start, end in edges_inside(folder)}
-    assert ends == {"common"}
+    edges = {(start, end) for start, end in edges_inside(BENCHMARKS) if start not in COMMANDS}
+    assert {end for _, end in edges} == {"common"}
+
+
+def test_the_package_knows_no_measurements():
+    assert violations(FILES, "benchmarks") == []
 
 
 def test_arms_see_each_other_only_through_their_interface():
@@ -197,7 +201,7 @@ def test_arms_see_each_other_only_through_their_interface():
     # what an arm is, each of them more than the one before
     kinds = ["base", "compiling", "trained"]
     arms = {path.stem for path in folder.glob("*.py")} - {"__init__", *kinds}
-    assert {"gradient", "plan_search", "jaxplan"} <= arms
+    assert {"gradient", "plan_search", "shooting"} <= arms
     assert {end for _, end in edges_inside(folder)} == set(kinds)
     among = {(start, end) for start, end in edges_inside(folder) if start in kinds}
     assert among == {("compiling", "base"), ("trained", "compiling")}
@@ -206,14 +210,14 @@ def test_arms_see_each_other_only_through_their_interface():
 
 
 def test_a_race_asks_one_clock_for_the_time():
-    # threads and a process of its own are waited for by the machine's clock
+    # threads are waited for by the machine's clock
     asking = {
         module_name(path)
         for path in room("auto")
         for node in ast.walk(tree(path))
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("time.")
     }
-    waiting = {"arms.compiling", "arms.jaxplan", "common.compilations"}
+    waiting = {"arms.compiling", "common.compilations"}
     assert asking == {f"mdpo_rddl.auto.{name}" for name in waiting}
 
 
@@ -228,7 +232,7 @@ def test_executors_know_nothing_of_the_work():
 
 def test_only_the_commands_print():
     printing = {module_name(path) for path in FILES if "print" in calls(path)}
-    assert "mdpo_rddl.cli.bench" in printing
+    assert "mdpo_rddl.cli.plan" in printing
     assert all(is_of(name, "mdpo_rddl.cli") for name in printing)
 
 

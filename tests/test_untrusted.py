@@ -47,9 +47,9 @@ def test_jaxplan_s_controller_that_unpickles_files_is_never_made():
 def test_files_from_anybody_are_read_through_the_one_door():
     # its own resources, a child's log, the tables and the programs of the user's own cache
     own = {
-        "mdpo_rddl.bench.speed.growth",
-        "mdpo_rddl.bench.tasks.ippc2014",
-        "mdpo_rddl.bench.tasks.published",
+        "benchmarks.speed.growth",
+        "benchmarks.tasks.ippc2014",
+        "benchmarks.tasks.published",
         "mdpo_rddl.machine.child",
         "mdpo_rddl.machine.files",
         "mdpo_rddl.machine.process_tree",
@@ -104,7 +104,6 @@ def test_no_file_is_opened_to_be_read_but_at_the_one_door():
         "mdpo_rddl.machine.files",  # the door itself
         "mdpo_rddl.machine.child",  # a child's log, in a folder of its own
         "mdpo_rddl.machine.locks",  # a lock, nothing of which is read
-        "mdpo_rddl.bench.common.records",  # says whether rows can be added, and reads none
         "mdpo_rddl.session.report.run_folder",  # puts on the disk what was written
         "mdpo_rddl.cli.ending",  # the device that swallows what nobody reads
     }

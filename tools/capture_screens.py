@@ -56,11 +56,6 @@ SCREENS = {
     "plan-list": ("plan", ["--list"]),
     "plan-error": ("plan", ["hvac11"]),
     "report-help": ("report", ["--help"]),
-    "bench-help": ("bench", ["--help"]),
-    "bench-auto": (
-        "bench",
-        ["auto", "--planners", "expert", "--episodes", "3", "--seeds", "1", "--out", "OUT/auto"],
-    ),
     "ipc-help": ("ipc", ["run", "--help"]),
     "ipc-commands": ("ipc", ["--help"]),
     "ipc-run": ("ipc", ["run", *TINY, "--out", "OUT/ipc"]),

@@ -1,6 +1,6 @@
 """Two runs of `mdpo-ipc`, trial by trial: where one planner's returns differ.
 
-    python tools/compare_runs.py OLD NEW [PLANNER]
+    PYTHONPATH=. python tools/compare_runs.py OLD NEW [PLANNER]
 
 OLD and NEW are folders of runs with the same seed, whose trials then meet the same environment
 seeds. Prints a row for each instance whose trials are complete in both: the two means, Student's
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdpo_rddl.bench.common.markdown import rounded, table_head, table_row
+from benchmarks.common.markdown import rounded, table_head, table_row
 from mdpo_rddl.ipc.results import load_results
 from mdpo_rddl.problem.evaluation import mean_interval
 

@@ -1,6 +1,6 @@
 """How long a gradient takes to compile, beside the judge's rollouts, by which that is foretold.
 
-    python tools/compile_times.py ROWS PROBLEM:INSTANCE...
+    PYTHONPATH=. python tools/compile_times.py ROWS PROBLEM:INSTANCE...
 
 For each problem the judge's program (128 rollouts of one feedback policy), and the training of
 that policy as races of up to three minutes have it, are traced and compiled, one after the other,
@@ -17,8 +17,8 @@ import jax
 import numpy as np
 from rows import Rows
 
+from benchmarks.tasks.naming import named_task
 from mdpo_rddl.auto.arena.judge import ROLLOUTS
-from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget

@@ -1,6 +1,6 @@
 """What rollouts of the exact model take on each device: time to compile, and of a step.
 
-    python tools/devices.py ROWS PROBLEM:INSTANCE...
+    PYTHONPATH=. python tools/devices.py ROWS PROBLEM:INSTANCE...
 
 For each problem the judge's program (128 rollouts of one feedback policy) is compiled and played
 on the device that JAX puts first and on the CPU: wall-clock seconds, those of a step from the
@@ -15,7 +15,7 @@ from typing import Any
 import jax
 from rows import Rows
 
-from mdpo_rddl.bench.tasks.naming import named_task
+from benchmarks.tasks.naming import named_task
 from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset

@@ -1,6 +1,6 @@
 """What the parts of a feedback policy cost in rollouts of the exact model.
 
-    python tools/part_times.py ROWS PROBLEM:INSTANCE...
+    PYTHONPATH=. python tools/part_times.py ROWS PROBLEM:INSTANCE...
 
 For each problem a population of a search (32 policies, four rollouts of each) is compiled and
 played with parameters of all parts, and with those of a rule and of a plan alone, the others of
@@ -18,7 +18,7 @@ import jax
 import numpy as np
 from rows import Rows
 
-from mdpo_rddl.bench.tasks.naming import named_task
+from benchmarks.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.exact.exact import compile_exact_returns

@@ -1,6 +1,6 @@
 """What a straight-line plan returns with JaxPlan's optimiser, and with that of the arm `slp`.
 
-    python tools/plan_optimisers.py ROWS SECONDS SEED ROLLOUTS PROBLEM:INSTANCE...
+    PYTHONPATH=. python tools/plan_optimisers.py ROWS SECONDS SEED ROLLOUTS PROBLEM:INSTANCE...
 
 For each problem and each of `OPTIMISERS`, the plan is trained for SECONDS of the processor's time;
 where nothing more is gained its steps shrink, as the arm's do. An iteration makes so many ROLLOUTS,
@@ -15,11 +15,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from mdpo_rddl.auto.search.steps import has_stalled, step_factor
 from rows import Rows
 
+from benchmarks.tasks.naming import named_task
 from mdpo_rddl.auto.arena.plain import STRAIGHT_LINE, PlainPlanners
-from mdpo_rddl.auto.search.steps import has_stalled, step_factor
-from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.budgets import Budget

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mdpo_rddl.bench.tasks.published import published
-from mdpo_rddl.bench.tasks.published_episodes import ShorterReturns, published_seeds
+from benchmarks.tasks.published import published
+from benchmarks.tasks.published_episodes import ShorterReturns, published_seeds
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 

@@ -1,6 +1,6 @@
 """What compiler options bear on rollouts of the exact model: time to compile, and to run.
 
-    python tools/rollout_programs.py ROWS PROBLEM:INSTANCE...
+    PYTHONPATH=. python tools/rollout_programs.py ROWS PROBLEM:INSTANCE...
 
 For each problem the judge's program (128 rollouts of one feedback policy) and that of a population
 are compiled with each of `OPTIONS`, twice, and played in turn; all times are the processor's, in
@@ -18,8 +18,8 @@ import jax
 import numpy as np
 from rows import Rows
 
+from benchmarks.tasks.naming import named_task
 from mdpo_rddl.auto.common.sizes import fitting_size
-from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.exact.exact import compile_exact_returns

@@ -1,6 +1,6 @@
 """Runs of `mdpo-ipc` that differ in their seed: what a planner returns on each instance.
 
-    python tools/run_seeds.py OLD RUN RUN... > TABLE
+    PYTHONPATH=. python tools/run_seeds.py OLD RUN RUN... > TABLE
 
 Prints a row for each instance that is complete in all: the mean return of OLD, a run with one seed,
 and of each RUN, and what the mean over these is more than OLD's, with Welch's 95% interval: over
@@ -17,7 +17,7 @@ import numpy as np
 from compare_runs import returns_of
 from scipy import stats
 
-from mdpo_rddl.bench.common.markdown import rounded, table_head, table_row
+from benchmarks.common.markdown import rounded, table_head, table_row
 
 _PLANNER = "mdpo"
 

@@ -1,6 +1,6 @@
 """How the settings of the arm `greedy` bear on what its policy returns.
 
-    python tools/value_learning.py ROWS SECONDS SEED PROBLEM:INSTANCE...
+    PYTHONPATH=. python tools/value_learning.py ROWS SECONDS SEED PROBLEM:INSTANCE...
 
 For each problem and each of `SETTINGS`, the value learns for SECONDS of the processor's time, from
 nothing; then its greedy policy plays `ROLLOUTS` rollouts of the exact model, which are common to
@@ -18,8 +18,8 @@ import jax
 import numpy as np
 from rows import Rows
 
+from benchmarks.tasks.naming import named_task
 from mdpo_rddl.auto.probing.fitting import greedy
-from mdpo_rddl.bench.tasks.naming import named_task
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Way

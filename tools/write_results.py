@@ -35,7 +35,7 @@ def sources() -> dict[str, dict[str, str]]:
         commits = recorded_commits(folder)
         if commits:
             kept = told.setdefault(
-                folder.name, {"command": f"mdpo-bench {folder.name}", "what": folder.name}
+                folder.name, {"command": f"python -m benchmarks {folder.name}", "what": folder.name}
             )
             kept["commit"] = ", ".join(commits)
         elif folder.name not in told:

@@ -49,7 +49,6 @@ def print_summary(console: Console, summary: Mapping[str, Any], where: str | Non
         _add_race(table, summary)
     if "thinking" in summary:
         _add_thinking(table, summary["thinking"])
-    _add_hindsight(table, summary.get("hindsight"))
     if summary.get("mode") == "replan":
         _add_replanning(table, summary)
     console.print(table)
@@ -130,27 +129,6 @@ def _add_thinking(table: Table, thinking: Mapping[str, Any]) -> None:
     table.add_row("mean return, policy alone", _number(thinking["plain_mean_return"]))
     gain = f"{_number(thinking['realised_gain'])} (expected {_number(thinking['expected_gain'])})"
     table.add_row("gain of an episode", gain)
-
-
-def _add_hindsight(table: Table, hindsight: Mapping[str, Any] | None) -> None:
-    """Adds what plans return that know all random numbers of their episode, if that was asked."""
-    if hindsight is None:
-        return
-    table.add_section()
-    estimate, bound = hindsight["estimate"], hindsight["bound"]
-    if bound is not None:
-        table.add_row(f"policy, first {bound['episodes']} episodes", _number_of(bound, "policy"))
-        table.add_row("bound, chance known", _number_of(bound, "bound"))
-    else:
-        table.add_row("no bound, chance known", hindsight["note"])
-    if estimate is not None:
-        name = f"policy, {estimate['scenarios']} compiled scenarios"
-        table.add_row(name, _number_of(estimate, "policy"))
-        table.add_row("best plans found, chance known", _number_of(estimate, "plan"))
-
-
-def _number_of(figures: Mapping[str, Any], whose: str) -> str:
-    return _number(figures[f"{whose}_mean_return"])
 
 
 def _number(value: float | None) -> str:

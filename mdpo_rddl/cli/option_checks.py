@@ -89,8 +89,6 @@ def check_plan_options(options: argparse.Namespace) -> None:
     is_online = replans(options)
     if is_online and options.decision_seconds:
         raise InputError("--decision-seconds does not go with --replan, whose time is --seconds")
-    if is_online and options.hindsight:
-        raise InputError("--hindsight does not go with --replan, which has no policy")
     _check_files(options)
     _check_resume(options)
     if options.load is not None:

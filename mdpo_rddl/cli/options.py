@@ -205,12 +205,6 @@ def plan_parser() -> OneLineParser:
         help="the evaluation's first episode, drawn by the domain's visualizer or as charts",
     )
     run.add_argument(
-        "--hindsight",
-        action="store_true",
-        help="a minute more: how much knowing all random numbers of an episode before would add "
-        "to its return, as a bound where the problem is piecewise linear, and as an estimate",
-    )
-    run.add_argument(
         "--resume",
         action="store_true",
         help="go on where a run into --out was stopped, from its last checkpoint",

@@ -96,7 +96,6 @@ def _load_request(options: argparse.Namespace, command: str | None) -> LoadReque
         decision_seconds=options.decision_seconds,
         command=command,
         movie=options.movie,
-        hindsight=options.hindsight,
         functions=options.functions,
     )
 
@@ -130,7 +129,6 @@ def _plan_request(options: argparse.Namespace, traced_cache: Path | None) -> Pla
         start_from=None if start is None else load_policy(start, problem.functions),
         resume=options.resume,
         checkpoint_seconds=options.checkpoint_seconds,
-        hindsight=options.hindsight,
     )
 
 

@@ -16,14 +16,6 @@ def plan() -> int:
     return without_waiting(main())
 
 
-def bench() -> int:
-    """`mdpo-bench`."""
-    with ended_at_once():
-        from mdpo_rddl.cli.bench import main
-        from mdpo_rddl.cli.ending import without_waiting
-    return without_waiting(main())
-
-
 def ipc() -> int:
     """`mdpo-ipc`."""
     with ended_at_once():

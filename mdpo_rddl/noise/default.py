@@ -7,6 +7,6 @@ from mdpo_rddl.noise.constant import ConstantNoise
 def default_noise() -> ActionNoise:
     """Constant noise of a tenth of the range, beside an update without noise, which is JaxPlan's.
 
-    `mdpo-bench noise-value` compares it with others (`docs/noise.md`).
+    `python -m benchmarks noise-value` compares it with others (`docs/noise.md`).
     """
     return ConstantNoise(paired=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPlanRule, SavedTable, save_policy
-from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.plan_rule import Simulated
 from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.side_by_side import DistinctStates
@@ -86,10 +85,6 @@ class PlannerlessPolicy(PolicyAgent):
     @abstractmethod
     def kind(self) -> str:
         """What it is, in words."""
-
-    def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
-        """As `Policy.hindsight`, without an estimate: nothing is compiled for it."""
-        return find_hindsight(self.problem, self, None, (episodes, seed, seconds))
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
         """The action at a step.

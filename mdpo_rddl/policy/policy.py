@@ -32,7 +32,6 @@ from mdpo_rddl.policy.file import (
     save_policy,
 )
 from mdpo_rddl.policy.fitting import require_params, with_tuples
-from mdpo_rddl.policy.hindsight.result import Hindsight, find_hindsight
 from mdpo_rddl.policy.lookahead.base import Vote
 from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.playable import Playable, playable
@@ -297,24 +296,6 @@ class Policy(PolicyAgent):
             return Explanation((), "the policy is a vote over a belief of the state, not a rule")
         with self.planner.computing():
             return explain(self.problem, self.planner, self.params, seconds)
-
-    def hindsight(self, episodes: int = 10, seconds: float = 60.0, seed: int = 0) -> Hindsight:
-        """What knowing every random number before an episode begins would add to the return.
-
-        Args:
-          episodes: of the environment, for bounds; and scenarios of the compiled model, for which
-            plans are searched.
-          seconds: for both.
-          seed: of the episodes, as `evaluate` has it, and of the scenarios.
-
-        Raises:
-          InputError: if there is no episode or no time.
-        """
-        own = self.planner, self.params, dict(self.policy_hyperparams)
-        # the compiled scenarios know no belief
-        compiled = None if self.votes else own
-        with self.planner.computing():
-            return find_hindsight(self.problem, self, compiled, (episodes, seed, seconds))
 
     def __repr__(self) -> str:
         return f"<Policy for {self.problem.label}: {self._kind}, {self._size:,} parameters>"

@@ -13,7 +13,6 @@ from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.choice import longest_choice
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 from mdpo_rddl.session.evaluator import Evaluator
-from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import Observed, warn_of
 from mdpo_rddl.session.report.page.write import add_page
@@ -68,8 +67,6 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             seconds = request.decision_seconds
             times = seconds, longest_choice(seconds)
             figures = think(policy, plain, times, terms, reporter, observed)
-        if request.hindsight:
-            figures |= hindsight_figures(policy, terms, reporter)
         summary = {
             **identity(
                 problem,

@@ -19,7 +19,6 @@ from mdpo_rddl.problem.played import NotPlayedError
 from mdpo_rddl.session.checkpoints import training_checkpoints
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
-from mdpo_rddl.session.hindsight import hindsight_figures
 from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import LONGEST_EPISODE_SECONDS, Observed, warn_of
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
@@ -147,7 +146,7 @@ def _train_once(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _
 def _shortened(request: PlanRequest) -> PlanRequest:
     """What is evaluated of a run that somebody has stopped, and waits for."""
     episodes = min(request.episodes, _FEW_EPISODES)
-    return replace(request, episodes=episodes, decision_seconds=0.0, hindsight=False)
+    return replace(request, episodes=episodes, decision_seconds=0.0)
 
 
 def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
@@ -198,7 +197,6 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> "RaceO
         earlier=kept.start,
         on_begun=kept.begun,
         on_pulse=kept.pulse,
-        on_wait=kept.waits,
     )
     outcome = find_by_race(without_choice(request), reporter, options)
     if outcome.interrupted:
@@ -233,7 +231,7 @@ def _played(
     observed: Observed,
     used: float = math.inf,
 ) -> dict[str, Any]:
-    """The figures of the evaluation, with thinking and hindsight if these were asked for.
+    """The figures of the evaluation, with thinking if that was asked for.
 
     Args:
       policy: the result.
@@ -249,8 +247,6 @@ def _played(
     if request.decision_seconds > 0.0:
         times = choice_times(request, used)
         figures = think(policy, plain, times, request, reporter, observed)
-    if request.hindsight:
-        figures |= hindsight_figures(policy, request, reporter)
     return figures
 
 

@@ -94,11 +94,6 @@ class RaceCheckpoints:
         if self._is_due:
             self._save()
 
-    def waits(self) -> None:
-        """The race's own work is over, and another process is waited for."""
-        if self._is_wanted:
-            self._save()
-
     @property
     def _is_due(self) -> bool:
         # it must not make the race end late

@@ -95,7 +95,6 @@ class PlanRequest:
       movie: a file for the evaluation's first episode as a movie, if wanted.
       resume: whether to go on with the checkpoints of a run into that folder, if there are any.
       checkpoint_seconds: from one checkpoint to the next.
-      hindsight: whether to say what knowing the future would add.
     """
 
     problem: Problem
@@ -111,7 +110,6 @@ class PlanRequest:
     movie: Path | None = None
     resume: bool = False
     checkpoint_seconds: float = CHECKPOINT_SECONDS
-    hindsight: bool = False
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class LoadRequest:
       seed: of the evaluation; the saved run's if None.
       episodes: evaluation episodes on the exact environment.
       out: where to write the new summary, if anywhere.
-      decision_seconds, command, movie, hindsight: as of a `PlanRequest`.
+      decision_seconds, command, movie: as of a `PlanRequest`.
       functions: the file of the Python functions that the domain calls, if it calls any.
     """
 
@@ -138,5 +136,4 @@ class LoadRequest:
     decision_seconds: float = 0.0
     command: str | None = None
     movie: Path | None = None
-    hindsight: bool = False
     functions: Path | None = None

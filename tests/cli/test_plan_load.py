@@ -136,33 +136,6 @@ def test_an_evaluation_alone_cannot_be_loaded(
     refuse(f"{TANKS} --load kept", said, workplace, capsys)
 
 
-@pytest.mark.long
-def test_what_knowing_the_future_would_add_is_told(
-    finished: Run, workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    from mdpo_rddl.session import hindsight
-
-    monkeypatch.setattr(hindsight, "HINDSIGHT_SECONDS", 20.0)
-    options = "--episodes 2 --json --out kept --hindsight"
-    outcome = run(f"{TANKS} --load {finished.folder} {options}", capsys)
-    figures = outcome.summary["hindsight"]
-    bound, estimate = figures["bound"], figures["estimate"]
-    # the same episodes; reaching a level at once is linear, and the plan is found
-    assert bound["policy_returns"] == pytest.approx(outcome.summary["returns"])
-    assert bound["attained"] == bound["episodes"] == 2
-    assert bound["gain"] >= 0.0
-    assert estimate["scenarios"] == 2
-    assert estimate["gain"] >= 0.0
-    assert "bound, chance known" in outcome.out
-    assert "best plans found, chance known" in outcome.out
-    assert "Hindsight" in (workplace / "kept" / "report.html").read_text()
-
-
-def test_hindsight_needs_a_policy(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said = "--hindsight does not go with --replan, which has no policy"
-    refuse(f"{TANKS} --replan --hindsight", said, workplace, capsys)
-
-
 def test_the_folder_knows_its_problem(
     finished: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,7 +9,8 @@ import pytest
 from helpers.files import contents
 from helpers.mistakes import one_line
 
-from mdpo_rddl.cli import bench, ipc, ipc_commands
+from benchmarks import main as bench
+from mdpo_rddl.cli import ipc, ipc_commands
 from mdpo_rddl.cli.results_lock import results_lock
 from mdpo_rddl.machine.locks import RESULTS_LOCK, locked_results
 
@@ -19,7 +20,7 @@ from mdpo_rddl.machine.locks import RESULTS_LOCK, locked_results
     [
         ("mdpo-ipc", ipc.main, ["run", "--problems", "HVAC_ippc2023:1", "--planners", "noop"]),
         ("mdpo-ipc", ipc.main, ["agent", "HVAC", "1", "noop", "1"]),
-        ("mdpo-bench", bench.main, ["paper-preset"]),
+        ("benchmarks", bench.main, ["paper-preset"]),
     ],
 )
 def test_a_folder_in_use_is_refused_in_one_line(tmp_path, capsys, name, main, arguments):

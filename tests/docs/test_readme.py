@@ -12,9 +12,9 @@ import pytest
 from helpers.problems import ROOT
 
 import mdpo_rddl
+from benchmarks.tasks.published import published, read_published, score
+from benchmarks.tasks.trial import Task
 from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
-from mdpo_rddl.bench.tasks.published import published, read_published, score
-from mdpo_rddl.bench.tasks.trial import Task
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.noise import default_noise
 from mdpo_rddl.planner.config.presets.paper import paper_preset

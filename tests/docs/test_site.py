@@ -80,7 +80,7 @@ def test_rows_that_name_their_commit_need_no_other_source(writer):
     (published / "table.md").write_text("| problem | ours |\n|---|---|\n| A | 1 |\n")
     page = writer.page()
     assert "## Tasks with published returns" in page
-    assert "| A | 1 | `mdpo-bench published` | abc1234 |" in page
+    assert "| A | 1 | `python -m benchmarks published` | abc1234 |" in page
     assert "<!--" not in page
 
 

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.tasks.ablation import ablation_table
-from mdpo_rddl.bench.tasks.anytime import anytime_table, read_anytime
-from mdpo_rddl.bench.tasks.everywhere import everywhere_table
-from mdpo_rddl.bench.tasks.ippc2014 import ippc2014_table
-from mdpo_rddl.bench.tasks.published import Task, published, read_published, score
-from mdpo_rddl.bench.tasks.published_table import published_table
-from mdpo_rddl.bench.tasks.sharing import read_sharing, sharing_table
-from mdpo_rddl.bench.tasks.thinking import thinking_table
-from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS, SHORTER, THINKING_COLUMNS
+from benchmarks.common.records import Records
+from benchmarks.tasks.ablation import ablation_table
+from benchmarks.tasks.anytime import anytime_table, read_anytime
+from benchmarks.tasks.everywhere import everywhere_table
+from benchmarks.tasks.ippc2014 import ippc2014_table
+from benchmarks.tasks.published import Task, published, read_published, score
+from benchmarks.tasks.published_table import published_table
+from benchmarks.tasks.sharing import read_sharing, sharing_table
+from benchmarks.tasks.thinking import thinking_table
+from benchmarks.tasks.trial import COLUMNS, KEYS, SHORTER, THINKING_COLUMNS
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 

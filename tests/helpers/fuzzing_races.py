@@ -21,7 +21,6 @@ from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.mutations import layout_of
-from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -86,7 +85,6 @@ def searches() -> dict[str, Any]:
     sampling = Sampling(sigma=0.5, population=8, seed=1)
     return {
         "shared weights": Adaptation(np.zeros(3), sampling, Ticking()),
-        "pgpe": ParameterExploration(np.zeros(3), Exploring(), Ticking()),
         "exploration": _Cells().filled(),
         "trials": _Seen(),
     }

@@ -27,7 +27,7 @@ def in_arena(compiled: Arena, pulse: Callable[[], None] = lambda: None) -> Arena
     judge = Judge(128, 0, time.monotonic, compiled.began)
     judge._players = compiled.judge._players
     arena = replace(compiled, judge=judge, pulse=pulse)
-    arena.__dict__.update(population=compiled.population, plain=compiled.plain)
+    arena.__dict__.update(population=compiled.population, straight_line=compiled.straight_line)
     judge.record(arena.candidate("", NOOP, arena.noop))
     return arena
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.problem.load import Problem, load_problem
 
-PLAIN = ["greedy", "pgpe", "slp", "drp"]
+PLAIN = ["greedy"]
 LAKE_DOMAIN = """
 domain lake {
     pvariables {
@@ -27,7 +27,7 @@ instance one {
 def preset(seconds: float, **search: object):
     """The preset with small batches, and without the arms that compile programs of their own."""
     config = auto_preset("toy").with_values("Optimize", train_seconds=seconds)
-    config = config.with_values("Search", **{"alternatives": False, "without": PLAIN, **search})
+    config = config.with_values("Search", **{"without": PLAIN, **search})
     return config.with_values("Planner", batch_size_train=2, batch_size_test=2, parallel_updates=2)
 
 

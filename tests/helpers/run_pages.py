@@ -52,24 +52,6 @@ SUMMARY = {
         ],
     },
 }
-HINDSIGHT = {
-    "estimate": {
-        "scenarios": 5,
-        "policy_mean_return": 2.75,
-        "plan_mean_return": 3.25,
-        "gain": 0.5,
-        "gain_ci95": [0.25, 0.75],
-    },
-    "bound": {
-        "episodes": 2,
-        "attained": 1,
-        "policy_mean_return": 2.5,
-        "bound_mean_return": 6.5,
-        "gain": 4.0,
-        "gain_ci95": None,
-    },
-    "note": "the time is over",
-}
 TERM = {"text": "+ 2 (level - 1)", "size": 1.5, "cost": 12.5, "cost_error": 0.25}
 LAST = {"text": "+ 3", "size": 0.5, "cost": None, "cost_error": None}
 EQUATION = {"head": "open(?t) is true if 0 <", "within": "", "terms": [TERM] * 8 + [LAST]}

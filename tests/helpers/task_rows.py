@@ -1,9 +1,9 @@
-"""Rows of planners on tasks, as `mdpo_rddl.bench.tasks.trial` writes them, with given returns."""
+"""Rows of planners on tasks, as `benchmarks.tasks.trial` writes them, with given returns."""
 
 import json
 
-from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.tasks.trial import COLUMNS, KEYS
+from benchmarks.common.records import Records
+from benchmarks.tasks.trial import COLUMNS, KEYS
 
 
 def row_of(columns=COLUMNS, **values):

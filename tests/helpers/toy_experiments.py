@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
+from benchmarks.common import full_training
+from benchmarks.common.records import Records
+from benchmarks.common.size import Size
+from benchmarks.presets import noise_sweep, paper_preset
+from benchmarks.problems.attempts import COLUMNS, KEYS
 from helpers.problems import ROOT
-from mdpo_rddl.bench.common import full_training
-from mdpo_rddl.bench.common.records import Records
-from mdpo_rddl.bench.common.size import Size
-from mdpo_rddl.bench.presets import noise_sweep, paper_preset
-from mdpo_rddl.bench.problems.attempts import COLUMNS, KEYS
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.training import training

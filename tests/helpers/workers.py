@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from mdpo_rddl.bench.problems.attempts import Attempt
+from benchmarks.problems.attempts import Attempt
 
 
 def in_this_process(work: Callable[[Any], Any], items: Sequence[Any], limits: Any) -> Iterator[Any]:

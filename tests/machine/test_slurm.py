@@ -13,7 +13,8 @@ from helpers.problems import ROOT
 from helpers.slurm_work import write_name
 from helpers.toy_contest import RULES, Pausing, entry, tiny_instance
 
-from mdpo_rddl.cli import bench, ipc
+from benchmarks import main as bench
+from mdpo_rddl.cli import ipc
 from mdpo_rddl.ipc.contestant import PREPARE, Contestant
 from mdpo_rddl.ipc.results import load_results
 from mdpo_rddl.machine.executors import SlurmExecutor
@@ -131,7 +132,7 @@ def test_a_sweep_of_the_paper_is_the_same_on_slurm(slurm, tmp_path, monkeypatch)
     slurm_options = ["--executor", "slurm", "--slurm-cpus", "1", "--slurm-memory-gb", "3"]
     for out, options in (("there", slurm_options), ("here", [])):
         folder = tmp_path / out
-        monkeypatch.setattr("mdpo_rddl.cli.bench_paper.run_landscape", lambda out: None)
+        monkeypatch.setattr("benchmarks.commands.paper.run_landscape", lambda out: None)
         assert bench.main(["paper", *size, *options, "--out", str(folder)]) == 0
     tables = [(tmp_path / out / "runs.csv").read_text() for out in ("there", "here")]
     assert tables[0] == tables[1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.toys import toy
 
-from mdpo_rddl.auto.arena.plain import PlainPlanners
+from mdpo_rddl.auto.arena.plain import StraightLine
 from mdpo_rddl.planner.shooting import Shooting
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
@@ -14,7 +14,7 @@ UNITS = {"pull": np.full(2, 2.0), "steer": np.array(4.0)}
 
 def shooting_of(termination="false") -> Shooting:
     problem = toy("boats", TERMINATION=termination)
-    return Shooting(PlainPlanners(problem, ["slp"]).built("slp").planner, UNITS)
+    return Shooting(StraightLine(problem, is_single=True).built.planner, UNITS)
 
 
 @pytest.fixture(scope="module")

@@ -135,12 +135,6 @@ def test_what_is_compiled_is_kept_where_only_candidates_are_new():
     assert taken(policy) == taken(voting())
 
 
-def test_hindsight_says_nothing_of_a_rule_that_is_not_played():
-    told = voting().hindsight(episodes=2, seconds=5.0)
-    assert told.estimate is None
-    assert "not observed" in told.to_json()["note"]
-
-
 def test_a_table_that_cannot_be_looked_up_is_told_in_one_line(monkeypatch):
     def refused(self, table):
         raise ValueError("the table is too large")

@@ -104,7 +104,7 @@ def test_a_race_is_cancelled_with_what_was_found(files):
         seen.append(progress)
         return progress.best_return is None
 
-    config = load_preset("auto", "tiny").with_values("Search", alternatives=False)
+    config = load_preset("auto", "tiny")
     policy = mdpo_rddl.plan(*files, seconds=300, config=config, on_progress=until_there_is_a_policy)
     assert "probing" in {progress.stage for progress in seen}
     # beside what was seen, a rule that was kept aside is judged at the end

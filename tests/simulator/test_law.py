@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.simulator_law import compare, every_problem, law_table
+from benchmarks.problems.simulator_law import compare, every_problem, law_table
 from mdpo_rddl.problem.load import load_problem
 
 

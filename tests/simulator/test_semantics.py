@@ -5,7 +5,7 @@ import pytest
 from helpers.toys import problem_from
 from scipy import stats
 
-from benchmarks.simulator_law import QUANTILES, compare
+from benchmarks.problems.simulator_law import QUANTILES, compare
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.simulator.simulator import Simulator
 

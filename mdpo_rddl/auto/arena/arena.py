@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mdpo_rddl.auto.arena.judge import Judge, difference_error
-from mdpo_rddl.auto.arena.plain import REACTIVE, STRAIGHT_LINE, PlainPlanners
+from mdpo_rddl.auto.arena.plain import StraightLine
 from mdpo_rddl.auto.arena.probed import Probed
 from mdpo_rddl.auto.common.candidate import NOOP, Candidate
 from mdpo_rddl.auto.common.compilations import Compilations, TooLateError
@@ -33,8 +33,6 @@ from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.problem.load import Problem
 
-GOAL_COUNTING = "goal counting"
-"""What the part is called that counts goals, and can be left out by."""
 UNLIMITED = 10**6
 # of the time left, at most, for what random actions return
 _RANDOM = 0.01
@@ -69,7 +67,6 @@ class Arena:
       pulse: to be called between two iterations of a slice, when the arm's state is whole.
       probed: what has played the probing's constants; None of a large problem, or where another
         process has.
-      counts_goals: whether arms that have found nothing look at rewards with goals counted.
     """
 
     problem: Problem
@@ -86,7 +83,6 @@ class Arena:
     on_progress: Callable[[Progress], None] = _ignore
     pulse: Callable[[], None] = _ignore_pulse
     probed: Probed | None = None
-    counts_goals: bool = True
 
     @property
     def seconds(self) -> float:
@@ -145,7 +141,7 @@ class Arena:
     def plans(self) -> PlanPopulation:
         """Open-loop plans side by side on the exact model; compiled when first played."""
         plans = PlanPopulation(self.planner, self.probe, self.seed, self.clock, self.deadline)
-        plans.on_generation, plans.counts_goals = self.pulse, lambda: self.misses_goals
+        plans.on_generation = self.pulse
         return plans
 
     def after_plans_compile(self, params: Params, until: float) -> float:
@@ -164,12 +160,10 @@ class Arena:
         return min(until + self.clock() - started, max(until, self.deadline))
 
     @cached_property
-    def plain(self) -> PlainPlanners:
-        """Planners of JaxPlan's own classes of policies."""
-        # a plan does not see the states, which may be random where the return is not
-        probe = self.probe
-        single = [STRAIGHT_LINE] * probe.deterministic + [REACTIVE] * probe.certain
-        return PlainPlanners(self.problem, single)
+    def straight_line(self) -> StraightLine:
+        """JaxPlan's own straight-line plan."""
+        # it does not see the states, which may be random where the return is not
+        return StraightLine(self.problem, self.probe.deterministic)
 
     @cached_property
     def compilations(self) -> Compilations:
@@ -219,12 +213,6 @@ class Arena:
         noop = self.judge.latest(NOOP)
         error = candidate.error if noop is None else difference_error(candidate, noop)
         return candidate.known_mean > return_to_beat(self.noop_return.mean, error)
-
-    @property
-    def misses_goals(self) -> bool:
-        """Whether goals are to be counted: none of the planner's policies beats the no-op."""
-        best = self.judge.best_of(self.planner)
-        return self.counts_goals and (best is None or not self.beats_noop(best))
 
     def candidate(self, arm: str, label: str, params: Params) -> Candidate:
         """A candidate of the arena's planner."""

@@ -187,19 +187,6 @@ class Judge:
             self.incumbent = candidate
         self._on_judged(self.judged[-1])
 
-    def prepare(self, planner: MDPOPlanner, params: Any) -> None:
-        """Compiles what plays a planner's candidates; in any thread.
-
-        Args:
-          planner: compiled.
-          params: of any policy of the planner.
-        """
-        if any(known is planner for known, _ in self._players):
-            return
-        play = MeanReturn(planner, self.rollouts, self._seed).returns
-        play(params)
-        self._players.append((planner, Timed(play, self._clock)))
-
     def correct(self, candidate: Candidate, returns: np.ndarray) -> None:
         """Replaces what probing has said of a candidate, which has no standard error.
 

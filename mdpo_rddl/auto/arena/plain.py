@@ -1,6 +1,6 @@
-"""JaxPlan's own classes of policies as planners of ours, each made once for all arms."""
+"""JaxPlan's own straight-line plan as a planner of ours."""
 
-from collections.abc import Collection
+from functools import cached_property
 
 from mdpo_rddl.auto.probing.fitting import with_single_rollouts
 from mdpo_rddl.planner.build import build_planner
@@ -10,56 +10,47 @@ from mdpo_rddl.planner.config.presets.by_domain import config_for_domain
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.problem.load import Problem
 
-STRAIGHT_LINE, REACTIVE = "slp", "drp"
-METHODS = (STRAIGHT_LINE, REACTIVE)
-"""As the configurations that come with JaxPlan call them."""
-
+# as the configurations that come with JaxPlan call it
+_METHOD = "slp"
 _CALL = {"iterations_per_call": 100, "test_every": 20}
 # instead of a straight-line plan's RMSProp, which has no momentum: more return in as many seconds
 # on 11 of 12 problems (results/plan_optimisers); its steps shrink where nothing is gained
 _REPLACED, _ADAM, _LARGER = "rmsprop", {"b2": 0.95}, 2.0
 
 
-class PlainPlanners:
-    """Planners of straight-line plans ("slp") and of deep reactive policies ("drp")."""
+class StraightLine:
+    """The planner of straight-line plans, made once it is asked for."""
 
-    def __init__(self, problem: Problem, single: Collection[str] = ()) -> None:
+    def __init__(self, problem: Problem, is_single: bool = False) -> None:
         """Makes none yet.
 
         Args:
           problem: the parsed problem.
-          single: methods for which one rollout shows what a policy returns.
+          is_single: whether one rollout shows what a plan returns.
         """
-        self._problem, self._single = problem, single
-        self._built: dict[str, Built[MDPOPlanner]] = {}
+        self._problem, self._is_single = problem, is_single
 
-    def built(self, method: str) -> Built[MDPOPlanner]:
-        """The planner of a method; nothing of it is compiled before it is used.
-
-        Args:
-          method: out of `METHODS`.
+    @cached_property
+    def built(self) -> Built[MDPOPlanner]:
+        """The planner; nothing of it is compiled before it is used.
 
         Raises:
           InputError: if JaxPlan refuses the problem.
         """
-        if method not in self._built:
-            self._built[method] = build_planner(self._problem, self.config(method))
-        return self._built[method]
+        return build_planner(self._problem, self.config)
 
-    def config(self, method: str) -> PlannerConfig:
+    @cached_property
+    def config(self) -> PlannerConfig:
         """The configuration for the domain, in calls of many iterations.
 
         Noise on the actions would double what must be compiled, and parameter noise (PGPE)
-        excludes calls; it is an arm of its own.
+        excludes calls.
         """
         # a problem of rddlrepository is labelled by its name there and its instance
         name = self._problem.label.rpartition("-")[0]
-        config = config_for_domain(name, self._problem.domain_name, method)
-        config = config.without_noise()
-        config = config.with_values("Planner", pgpe=None)
-        if method == STRAIGHT_LINE:
-            config = _with_momentum(config)
-        if method in self._single:
+        config = config_for_domain(name, self._problem.domain_name, _METHOD)
+        config = _with_momentum(config.without_noise().with_values("Planner", pgpe=None))
+        if self._is_single:
             config = with_single_rollouts(config)
         return config.with_section("MDPO", {**_CALL, **config.section("MDPO")})
 

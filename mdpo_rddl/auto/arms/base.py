@@ -83,11 +83,6 @@ class Arm(ABC):
         del seconds
         return False
 
-    @property
-    def awaits_judge(self) -> bool:
-        """Whether it seems to lead, and the judge could not yet play what it has found."""
-        return False
-
     def await_program(self, until: float) -> None:  # noqa: B027  (most have nothing to wait for)
         """Waits for what is compiled; what that raises is for the next slice.
 

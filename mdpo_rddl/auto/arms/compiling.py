@@ -39,7 +39,6 @@ class CompilingArm(ArenaArm):
         self._compiling: Background | None = None
         self._waited = 0.0
         self._estimate = -math.inf
-        self._is_judged = self._awaits_judge = False
 
     @property
     def is_pending(self) -> bool:
@@ -78,12 +77,6 @@ class CompilingArm(ArenaArm):
             self._log.seconds += waited
 
     @property
-    def awaits_judge(self) -> bool:
-        """Whether what plays its policies is compiled, or was, since its latest slice."""
-        leads = self._estimate > self._arena.judge.best_mean
-        return self._awaits_judge and leads and not self.is_exhausted
-
-    @property
     def reached(self) -> float | None:
         """By the judge, else by the arm's own estimate."""
         judged = self._log.best_return
@@ -100,31 +93,6 @@ class CompilingArm(ArenaArm):
             return None
         fits = has_structure(planner, found.params, found.policy_hyperparams)
         return found.params if fits else None
-
-    def _may_be_judged(self, planner: MDPOPlanner, params: Any, until: float) -> bool:
-        """Whether the judge can play a planner's policies.
-
-        What that needs is compiled once the arm's estimate exceeds the incumbent's return, so
-        that an arm that finds nothing costs less. It begins at once, whatever else is compiled.
-
-        Args:
-          planner: the arm's own.
-          params: of any of its policies.
-          until: of the slice; others work while it is not compiled by then.
-        """
-        judge = self._arena.judge
-        if not self._is_judged:
-            self._log.details = {**self._log.details, "estimate": self._estimate}
-            # also where it is no number
-            if not self._estimate > judge.best_mean:
-                return False
-            if self._arena.deadline - self._clock() < judge.usual_seconds:
-                return False
-            self._is_judged = self._awaits_judge = True
-            self._start(lambda: judge.prepare(planner, params), in_turn=False)
-        is_ready = self._is_compiled(until)
-        self._awaits_judge &= not is_ready
-        return is_ready
 
     @abstractmethod
     def _begin(self) -> None:

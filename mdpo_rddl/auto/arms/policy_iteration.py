@@ -16,7 +16,6 @@ from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.common.draws import Draws, key_for
-from mdpo_rddl.auto.common.gains import return_to_beat
 from mdpo_rddl.auto.common.span import Span
 from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.probing.fitting import greedy
@@ -36,7 +35,6 @@ from mdpo_rddl.problem.evaluation import mean_and_error
 GREEDY = "greedy"
 # what another process needs of the learner: all but the rollouts
 _LEARNER, _KEPT = "learner", ("weights", "moments", "times", "scale")
-_COUNTS_GOALS = "counts_goals"
 # what a policy is made of
 _POLICY = ("weights", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
@@ -72,11 +70,6 @@ class PolicyIterationArm(CompilingArm):
     and hands in what was learnt, also if it is interrupted. An iteration whose returns are not
     finite, or what is learnt from them, counts as lost.
 
-    Where no policy beats the no-op before it begins, it learns from rewards with goals counted
-    (`mdpo_rddl.planner.model.goal_counting`) until one of its own does.
-
-    Attributes:
-      counts_goals: whether it learns from goals counted now.
     """
 
     def __init__(
@@ -103,7 +96,6 @@ class PolicyIterationArm(CompilingArm):
         self._judged_key = jax.random.fold_in(self._trial_key, 1)
         self._first_until, self._span = until, Span(0.0, 0.0)
         self._learner: Learner | None = None
-        self.counts_goals = False
         # of the slice's iterations
         self._means: list[float] = []
         self._lost, self._iteration_seconds = 0, 0.0
@@ -131,7 +123,7 @@ class PolicyIterationArm(CompilingArm):
         tensors = {f"{_LEARNER}/{n}": np.asarray(leaf) for n, leaf in enumerate(leaves)}
         began, ends = (each - self._arena.began for each in self._span)
         values = {"began": began, "ends": ends, "parents": list(self._parents)}
-        return State(tensors, {**values, _COUNTS_GOALS: self.counts_goals})
+        return State(tensors, values)
 
     def restore(self, state: State) -> None:
         """Keeps it until the program is compiled."""
@@ -159,9 +151,7 @@ class PolicyIterationArm(CompilingArm):
         least = least_seconds(plan, self._batch_seconds)
         if self._resumed is None and is_too_long(least, self._arena.seconds):
             raise TooLateError(f"an iteration would take {least:.1f} s at least")
-        counted = bool(self._resumed and self._resumed.values.get(_COUNTS_GOALS))
-        counts_goals = counted or arena.misses_goals
-        learning = Learning(rollouts=learning_rollouts(plan), counts_goals=counts_goals)
+        learning = Learning(rollouts=learning_rollouts(plan))
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
         begun = self._begun()
         jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
@@ -180,7 +170,6 @@ class PolicyIterationArm(CompilingArm):
         ]
         span, parents = self._span_of(state.values), tuple(map(str, state.values["parents"]))
         self._span, self._parents = span, parents
-        self.counts_goals = bool(state.values[_COUNTS_GOALS])
         self._learner = begun._replace(
             **dict(zip(_KEPT, jax.tree.unflatten(tree, found), strict=True))
         )
@@ -212,7 +201,6 @@ class PolicyIterationArm(CompilingArm):
     def _begin_part(self) -> None:
         """The first iteration, from the best policy so far."""
         now, guide = self._clock(), self._arena.incumbent
-        self.counts_goals = self._iteration.has_goals and self._arena.misses_goals
         self._parents = (*guide.parents, guide.arm) if guide.arm else ()
         # its program may have taken longer than the first part was to last
         self._span = Span(now, max(self._first_until, self._arena.until(_LEAST_SHARE)))
@@ -250,10 +238,7 @@ class PolicyIterationArm(CompilingArm):
         key = jax.random.fold_in(self._iteration_key, self._log.iterations)
         self._learner, shown = self._iterated(played, key, self._pace(started))
         self._log.iterations += 1
-        if self.counts_goals and self._has_found(shown):
-            self.counts_goals = False
-            self._means, self._best = [], None
-        mean = float(shown.mean_counted if self.counts_goals else shown.mean_return)
+        mean = float(shown.mean_return)
         is_lost = not (bool(shown.is_finite) and math.isfinite(mean))
         self._iteration_seconds = self._clock() - started
         self._count(is_lost)
@@ -262,11 +247,6 @@ class PolicyIterationArm(CompilingArm):
             if self._best is None or mean > self._best.mean:
                 kept = {name: getattr(played, name) for name in _POLICY}
                 self._best = _Best(mean, self._log.iterations - 1, kept)
-
-    def _has_found(self, shown: Shown) -> bool:
-        """Whether the policy returns more than the no-op, and not by chance."""
-        mean, error = mean_and_error(np.asarray(shown.of_policy))
-        return mean > return_to_beat(self._arena.noop_return.mean, error)
 
     def _count(self, is_lost: bool) -> None:
         """Counts lost iterations, and gives the arm up if there is a cause."""
@@ -297,7 +277,7 @@ class PolicyIterationArm(CompilingArm):
         self, learner: Learner, key: Array, pace: float, is_first: bool = False
     ) -> tuple[Learner, Shown]:
         guiding = self._arena.incumbent.params if is_first else self._arena.noop
-        way = Way(np.float32(pace), np.array(is_first), np.array(self.counts_goals))
+        way = Way(np.float32(pace), np.array(is_first))
         return self._iteration.iterate(learner, key, guiding, way)
 
     def _offer_learnt(self) -> None:
@@ -311,7 +291,7 @@ class PolicyIterationArm(CompilingArm):
         if best is None:
             return  # nothing was learnt in this slice
         mean, error = self._offer_policy(learner, self._log.iterations)
-        if not self.counts_goals and best.mean > mean + _ERRORS * error:
+        if best.mean > mean + _ERRORS * error:
             self._offer_policy(learner._replace(**best.kept), best.iteration)
 
     def _offer_policy(self, learner: Learner, iteration: int) -> tuple[float, float]:

@@ -8,7 +8,6 @@ import jax
 import numpy as np
 
 from mdpo_rddl.auto.arena.arena import Arena
-from mdpo_rddl.auto.arena.plain import STRAIGHT_LINE
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.state import State, count_of
@@ -54,7 +53,7 @@ class ShootingArm(CompilingArm):
 
     In each phase plans begin around the best one and climb with step sizes of their own. At its end
     each object's actions are taken from the plan in which they return most (`search/crossing.py`).
-    Its policies are JaxPlan's straight-line plans, as those of the arm `slp`.
+    Its policies are JaxPlan's straight-line plans.
     """
 
     def __init__(self, arena: Arena, usual_seconds: float = 0.0) -> None:
@@ -108,7 +107,7 @@ class ShootingArm(CompilingArm):
 
     @property
     def _planner(self) -> MDPOPlanner:
-        return self._arena.plain.built(STRAIGHT_LINE).planner
+        return self._arena.straight_line.built.planner
 
     @property
     def _begun(self) -> Shooting:
@@ -221,7 +220,7 @@ class ShootingArm(CompilingArm):
             Candidate(
                 arm=self.name,
                 label=f"{self.name}, iteration {self._log.iterations:,}",
-                config=arena.plain.config(STRAIGHT_LINE),
+                config=arena.straight_line.config,
                 planner=planner,
                 params=best,
                 policy_hyperparams=unit_hyperparams(planner),

@@ -2,10 +2,8 @@
 
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arena.judge import ROLLOUTS
-from mdpo_rddl.auto.arena.plain import REACTIVE, STRAIGHT_LINE
 from mdpo_rddl.auto.arms.compiling import LONGEST_WAIT
 from mdpo_rddl.auto.arms.gradient import GRADIENT
-from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.search.one_by_one import POLICIES
@@ -24,10 +22,8 @@ _FEW_ONE_BY_ONE = 300
 # programs like the judge's: what a gradient's is expected to take to compile, a quick one in its
 # share of that (`results/compile_times`); and evaluations of a population, in the time of the
 # fewest iterations that help
-_COMPILATIONS, _EVALUATIONS = {GRADIENT: 10.9, STRAIGHT_LINE: 4.7, REACTIVE: 7.0}, 100.0
+_GRADIENT_PROGRAMS, _EVALUATIONS = 10.9, 100.0
 _SHOOTING_PROGRAMS, _SHOOTING_EVALUATIONS = 2.3, 20.0
-# programs like the judge's: that of the exploration of parameters comes beside a population's
-_EXPLORATION_PROGRAMS = 4.7
 # of the time left, that the program of plans may take beside feedback policies that work, and where
 # chance plays no part, or the state is not observed: there a plan may well be as good
 _PLANS_SHARE, _GOOD_PLANS_SHARE = 0.15, 0.3
@@ -40,11 +36,8 @@ _VALUE_PROGRAMS, _LEAST_VALUE_SECONDS = 4.0, 8.0
 _VALUE_FIXED_SECONDS, _LATER_VALUE_PROGRAMS, _QUICK_VALUE_PROGRAMS = 6.0, 1.5, 3.0
 _VALUE_EVALUATIONS, _EVALUATIONS_IN_TURN = 4.0, 1.5
 _FITTING_SECONDS, _VALUE_ITERATIONS = 0.03, 30
-EXPLORING_FIRST, LATER = 0.4, 0.25
-"""Shares of the time left that the compilation of what explores a net's parameters may take: before
-the other arms, and after some of them."""
 # of the time left: what an arm that must compile may need
-_AFFORDED = {GRADIENT: 0.7, STRAIGHT_LINE: 0.5, REACTIVE: 0.25, SHOOTING: 0.5}
+_AFFORDED = {GRADIENT: 0.7, SHOOTING: 0.5}
 # the same of one that nothing else is likely to come near, if so many seconds are left
 _AFFORDED_FIRST, _FIRST_AT_LEAST = 0.8, 15.0
 
@@ -121,28 +114,16 @@ class Affording:
         """What compiles what learns a value: of the quick kind where little time is left."""
         return quick_jit if self._is_value_quick else light_jit
 
-    def parameter_exploration(self, share: float) -> bool:
-        """Whether there is time for a net whose parameters are explored.
-
-        Args:
-          share: of the time left, that its compilation may take.
-        """
-        return not self._is_large and self._is_ready_in_time(_EXPLORATION_PROGRAMS / share)
-
     def usual_seconds(self, name: str) -> float:
         """How long the program of an arm that must compile is likely to take."""
         if name == GREEDY:
             kind = quick_share() if self._is_value_quick else 1.0
             return kind * self._value_seconds
-        # those of slp and drp, which make thousands of iterations, are never of the quick kind
         if name == SHOOTING:
             # it comes before the population
             return _SHOOTING_PROGRAMS * self._usual_seconds
-        if name == PGPE:
-            return _EXPLORATION_PROGRAMS * self._usual_seconds
-        is_quick = name == GRADIENT and is_short(self._arena.seconds)
-        kind = quick_share() if is_quick else 1.0
-        return kind * _COMPILATIONS[name] * self._usual_seconds
+        kind = quick_share() if is_short(self._arena.seconds) else 1.0
+        return kind * _GRADIENT_PROGRAMS * self._usual_seconds
 
     def gradient(
         self, name: str, until: float, comes_first: bool = False, later: float = 0.0

@@ -1,21 +1,18 @@
 """Which arms that must compile a program take part in a race."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from mdpo_rddl.auto.arena.arena import Arena
-from mdpo_rddl.auto.arena.plain import METHODS, STRAIGHT_LINE
 from mdpo_rddl.auto.arms.base import Arm
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT, GradientArm
-from mdpo_rddl.auto.arms.parameter_exploration import PGPE, ParameterExplorationArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.arms.shooting import SHOOTING, ShootingArm
-from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.race.affording import EXPLORING_FIRST, Affording
+from mdpo_rddl.auto.race.affording import Affording
 from mdpo_rddl.planner.plans.single_changes import SingleChanges
 
 logger = logging.getLogger(__name__)
@@ -96,16 +93,6 @@ class Entrants:
         state = sum(np.asarray(exact.init_values[name]).nbytes for name in rddl.state_fluents)
         return changes if state * planner.horizon <= _MOST_BYTES else None
 
-    def parameter_exploration(self, share: float = EXPLORING_FIRST) -> CompilingArm | None:
-        """The one that explores the parameters of a net.
-
-        Args:
-          share: of the time left, that its compilation may take.
-        """
-        if PGPE in self._without or not self._affording.parameter_exploration(share):
-            return None
-        return ParameterExplorationArm(self._arena, self._affording.usual_seconds(PGPE))
-
     def straight_line(self, until: float) -> CompilingArm | None:
         """The one that comes first where no policy returns more than the best plan does.
 
@@ -127,53 +114,36 @@ class Entrants:
             return False
         return self._affording.gradient(SHOOTING, until, comes_first=True)
 
-    def rivals(self, best: Candidate) -> Sequence[str]:
-        """Arms with a gradient that may find more than the best policy so far."""
+    def has_rival(self, best: Candidate) -> bool:
+        """Whether an arm with a gradient may find more than the best policy so far."""
         # where that is a plan and chance plays no part, no policy that sees the states can, and
-        # these follow the same gradient
-        return () if best.arm == SHOOTING else (GRADIENT, *METHODS)
+        # the gradient on these is the same
+        return best.arm != SHOOTING
 
-    def trained(self, name: str, until: float, arms: Sequence[Arm]) -> CompilingArm | None:
+    def trained(self, name: str, until: float) -> CompilingArm | None:
         """The arm of a name, if it trains a policy of JaxPlan's; None for another.
 
         Args:
           name: of the arm.
           until: how long it may work, by the clock.
-          arms: that take part already.
         """
-        if name == SHOOTING:
-            return self.straight_line(until)
-        return next(self.gradients([name] if name in METHODS else [], until, arms), None)
+        return self.straight_line(until) if name == SHOOTING else None
 
-    def gradients(
-        self,
-        names: Sequence[str],
-        until: float,
-        arms: Sequence[Arm] = (),
-        warns: bool = True,
-    ) -> Iterator[CompilingArm]:
-        """Those that follow a gradient, each asked for once the one before it has begun.
+    def gradient(
+        self, until: float, arms: Sequence[Arm] = (), warns: bool = True
+    ) -> CompilingArm | None:
+        """The one on the feedback policy.
 
         Args:
-          names: of the arms.
-          until: how long they may work, by the clock.
+          until: how long it may work, by the clock.
           arms: that take part already.
-          warns: where there is too little time for the one on the feedback policy.
+          warns: where there is too little time for it.
         """
-        taken = {*self._without, *(arm.name for arm in arms)}
-        if SHOOTING in taken - {*self._without}:
-            taken.add(STRAIGHT_LINE)  # its plans are of the same class
-        for name in names:
-            if name in taken:
-                continue
-            if self._affording.gradient(name, until):
-                usual = self._affording.usual_seconds(name)
-                is_plain = name in METHODS
-                yield (
-                    TrainingArm(self._arena, name, usual)
-                    if is_plain
-                    else GradientArm(self._arena, usual)
-                )
-            elif name == GRADIENT and warns:
-                left = until - self._arena.clock()
-                logger.warning("there is too little time for the gradient: %.0f s are left", left)
+        if GRADIENT in {*self._without, *(arm.name for arm in arms)}:
+            return None
+        if self._affording.gradient(GRADIENT, until):
+            return GradientArm(self._arena, self._affording.usual_seconds(GRADIENT))
+        if warns:
+            left = until - self._arena.clock()
+            logger.warning("there is too little time for the gradient: %.0f s are left", left)
+        return None

@@ -12,15 +12,14 @@ from mdpo_rddl.auto.arms.simple import SimpleArm
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.gains import return_to_beat
 from mdpo_rddl.auto.outcome.unsearched import correct_by_probing, known_by_probing
-from mdpo_rddl.auto.race.affording import EXPLORING_FIRST, Affording
+from mdpo_rddl.auto.race.affording import Affording
 from mdpo_rddl.auto.race.entrants import Entrants
 from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.race.slices import SHORTEST_SECONDS, Slices, Terms
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
-# of the time left, for a straight-line plan, while slices gain so much of the first's; ten times
-# that while there is time to explore, for it may have come to a local optimum
-_PLAN_SHARE, _LEAST_GAIN, _CLEAR_GAIN = 0.6, 0.0005, 0.005
+# of the time left, for a straight-line plan, while slices gain so much of the first's
+_PLAN_SHARE, _LEAST_GAIN = 0.6, 0.0005
 LESS_GREEDY_SHARE = 0.6
 """Of the time left, for greedy, where no reward was found yet, or after others."""
 # where one was found, while slices gain; and in any case, for its first iterations tell little
@@ -159,8 +158,7 @@ class Openings(Slices):
             has_numbers = self._entrants.has_numbers
             share = _AMONG_NUMBERS_SHARE if has_numbers else _GREEDY_LEADS_SHARE
             return self._is_greedy_far_ahead() or not affording.others(share)
-        explores = affording.parameter_exploration(EXPLORING_FIRST)
-        return leader == SHOOTING and not explores and not affording.others(self._others_share())
+        return leader == SHOOTING and not affording.others(self._others_share())
 
     def _is_greedy_far_ahead(self) -> bool:
         """Whether no other arm is likely to come as far as greedy has among numbers.
@@ -210,7 +208,7 @@ class Openings(Slices):
         if plan is None:
             return
         until = self._end(_PLAN_FIRST, _PLAN_SHARE)
-        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, self._least_gain))
+        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, lambda: _LEAST_GAIN))
         self._marks.decided(_STALLED, lambda: self._arena.clock() < until - SHORTEST_SECONDS)
 
     def _open_gradient(self, until: float) -> None:
@@ -226,12 +224,8 @@ class Openings(Slices):
         later += affording.plans_seconds()
         if not self._entrants.decides_numbers or affording.gradient(GRADIENT, until, later=later):
             return
-        for arm in self._entrants.gradients([GRADIENT], until, self.arms, warns=False):
+        if (arm := self._entrants.gradient(until, self.arms, warns=False)) is not None:
             self._open(arm, until, affording.early_patience(arm.usual_seconds, until))
-
-    def _least_gain(self) -> float:
-        explores = self._affording.parameter_exploration(EXPLORING_FIRST)
-        return _CLEAR_GAIN if explores else _LEAST_GAIN
 
     def _others_share(self) -> float:
         """Of the time left, that others' programs may take where a straight-line plan leads."""
@@ -247,8 +241,7 @@ class Openings(Slices):
 
         Args:
           share: of the time left, for all of them.
-          is_rare: whether no reward was found yet; its policies must soon find some then, unless it
-            counts goals.
+          is_rare: whether no reward was found yet; its policies must soon find some then.
         """
         if not self._entrants.may_be_greedy(share):
             return  # its part may begin later
@@ -257,11 +250,8 @@ class Openings(Slices):
             return
         least = _NUMBERS_AT_LEAST if self._entrants.has_numbers else _GREEDY_AT_LEAST
 
-        def must_find() -> bool:
-            return is_rare and not arm.counts_goals
-
         def at_least() -> float:
-            return 0.0 if must_find() and not self._arena.beats_noop(self._best) else least
+            return 0.0 if is_rare and not self._arena.beats_noop(self._best) else least
 
-        terms = Terms(share, at_least=at_least, by_policies=must_find)
+        terms = Terms(share, at_least=at_least, by_policies=lambda: is_rare)
         self._begin_with(_GREEDY_FIRST, arm, terms)

@@ -58,7 +58,6 @@ class RaceOptions:
         is.
       on_pulse: called between two iterations of whichever arm works, and before a part that has
         none.
-      on_wait: called before the race waits for what another process does.
       at_the_latest: when the race ends, by the clock, if the judge's program would come too late in
         its own time.
     """
@@ -73,7 +72,6 @@ class RaceOptions:
     earlier: EarlierRace | None = None
     on_begun: Callable[[Snapshot], None] = _ignore_snapshot
     on_pulse: Callable[[], None] = _ignore_pulse
-    on_wait: Callable[[], None] = _ignore_pulse
     at_the_latest: float = -math.inf
 
     @property

@@ -3,11 +3,10 @@
 import logging
 from dataclasses import replace
 
-from mdpo_rddl.auto.arena.arena import GOAL_COUNTING, Arena
+from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arena.judge import ROLLOUTS, Judge, rollouts_for
 from mdpo_rddl.auto.arena.probed import Probed
 from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
-from mdpo_rddl.auto.arms.jaxplan import Alternatives, JaxPlanArm
 from mdpo_rddl.auto.common.candidate import NOOP, Candidate, Judged
 from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.common.sizes import plans_fit
@@ -55,11 +54,9 @@ from mdpo_rddl.problem.load import Problem
 logger = logging.getLogger(__name__)
 
 _PROBING_SEED = 0
-# with less time JaxPlan's planners have hardly compiled
-_JAXPLAN_SECONDS = 40.0
 # of the time: the no-op's episodes, before anything else
 _FIRST_SHARE = 0.05
-# of the time: the result's episodes on the environment; the second process may be late
+# of the time: the result's episodes on the environment, and how late they may be
 _CONFIRMING_SHARE = 0.02
 _LATE_SHARE = 0.05
 
@@ -80,9 +77,7 @@ def run_race(
     if not problem.model.observ_fluents:  # else it was watched before
         by = clock() + RAISING_SHARE * seconds
         problem = watched(problem, lambda: clock() < by)
-    wanted = shares.alternatives and seconds - used >= _JAXPLAN_SECONDS
-    alternatives = Alternatives(problem, seed, seconds - used, wanted)
-    with computing_on(fitting_device(problem)), alternatives, one_line_errors(problem):
+    with computing_on(fitting_device(problem)), one_line_errors(problem):
         ground = GroundSlices(problem, config, seed, options, shares)
         exact = ground.arms.exact
         if exact is not None:
@@ -104,7 +99,7 @@ def run_race(
             options.on_stage("probing")
             options.on_pulse()
             arena = _arena(problem, config, seed, started, options, resumption)
-            return _raced(arena, shares, ground.arms, alternatives, options, resumption)
+            return _raced(arena, shares, ground.arms, options, resumption)
         except (KeyboardInterrupt, Cancelled, NothingPlayedError) as end:
             note_heard(end)
             if exact is not None and exact.solution is not None:
@@ -119,7 +114,6 @@ def _raced(
     arena: Arena,
     shares: Shares,
     ground: GroundArms,
-    alternatives: Alternatives,
     options: RaceOptions,
     resumption: Resumption,
 ) -> RaceOutcome:
@@ -128,8 +122,6 @@ def _raced(
     Raises:
       KeyboardInterrupt, Cancelled: if interrupted before any candidate was judged.
     """
-    if arena.probe.policy_seconds is not None:
-        alternatives.stop()  # its memory is needed
     initial = [*options.initial(arena)]
     schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
     interrupted, chosen = False, None
@@ -148,9 +140,6 @@ def _raced(
             schedule.run()
         end = arena.began + arena.config.budget().seconds
         late = end + _LATE_SHARE * (end - arena.began)
-        if alternatives.started:
-            options.on_wait()
-            schedule.give(JaxPlanArm(alternatives, arena.clock), late)
         with incumbent_kept(arena.judge):
             chosen = confirm(arena, end, late)
     except (KeyboardInterrupt, Cancelled) as stop:
@@ -259,7 +248,6 @@ def _arena(
         on_progress=options.on_progress,
         pulse=options.on_pulse,
         probed=None if large else probed,
-        counts_goals=GOAL_COUNTING not in shares.without,
     )
 
 

@@ -5,29 +5,25 @@ can't, but the rules were grounded, a search by trials has gone ahead.
 
 1. Constant actions on the exact model say in which units states and actions are of order 1.
 2. The arms begin in the order of what they cost: `greedy`, where all actions have few values;
-   `shooting`, where all are real and chance plays no part; `pgpe`; the weights that all objects
-   share; an open-loop plan, or each object's own weights; and those that need the model's gradient.
+   `shooting`, where all are real and chance plays no part; the weights that all objects share; an
+   open-loop plan, or each object's own weights; and the one that needs the model's gradient.
    The first two need not wait for the judge's program (`openings.py`).
 3. Rounds: each slice of time goes to the arm that promises to gain most, by its latest pace, and
    one in eight to the one that has waited longest (`rounds.py`).
 4. Another search around the best policy corrects the relaxation error.
 
 A search for a plan that explores comes first where no constant and no random rule returns more than
-the no-op, or a few of many only and chance plays no part. JaxPlan's planners are trained in a
-second process.
+the no-op, or a few of many only and chance plays no part.
 """
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
 
 from mdpo_rddl.auto.arena.arena import Arena
-from mdpo_rddl.auto.arena.plain import METHODS
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
-from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
-from mdpo_rddl.auto.arms.parameter_exploration import PGPE
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY
 from mdpo_rddl.auto.arms.shared_weights import SHARED_WEIGHTS, SharedWeightsArm
@@ -35,11 +31,10 @@ from mdpo_rddl.auto.arms.shooting import SHOOTING
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, SIMPLE, Rules, SimpleArm
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.outcome.unsearched import constant_without_rollouts, found_by_probing
-from mdpo_rddl.auto.race.affording import LATER, PATIENCE
 from mdpo_rddl.auto.race.openings import LESS_GREEDY_SHARE, Openings
 from mdpo_rddl.auto.race.polishing import polishing_arm
 from mdpo_rddl.auto.race.resumption import Resumption
-from mdpo_rddl.auto.race.rounds import Contender, gives_way, next_contender
+from mdpo_rddl.auto.race.rounds import gives_way, next_contender
 from mdpo_rddl.auto.race.slices import SHORTEST_SECONDS
 from mdpo_rddl.auto.resuming.marks import RANDOM, SLICES
 from mdpo_rddl.planner.config.search_section import Search as Shares
@@ -134,16 +129,10 @@ class Schedule(Openings):
             return
         self._climb_first()
         until = self._end("all", self._shares.rounds_until)
-        # where it leads already, the exploration begins with what comes last
-        leads = self._marks.decided("greedy leads", lambda: self._best.arm == GREEDY)
-        pgpe = self._opened(None if leads else self._entrants.parameter_exploration(), until)
         plan_leads = self._marks.decided("plan leads", lambda: self._best.arm == SHOOTING)
         self._on_stage("searching")
         if not plan_leads:
             self._play_rules(simple)
-        if pgpe is not None and not pgpe.slices:
-            # what it finds decides what comes first
-            self._first_slice(pgpe, arena.until(PATIENCE))
         shared = SharedWeightsArm(arena, RANDOM_RULE)
         if plan_leads:
             self._improve(shared)
@@ -220,7 +209,7 @@ class Schedule(Openings):
             self._contend(exploration, lambda: arena.incumbent.mean)
         found = self._marks.decided("found", lambda: arena.beats_noop(self._best))
         rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
-        self._open_programs(rounds_until, METHODS)
+        self._open_programs(rounds_until, opens_gradient=False)
         self._compete(rounds_until, polishing=found)
         self._has_plan |= arena.incumbent.arm == exploration.name
         if arena.beats_noop(self._best):
@@ -232,16 +221,16 @@ class Schedule(Openings):
     def _improve(self, shared: SharedWeightsArm) -> None:
         """Where a constant or a random rule beats the no-op, and no rare reward is looked for."""
         self._climb()
-        rivals = self._entrants.rivals(self._best)
-        if not rivals and not self._affording.population(self._others_share()):
+        has_rival = self._entrants.has_rival(self._best)
+        if not has_rival and not self._affording.population(self._others_share()):
             self._finish()
             return
         rounds_until = self._end("rounds", self._shares.rounds_until)
-        if rivals:
+        if has_rival:
             self._open_gradient(rounds_until)
             self._search_in_turn(shared)
         self._contend(shared, lambda: shared.reached)
-        self._open_programs(rounds_until, self._entrants.rivals(self._best))
+        self._open_programs(rounds_until, self._entrants.has_rival(self._best))
         self._compete(rounds_until)
         self._finish()
 
@@ -278,10 +267,7 @@ class Schedule(Openings):
             self.give(arm, until)
         self._has_plan = self._arena.incumbent.arm == arm.name
 
-    def _opened(self, arm: CompilingArm | None, until: float) -> Contender | None:
-        return None if arm is None else self._open(arm, until, self._affording.patience(until))
-
-    def _open_programs(self, until: float, names: Sequence[str]) -> None:
+    def _open_programs(self, until: float, opens_gradient: bool) -> None:
         """Opens those arms that are in the race, must compile and can be afforded."""
         if self._arena.clock() >= until:
             return  # there are no slices for them
@@ -290,9 +276,8 @@ class Schedule(Openings):
         is_guided = self._best.planner is self._arena.planner and self._arena.beats_noop(self._best)
         if GREEDY not in taken and is_guided:
             self._learn_value(LESS_GREEDY_SHARE)
-        if PGPE not in taken:
-            self._opened(self._entrants.parameter_exploration(LATER), until)
-        for arm in self._entrants.gradients(names, until, self.arms):
+        arm = self._entrants.gradient(until, self.arms) if opens_gradient else None
+        if arm is not None:
             self._open(arm, until, patience)
 
     def _compete(self, until: float, polishing: bool = True) -> None:
@@ -335,7 +320,7 @@ class Schedule(Openings):
     def _reopened(self, name: str) -> Arm | None:
         """The arm that led a race which was stopped after its rounds; None if it cannot go on."""
         arena, polisher, deadline = self._arena, self._polisher, self._arena.deadline
-        arm = self._entrants.trained(name, deadline, self.arms)
+        arm = self._entrants.trained(name, deadline)
         if arm is None:
             return None
         self._open(arm, deadline, self._affording.patience(deadline))

@@ -1,7 +1,6 @@
 """Slices of time: who is given one, and what becomes of what is found in it."""
 
 import logging
-import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
@@ -187,19 +186,9 @@ class Slices:
             other.waited = 0 if other is contender else other.waited + 1
 
     def _end_with(self, leader: Arm) -> None:
-        """Gives an arm the time till the deadline, but for those that wait to be judged."""
-        arena = self._arena
-        while (now := arena.clock()) < arena.deadline:
-            # by its own estimate it leads, but the judge could not play it yet
-            waiting = next((one for one in self._contenders if one.arm.awaits_judge), None)
-            if waiting is None:
-                if leader.is_exhausted:
-                    break
-                self.give(leader, arena.deadline)
-            elif waiting.arm.is_pending and not leader.is_exhausted:
-                self.give(leader, min(arena.deadline, now + self._slice_seconds))
-            else:
-                self._first_slice(waiting, min(arena.deadline, now + SHORTEST_SECONDS))
+        """Gives an arm the time till the deadline."""
+        while self._arena.clock() < self._arena.deadline and not leader.is_exhausted:
+            self.give(leader, self._arena.deadline)
 
     @property
     def _slice_seconds(self) -> float:
@@ -211,10 +200,8 @@ class Slices:
     ) -> None:
         """Slices for one arm, as long as each of them raises a return by more than that."""
         for _ in raising(reached, by):
-            # what plays its policies may be compiled still, and nothing is gained before; if it
-            # leads by its own rollouts, others on its core would only delay that
-            patience = math.inf if one.arm.awaits_judge else self._slice_seconds
-            one.arm.await_program(min(until, self._arena.clock() + patience))
+            # what plays its policies may be compiled still, and nothing is gained before
+            one.arm.await_program(min(until, self._arena.clock() + self._slice_seconds))
             if one.arm.is_exhausted or until - self._arena.clock() <= SHORTEST_SECONDS:
                 break
             self._give_slice(one, until)

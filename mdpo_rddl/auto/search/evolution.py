@@ -19,12 +19,10 @@ class Evaluation(NamedTuple):
     Attributes:
       returns: mean returns [P].
       visited: gives the states that were visited [P, H, *shape].
-      counted: mean returns with goals counted [P]; the returns if None.
     """
 
     returns: np.ndarray
     visited: Callable[[], dict[str, np.ndarray]]
-    counted: np.ndarray | None = None
 
 
 Evaluate = Callable[[int, np.ndarray], Evaluation]
@@ -105,8 +103,7 @@ def evolve(evaluate: Evaluate, start: np.ndarray, breeding: Breeding, goal: Goal
 
     In every iteration the best plans and their mutants meet the same random numbers, new ones each
     time, and the best of all stay. Until one beats the goal's return, half of the plans are
-    the archive's, which goes where no plan has been, and the best are those whose returns with
-    goals counted are largest.
+    the archive's, which goes where no plan has been.
 
     Args:
       evaluate: see `Evaluate`; iterations count from 0.
@@ -168,8 +165,6 @@ class _Evolution:
         found = evaluate(self.iterations, plans)
         returns = _known(found.returns)
         self._explores &= not np.max(returns) > self._goal.return_to_beat
-        if self._explores and found.counted is not None:
-            returns = _known(found.counted)
         chosen = np.argsort(-returns, kind="stable")[:_ELITES]
         self.elites, self.best = plans[chosen], float(returns[chosen[0]])
         if not self.iterations:  # which may have compiled

@@ -45,7 +45,6 @@ class PlanPopulation:
       iterations: done so far.
       elites: the best plans [E, H, D] of the evolution that goes on; None between evolutions.
       on_generation: called after each of its iterations.
-      counts_goals: says, when the program is made, whether an exploration goes by goals counted.
     """
 
     def __init__(
@@ -78,7 +77,6 @@ class PlanPopulation:
         self.iterations = 0
         self.elites: np.ndarray | None = None
         self.on_generation: Callable[[], None] = lambda: None
-        self.counts_goals: Callable[[], bool] = lambda: False
 
     @property
     def compile_seconds(self) -> float:
@@ -179,10 +177,8 @@ class PlanPopulation:
         def evaluate(iteration: int, plans: np.ndarray) -> Evaluation:
             key = jax.random.fold_in(self._key, begin + iteration)
             found = self._visits(key, {**others, "plan": layout.tree(plans)})
-            returns, counted = (
-                np.mean(np.asarray(each, float), axis=1) for each in (found.returns, found.counted)
-            )
-            return Evaluation(returns, lambda: _of_first_rollout(found.states), counted)
+            returns = np.mean(np.asarray(found.returns, float), axis=1)
+            return Evaluation(returns, lambda: _of_first_rollout(found.states))
 
         def keep(elites: np.ndarray) -> None:
             self.elites = elites if earlier is None else np.concatenate([earlier, elites])
@@ -201,8 +197,7 @@ class PlanPopulation:
 
     def _make(self) -> Callable[[Array, Params], Visits]:
         if self._has_states:
-            counts = self.counts_goals()
-            visits = compile_visits(self._planner, self._rollouts, counts_goals=counts)
+            visits = compile_visits(self._planner, self._rollouts)
         else:
             visits = _without_states(self._planner, self._rollouts)
         return lambda key, params: jax.block_until_ready(visits(key, params))
@@ -222,8 +217,7 @@ def _without_states(planner: MDPOPlanner, rollouts: int) -> Callable[[Array, Par
     play = compile_exact_returns(planner, rollouts)
 
     def visits(key: Array, params: Params) -> Visits:
-        returns = play(key, params)
-        return Visits(returns, {}, returns)
+        return Visits(play(key, params), {})
 
     return visits
 

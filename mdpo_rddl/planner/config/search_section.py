@@ -11,19 +11,15 @@ OPTIONAL_ARMS = (
     "relaxed plans",
     "trials",
     "greedy",
-    "pgpe",
     "exploration",
     "shared weights",
     "plan",
     "own weights",
     "gradient",
     "shooting",
-    "slp",
-    "drp",
     "polishing the plan",
     "polishing the weights",
     "action voting",
-    "goal counting",
 )
 """Arms, and parts of some, that can be left out of the race."""
 
@@ -43,7 +39,6 @@ class Search:
         good as the shared weights, that for each object's own weights.
       rounds_until: where the rounds end; the rest is for the arm of the best policy.
       without: names of arms that are left out, out of `OPTIONAL_ARMS`.
-      alternatives: whether JaxPlan's default planners are tried in a second process.
 
     Raises:
       ValueError: if the shares are not in order between 0 and 1.
@@ -53,7 +48,6 @@ class Search:
     shared_until: float = 0.2
     own_until: float = 0.32
     rounds_until: float = 0.92
-    alternatives: bool = True
     without: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -63,8 +57,6 @@ class Search:
             raise ValueError(f"0 < {' <= '.join(names)} <= 1 must hold")
         if not 0.0 <= self.optimum_until < 1.0:
             raise ValueError(f"0 <= optimum_until < 1 must hold, got {self.optimum_until!r}")
-        if not isinstance(self.alternatives, bool):
-            raise ValueError(f"alternatives: must be True or False, got {self.alternatives!r}")
         if unknown := [name for name in self.without if name not in OPTIONAL_ARMS]:
             raise ValueError(f"without: {unknown[0]!r} is none of {', '.join(OPTIONAL_ARMS)}")
 

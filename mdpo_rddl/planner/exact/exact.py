@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, dtypes, lax
 
-from mdpo_rddl.planner.model.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.features import observed_fluents
 from mdpo_rddl.planner.plans.legal import compile_playable
@@ -29,13 +28,10 @@ class Visits(NamedTuple):
     Attributes:
       returns: discounted [P, N].
       states: per observed fluent its values after each step [P, N, H, *shape].
-      counted: the returns with goals counted (`mdpo_rddl.planner.model.goal_counting`) [P, N]; the
-        returns themselves where there are no goals, or none were asked for.
     """
 
     returns: Array
     states: dict[str, Array]
-    counted: Array
 
 
 def compile_exact_returns(
@@ -76,7 +72,6 @@ def compile_visits(
     planner: MDPOPlanner,
     rollouts: int,
     side_by_side: int | None = None,
-    counts_goals: bool = False,
     jit: Jit = light_jit,
 ) -> Callable[[Array, Any], Visits]:
     """As `compile_exact_returns`, and what the policies saw.
@@ -85,10 +80,9 @@ def compile_visits(
       planner: the compiled planner.
       rollouts: number of rollouts N of each policy.
       side_by_side: policies that are computed at once; all if None.
-      counts_goals: whether returns with goals counted are told, too.
       jit: compiles it.
     """
-    play = _compile_play(planner, rollouts, with_states=True, counts_goals=counts_goals)
+    play = _compile_play(planner, rollouts, with_states=True)
     return _over_policies(play, side_by_side, jit)
 
 
@@ -126,18 +120,16 @@ def _over_policies(
 
 
 def _compile_play(
-    planner: MDPOPlanner, rollouts: int, with_states: bool, counts_goals: bool = False
+    planner: MDPOPlanner, rollouts: int, with_states: bool
 ) -> Callable[[Array, Any], Visits]:
     compiled = planner.test_compiled
     stopping = bool(planner.rddl.terminations or planner.rddl.invariants)
     fluents, nonfluents = initial_values(planner).test
-    goals = counted_reward(compiled) if counts_goals else None
     options = RolloutOptions(
         check_constraints=stopping,
         cache_path_info=with_states,
         differentiated=False,
         memory=open_plan(planner.plan).memory,
-        goals=goals,
         playable=compile_playable(compiled),
     )
     rollout = compile_rollouts(compiled, planner.legal_policy, planner.horizon, rollouts, options)
@@ -165,8 +157,7 @@ def _compile_play(
                 summed = jnp.where(has_error, LOST, summed)
             return jnp.zeros_like(summed) if ends_at_once else summed
 
-        returns = total(log["reward"])
-        return Visits(returns, states, returns if goals is None else total(log["counted"]))
+        return Visits(total(log["reward"]), states)
 
     return play
 

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array, lax, random
 
-from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
@@ -42,8 +41,6 @@ class Explored(NamedTuple):
       rewards: of each step, zero after the end of the episode [B, H]; at a step at which no legal
         action is found, which ends it, so much less than any legal one that no return makes up
         for it.
-      counted: the same with goals counted (`mdpo_rddl.planner.model.goal_counting`), if there are
-        any.
       alive: 1 up to the step that ends the episode, 0 after it [B, H].
       is_tried: whether one change was decided at random at a step [B, H].
       lost: share of the steps from that on at which no legal action is found [B].
@@ -51,14 +48,13 @@ class Explored(NamedTuple):
 
     states: dict[str, Array]
     rewards: Array
-    counted: Array
     alive: Array
     is_tried: Array
     lost: Array
 
 
 def compile_exploring(
-    planner: MDPOPlanner, guide: FeedbackPlan, rollouts: int, goals: CountedReward | None = None
+    planner: MDPOPlanner, guide: FeedbackPlan, rollouts: int
 ) -> Callable[[tuple[Array, Array], Any, Any, Trying], Explored]:
     """Compiles rollouts under the exact environment's rules.
 
@@ -66,7 +62,6 @@ def compile_exploring(
       planner: compiled, with a `GreedyPlan`.
       guide: a compiled feedback policy of the same problem, which plays where it is asked for.
       rollouts: how many, B.
-      goals: the reward with goals counted; None if there are none.
 
     Returns:
       A function of two random keys, of the rollouts and of what is tried; weights of the value;
@@ -91,7 +86,6 @@ def compile_exploring(
         check_constraints=True,
         cache_path_info=True,
         differentiated=False,
-        goals=goals,
         playable=compile_playable(compiled),
     )
     rollout = compile_rollouts(compiled, policy, horizon, rollouts, options)
@@ -121,19 +115,15 @@ def compile_exploring(
             name: jnp.concatenate([start[name][:, jnp.newaxis], log["fluents"][name][:, :-1]], 1)
             for name in planner.rddl.state_fluents
         }
-        rewards, counted = (
-            jnp.where(alive > 0.0, log[name], 0.0)
-            for name in ("reward", "reward" if goals is None else "counted")
-        )
+        rewards = jnp.where(alive > 0.0, log["reward"], 0.0)
         lost = jnp.zeros(shape[0], rewards.dtype)
         if options.playable is not None:
             is_dead = ~log["playable"] & (alive > 0.0)
             is_lost = jnp.cumsum(is_dead, axis=1) > 0
             lost = jnp.mean(is_lost.astype(rewards.dtype), axis=1)
-            rewards, counted = (_with_dead_ends(each, is_dead) for each in (rewards, counted))
             alive = alive * steps_alive(is_dead)
-            rewards, counted = (jnp.where(alive > 0.0, each, 0.0) for each in (rewards, counted))
-        return Explored(states, rewards, counted, alive, given["tried"], lost)
+            rewards = jnp.where(alive > 0.0, _with_dead_ends(rewards, is_dead), 0.0)
+        return Explored(states, rewards, alive, given["tried"], lost)
 
     return play
 

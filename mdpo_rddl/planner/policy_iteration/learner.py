@@ -17,7 +17,6 @@ import optax
 from jax import Array, lax, random
 from jax.flatten_util import ravel_pytree
 
-from mdpo_rddl.planner.model.goal_counting import counted_reward
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
@@ -46,7 +45,6 @@ class Learning:
       updates: of the value, in an iteration.
       first_updates: times as many in the first one.
       minibatch: states of an update.
-      counts_goals: whether rewards with goals counted can be learnt from, if there are goals.
     """
 
     rollouts: int = 256
@@ -56,7 +54,6 @@ class Learning:
     updates: int = 100
     first_updates: int = 4
     minibatch: int = 512
-    counts_goals: bool = True
 
 
 class Kept(NamedTuple):
@@ -99,13 +96,10 @@ class Way(NamedTuple):
         policy's.
       is_first: whether it is the first iteration, in which half of the rollouts are the guide's
         and the others random.
-      counts_goals: whether the rewards that are learnt from are those with goals counted
-        (`mdpo_rddl.planner.model.goal_counting`).
     """
 
     step: Any
     is_first: Any = False
-    counts_goals: Any = False
 
 
 class Shown(NamedTuple):
@@ -114,12 +108,10 @@ class Shown(NamedTuple):
     Attributes:
       returns: discounted [B]: the first half are the greedy policy's, or those of the guide; the
         others, too, where nothing is learnt.
-      counted: the same of the rewards with goals counted, if there are any [B].
       is_finite: whether all that was learnt is; else the learner is what it was.
     """
 
     returns: Array
-    counted: Array
     is_finite: Array
 
     @property
@@ -132,18 +124,12 @@ class Shown(NamedTuple):
         """Of the first half of the returns."""
         return jnp.mean(self.of_policy)
 
-    @property
-    def mean_counted(self) -> Array:
-        """The same with goals counted."""
-        return jnp.mean(self.counted[: len(self.counted) // 2])
-
 
 class PolicyIteration:
     """Learns the value of the greedy policy.
 
     Attributes:
       rollouts: of an iteration.
-      has_goals: whether the reward has goals that can be counted.
     """
 
     def __init__(
@@ -167,9 +153,7 @@ class PolicyIteration:
         self._planner, self._values = planner, planner.plan.values
         self._steps = jnp.arange(planner.horizon)
         self._discount = float(planner.rddl.discount)
-        goals = counted_reward(planner.test_compiled) if learning.counts_goals else None
-        self.has_goals = goals is not None
-        self._play = compile_exploring(planner, guide, learning.rollouts, goals)
+        self._play = compile_exploring(planner, guide, learning.rollouts)
         # the step size is given to each iteration
         self._optimizer = optax.scale_by_adam()
         self._compiled: Callable[..., tuple[Learner, Shown]] = jit(self._iterated)
@@ -216,22 +200,19 @@ class PolicyIteration:
         self, learner: Learner, key: Array, guiding: Any, way: Way
     ) -> tuple[Learner, Shown]:
         playing, deciding, fitting = random.split(key, 3)
-        step, is_first, counts_goals = way
+        step, is_first = way
         learns = jnp.asarray(step) > 0.0
         half = jnp.arange(self._learning.rollouts) < self._learning.rollouts // 2
         tried = jnp.where(is_first, 1.0, self._learning.tried)
         trying = Trying(half & is_first, jnp.where(half | ~learns, 0.0, tried))
         played = self._play((playing, deciding), self.policy(learner), guiding, trying)
-        rewards = jnp.where(counts_goals, played.counted, played.rewards)
-        seen = self._observed(learner, played._replace(rewards=rewards), is_first)
+        seen = self._observed(learner, played, is_first)
         learner = self._fitted(seen, fitting, step, is_first)
         is_finite = _is_finite((learner.weights, learner.moments, learner.kept.targets))
         discounts = self._discount**self._steps
-        returns, counted = (
-            jnp.where(played.lost > 0.0, lost_worth(played.lost), jnp.sum(each * discounts, axis=1))
-            for each in (played.rewards, played.counted)
-        )
-        return learner, Shown(returns, counted, is_finite)
+        returns = jnp.sum(played.rewards * discounts, axis=1)
+        returns = jnp.where(played.lost > 0.0, lost_worth(played.lost), returns)
+        return learner, Shown(returns, is_finite)
 
     def _observed(self, learner: Learner, played: Explored, is_first: Array) -> Learner:
         """The learner with these rollouts, what they return at each step, and the scale of that."""

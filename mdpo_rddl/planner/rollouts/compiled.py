@@ -12,7 +12,6 @@ import numpy as np
 from jax import Array, core, lax, random
 
 from mdpo_rddl.planner.model.expressions import Value
-from mdpo_rddl.planner.model.goal_counting import CountedReward
 from mdpo_rddl.planner.programs.staging import Stages, with_fast_random_numbers
 from mdpo_rddl.planner.rollouts.memory import bounded_scan
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory, initial_memories
@@ -50,7 +49,6 @@ class RolloutOptions:
       cache_path_info: whether the log keeps every fluent at every step.
       differentiated: whether a gradient is taken, for which a large model keeps little.
       memory: what a policy that does not read the history remembers.
-      goals: what counts goals; the log then has the reward with them counted as `counted`.
       playable: whether an action may be played, of the fluents with the actions' values and of the
         non-fluents; the log then tells it as `playable`.
     """
@@ -61,7 +59,6 @@ class RolloutOptions:
     cache_path_info: bool = False
     differentiated: bool = True
     memory: PlanMemory = NO_MEMORY
-    goals: CountedReward | None = None
     playable: Value | None = None
 
 
@@ -166,23 +163,18 @@ def compile_rollouts(
 
 
 def _transition(compiled: Any, options: RolloutOptions) -> Callable[..., tuple[Any, Any, Any]]:
-    """JaxPlan's transition, which counts goals and checks actions if that is wanted."""
+    """JaxPlan's transition, which checks actions if that is wanted."""
     transition = compiled.compile_transition(
         check_constraints=options.check_constraints, cache_path_info=options.cache_path_info
     )
-    goals, playable = options.goals, options.playable
-    if goals is None and playable is None:
+    playable = options.playable
+    if playable is None:
         return transition
 
     def telling(key, actions, fluents, nonfluents, model):
         after, log, params = transition(key, actions, fluents, nonfluents, model)
-        if goals is not None:
-            # the reward is of the states before the step; no goal draws random numbers
-            before = {name: fluents[name] for name in compiled.rddl.state_fluents}
-            log = {**log, "counted": goals({**after, **before}, nonfluents, model, key)}
-        if playable is not None:
-            log = {**log, "playable": playable({**fluents, **actions}, nonfluents)}
-        return after, log, params
+        told = playable({**fluents, **actions}, nonfluents)
+        return after, {**log, "playable": told}, params
 
     return telling
 

@@ -15,10 +15,8 @@ from mdpo_rddl.auto.arms import gradient
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.gradient import GradientArm
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
-from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.arms.simple import RANDOM_RULE, Rules, SimpleArm
-from mdpo_rddl.auto.arms.training import TrainingArm
 from mdpo_rddl.auto.common.candidate import NOOP
 from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.search import plan_population
@@ -148,12 +146,8 @@ def make_gradient(arena: Arena) -> GradientArm:
     return GradientArm(arena)
 
 
-def make_slp(arena: Arena) -> TrainingArm:
-    return TrainingArm(arena, "slp")
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("make", [make_gradient, make_slp])
+@pytest.mark.parametrize("make", [make_gradient])
 def test_a_training_goes_on_with_its_optimiser(compiled, arena, make):
     first = begun(make(arena))
     first.work(time.monotonic())
@@ -198,7 +192,7 @@ def other_shapes(state: State) -> str:
 
 @pytest.mark.long
 @pytest.mark.parametrize("damage", [no_scalars, other_shapes])
-@pytest.mark.parametrize("make", [make_gradient, make_slp])
+@pytest.mark.parametrize("make", [make_gradient])
 def test_a_training_s_state_that_does_not_fit_costs_the_state_only(
     compiled, arena, make, damage, caplog
 ):
@@ -219,21 +213,6 @@ def test_a_training_s_state_that_does_not_fit_costs_the_state_only(
     assert second.log.iterations > 0
     assert not second.is_exhausted
     second.close()
-
-
-def test_parameter_exploration_goes_on_with_its_law_and_record(compiled, arena):
-    first = begun(ParameterExplorationArm(arena))
-    first.work(time.monotonic() + 0.2)
-    state = through_json(first.state())
-    second = ParameterExplorationArm(in_arena(compiled))
-    second.restore(state)
-    assert second.state() is state
-    begun(second)
-    assert second.reached == first.reached
-    assert second.state().part("exploration").values == state.part("exploration").values
-    np.testing.assert_array_equal(second._record.vector, first._record.vector)
-    second.work(time.monotonic())
-    assert second.log.iterations > first.log.iterations
 
 
 def test_phases_that_are_over_are_counted_in_the_first_slice_of_the_next(arena, monkeypatch):

@@ -4,13 +4,11 @@ import time
 
 import numpy as np
 import pytest
-from helpers.lake_arenas import FOREVER, begun, in_arena, lake_arena, shared
-from helpers.problems import assert_same_bits
+from helpers.lake_arenas import FOREVER, in_arena, lake_arena, shared
 
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.exploration import ExplorationArm
 from mdpo_rddl.auto.arms.own_weights import Around, OwnWeightsArm
-from mdpo_rddl.auto.arms.parameter_exploration import ParameterExplorationArm
 from mdpo_rddl.auto.arms.plan_search import Evolving, PlanArm
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.weights import flat_vector
@@ -57,22 +55,3 @@ def test_what_was_found_before_an_interruption_is_handed_in(compiled, make, puls
     if is_evolved:
         best = states[0].tensors["elites"][0]
         np.testing.assert_array_equal(arena.plans.plan_of(params), best)
-
-
-def test_parameter_exploration_hands_in_its_mean_if_the_judge_can_play_it(compiled):
-    arm = begun(ParameterExplorationArm(in_arena(compiled)))
-    run = arm._exploration.run
-
-    def interrupted(evaluate, until):
-        run(evaluate, 0.0)
-        raise Cancelled
-
-    arm._exploration.run = interrupted
-    for can_be_played in (False, True):
-        arm._is_judged = can_be_played
-        with pytest.raises(Cancelled):
-            arm.work(time.monotonic())
-        found = arm.take_candidates()
-        assert len(found) == can_be_played
-    mean = arm._params(arm._exploration.mean)
-    assert_same_bits(found[0].params, mean)

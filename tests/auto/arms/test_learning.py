@@ -105,8 +105,7 @@ def test_another_process_goes_on_with_the_learner_and_its_span(arena, make):
     assert arm.state() is None
     arm.work(arena.clock.now + 5.0)
     left = through_json(arm.state())
-    # as in the checkpoints that races have left
-    assert set(left.values) == {"began", "ends", "parents", "counts_goals"}
+    assert set(left.values) == {"began", "ends", "parents"}
     assert set(left.tensors) == {f"learner/{number}" for number in range(len(left.tensors))}
     later = make()
     later.restore(left)

@@ -34,7 +34,7 @@ def arena(compiled):
     judge = Judge(8, 0, time.monotonic, compiled.began)
     judge._players = compiled.judge._players
     arena = replace(compiled, judge=judge, most_iterations=2000)
-    arena.__dict__["plain"] = compiled.plain
+    arena.__dict__["straight_line"] = compiled.straight_line
     judge.record(arena.candidate("", "no-op", arena.noop))
     return arena
 
@@ -53,7 +53,7 @@ def test_chance_that_nobody_feels_plays_no_part(compiled):
 def test_plans_climb_in_slices(arena):
     arm, found, pulses = begun(ShootingArm(arena)), [], []
     arm._arena = replace(arena, pulse=lambda: pulses.append(arm.log.iterations))
-    arm._arena.__dict__["plain"] = arena.plain
+    arm._arena.__dict__["straight_line"] = arena.straight_line
     assert 0 < arm.log.iterations < 100
     while not arm.is_exhausted:
         arm.work(time.monotonic())
@@ -64,7 +64,7 @@ def test_plans_climb_in_slices(arena):
     assert pulses == sorted(pulses)
     best = found[-1]
     assert arm.reached == best.mean == pytest.approx(OPTIMUM, abs=1e-3)
-    assert best.planner is arena.plain.built("slp").planner
+    assert best.planner is arena.straight_line.built.planner
     assert best.label.startswith("shooting, iteration ")
     # the judge has compiled nothing to play it
     assert all(planner is not best.planner for planner, _ in arena.judge._players)
@@ -155,7 +155,7 @@ def test_what_was_found_before_an_interrupt_is_handed_in(arena):
         raise Cancelled
 
     arm._arena = replace(arena, pulse=cancel)
-    arm._arena.__dict__["plain"] = arena.plain
+    arm._arena.__dict__["straight_line"] = arena.straight_line
     with pytest.raises(Cancelled):
         arm.work(time.monotonic() + FOREVER)
     (candidate,) = taken(arm, arena.judge)

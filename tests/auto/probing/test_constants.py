@@ -48,7 +48,7 @@ class Model:
             depths = np.broadcast_to(self._depth(pump, chance), (len(pump), rollouts))
             depths = np.repeat(depths[:, :, np.newaxis], STEPS, axis=2)
             returns = np.broadcast_to(self._returned(pump, chance), (len(pump), rollouts))
-            return Visits(returns, {"depth": depths}, returns)
+            return Visits(returns, {"depth": depths})
 
         return play
 

@@ -25,9 +25,6 @@ class Generous:
     def value_jit(self) -> Jit:
         return light_jit
 
-    def parameter_exploration(self, share: float = 1.0) -> bool:
-        return "pgpe" not in self.refused
-
     def gradient(self, name: str, until: float, comes_first: bool = False) -> bool:
         return name not in self.refused
 
@@ -70,16 +67,17 @@ def entrants(
 
 
 def test_those_that_are_left_out_or_take_part_already_do_not_come_again():
-    taken = [SimpleNamespace(name="slp")]
-    arms = entrants(without=["drp"]).gradients(("gradient", "slp", "drp"), 60.0, taken)
-    assert [(arm.name, arm.usual_seconds) for arm in arms] == [("gradient", 3.0)]
+    arm = entrants().gradient(60.0)
+    assert (arm.name, arm.usual_seconds) == ("gradient", 3.0)
+    assert entrants().gradient(60.0, [SimpleNamespace(name="gradient")]) is None
+    assert entrants(without=["gradient"]).gradient(60.0) is None
 
 
 def test_what_takes_too_long_is_left_out_and_the_gradient_is_missed(caplog):
-    arms = entrants("gradient", "drp", "pgpe")
-    assert [arm.name for arm in arms.gradients(("gradient", "slp", "drp"), 60.0)] == ["slp"]
+    assert entrants("gradient").gradient(60.0, warns=False) is None
+    assert caplog.text == ""
+    assert entrants("gradient").gradient(60.0) is None
     assert "too little time for the gradient: 60 s" in caplog.text
-    assert arms.parameter_exploration() is None
 
 
 @pytest.mark.parametrize(
@@ -98,29 +96,17 @@ def test_plans_come_first_where_nothing_returns_more(case, comes):
     assert entrants("shooting", **case).straight_line(60.0) is None
 
 
-def test_plans_of_one_class_are_not_trained_twice():
-    shooting = [SimpleNamespace(name="shooting")]
-    found = entrants().gradients(("gradient", "slp", "drp"), 60.0, shooting)
-    assert [arm.name for arm in found] == ["gradient", "drp"]
-    # one that is left out has none
-    left_out = entrants(without=["shooting"]).gradients(("slp",), 60.0)
-    assert [arm.name for arm in left_out] == ["slp"]
-
-
 def test_what_sees_the_states_has_no_prospect_where_the_best_plan_leads():
-    def rivals(arm):
-        return entrants().rivals(SimpleNamespace(arm=arm))
-
-    assert rivals("shooting") == ()
-    assert rivals("plan") == ("gradient", "slp", "drp")
+    assert not entrants().has_rival(SimpleNamespace(arm="shooting"))
+    assert entrants().has_rival(SimpleNamespace(arm="plan"))
 
 
 def test_an_arm_that_trains_is_found_by_its_name():
     def name_of(wanted):
-        arm = entrants().trained(wanted, 60.0, [])
+        arm = entrants().trained(wanted, 60.0)
         return None if arm is None else arm.name
 
-    assert [name_of(name) for name in ("shooting", "drp", "plan")] == ["shooting", "drp", None]
+    assert [name_of(name) for name in ("shooting", "plan")] == ["shooting", None]
 
 
 @pytest.mark.parametrize(

@@ -136,28 +136,24 @@ def test_greedy_may_come_too_late_after_another(openings, seconds, needed, is_la
 
 
 @pytest.mark.parametrize(
-    ("leader", "has_stalled", "explores", "needed", "expected"),
+    ("leader", "has_stalled", "needed", "expected"),
     [
         # what the programs of all others need, as a share of the time left
-        (GREEDY, False, True, 0.2, False),
-        (GREEDY, False, True, 0.4, True),
-        (SHOOTING, False, False, 0.2, True),
-        (SHOOTING, False, False, 0.1, False),
+        (GREEDY, False, 0.2, False),
+        (GREEDY, False, 0.4, True),
+        (SHOOTING, False, 0.2, True),
+        (SHOOTING, False, 0.1, False),
         # its plan gains no more: they may need more
-        (SHOOTING, True, False, 0.4, False),
-        (SHOOTING, True, False, 0.6, True),
-        # pgpe can find what no plan says
-        (SHOOTING, False, True, 0.2, False),
-        ("constants and rules", False, False, 0.9, False),
+        (SHOOTING, True, 0.4, False),
+        (SHOOTING, True, 0.6, True),
+        ("constants and rules", False, 0.9, False),
     ],
 )
 def test_who_leads_goes_on_alone_where_others_would_come_too_late(
-    openings, leader, has_stalled, explores, needed, expected
+    openings, leader, has_stalled, needed, expected
 ):
     assert openings._knows_by_probing()
-    openings._affording = SimpleNamespace(
-        parameter_exploration=lambda share: explores, others=lambda share: needed <= share
-    )
+    openings._affording = SimpleNamespace(others=lambda share: needed <= share)
     openings._marks.decide("plan stalled", has_stalled)
     openings._judge.incumbent = replace(openings._best, arm=leader)
     assert openings._open_alone() is expected
@@ -170,18 +166,6 @@ def test_among_numbers_others_may_take_more_of_what_greedy_would_have(openings, 
     openings._entrants.has_numbers = True
     openings._judge.incumbent = replace(openings._best, arm=GREEDY)
     assert openings._open_alone() is expected
-
-
-@pytest.mark.parametrize("explores", [True, False])
-def test_a_plan_that_gains_little_makes_room_while_there_is_time_to_explore(
-    openings, monkeypatch, explores
-):
-    begun = []
-    openings._affording = SimpleNamespace(parameter_exploration=lambda share: explores)
-    openings._entrants.straight_line = lambda until: "plan"
-    monkeypatch.setattr(openings, "_begin_with", lambda part, arm, terms: begun.append(terms))
-    openings._climb()
-    assert begun[0].least_gain() == (0.005 if explores else 0.0005)
 
 
 @pytest.mark.parametrize(
@@ -199,12 +183,12 @@ def test_the_gradient_begins_earlier_where_it_would_come_too_late(
     left = arena.deadline - started
     needed = share * left
 
-    def gradients(names, until, arms, warns):
+    def gradient(until, arms, warns):
         assert not warns
-        return [SimpleNamespace(usual_seconds=20.0)] * (left >= needed)
+        return SimpleNamespace(usual_seconds=20.0) if left >= needed else None
 
     openings._affording.gradient = lambda name, until, later: left - later >= needed
-    openings._entrants.gradients = gradients
+    openings._entrants.gradient = gradient
     openings._entrants.decides_numbers = decides_numbers
     openings._open = lambda arm, until, patience: opened.append(patience - started)
     openings._open_gradient(arena.deadline)
@@ -303,7 +287,7 @@ def test_what_the_program_of_plans_takes_leaves_the_gradient_less_time(openings,
     # what is left after the searches would do, but for that program
     openings._affording.gradient = lambda name, until, later: left - later >= 0.6 * left
     openings._affording.plans_seconds = lambda: 0.1 * left
-    openings._entrants.gradients = lambda *arguments, **options: [SimpleNamespace(usual_seconds=1)]
+    openings._entrants.gradient = lambda *arguments, **options: SimpleNamespace(usual_seconds=1)
     openings._entrants.decides_numbers = True
     openings._open = lambda arm, until, patience: opened.append(arm)
     openings._open_gradient(openings._arena.deadline)

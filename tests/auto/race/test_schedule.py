@@ -13,13 +13,12 @@ from helpers.toys import toy
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
-from mdpo_rddl.auto.arms import compiling, gradient, jaxplan, shared_weights, simple
+from mdpo_rddl.auto.arms import compiling, gradient, shared_weights, simple
 from mdpo_rddl.auto.common import sizes
 from mdpo_rddl.auto.probing import probing
 from mdpo_rddl.auto.race import affording, race, schedule
 from mdpo_rddl.auto.race.schedule import Schedule
 from mdpo_rddl.auto.search import plan_population, population
-from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 
 pytestmark = pytest.mark.usefixtures("one_core")
 NOOP, CONSTANT = "no-op", "constant"
@@ -239,7 +238,6 @@ def test_where_plans_lead_the_searches_begin_in_the_rounds(takes_part):
 def test_where_plans_lead_and_others_take_long_to_compile_they_have_all_the_time(monkeypatch):
     asked = affording.Affording
     monkeypatch.setattr(asked, "population", lambda self, share=1.0: share == 1.0)
-    monkeypatch.setattr(asked, "parameter_exploration", lambda self, share=1.0: False)
     outcome = raced(toy("boats", TERMINATION="false"), 900.0, RaceOptions(clock=CLOCK))
     searched = {"constants and rules", "shooting"}
     assert {name for name, log in arms_of(outcome).items() if log["seconds"]} == searched
@@ -294,48 +292,6 @@ def test_too_little_time_for_the_gradient_is_said(lake, in_one_arena, caplog, mo
     outcome = raced(lake, 300.0, own_until=0.84)
     assert "too little time for the gradient" in caplog.text
     assert "gradient" not in outcome.diagnostics()["arms"]
-
-
-class Alternatives:
-    """In place of the second process: what it would have found."""
-
-    started = True
-    alternative: jaxplan.Alternative | None = None
-
-    def __init__(self, *arguments: object) -> None:
-        """Starts nothing."""
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *arguments: object) -> None:
-        """Ends nothing."""
-
-    def best(self, until: float):
-        return self.alternative
-
-
-@pytest.mark.parametrize(("mean", "is_taken"), [(1e6, True), (-1e6, False), (None, False)])
-def test_a_better_alternative_is_taken(
-    lake, in_one_arena, no_gradient, monkeypatch, mean, is_taken
-):
-    config = jaxplan_config("default", "slp").with_section("Noise", {"method": "NoNoise"})
-    name = "JaxPlan's default slp"
-    if mean is not None:
-        params = {"pump": np.zeros(8)}
-        Alternatives.alternative = jaxplan.Alternative(
-            name, config, params, {"pump": 1.0}, 5, 3.0, mean, 1.0
-        )
-    monkeypatch.setattr(race, "Alternatives", Alternatives)
-    outcome = raced(lake, 200.0)
-    Alternatives.alternative = None
-    assert (outcome.chosen.label == name) is is_taken
-    assert (outcome.chosen.arm == "JaxPlan") is is_taken
-    if is_taken:
-        assert outcome.policy.config.sections == config.sections
-        assert outcome.policy(0, {"depth": np.array(500.0)})["pump"] == 0.0
-        assert arm(outcome, "JaxPlan")["iterations"] == 5
-    assert outcome.noise_log is None
 
 
 def test_a_problem_too_large_to_search_gets_the_best_constant(lake, monkeypatch):

@@ -13,7 +13,6 @@ from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.evolution import Breeding, Evaluation, Goal, evolve
 from mdpo_rddl.auto.search.mutations import layout_of
-from mdpo_rddl.auto.search.pgpe import Exploring, ParameterExploration
 
 TARGET = np.array([1.0, -2.0, 0.5, 3.0])
 HORIZON = 6
@@ -35,14 +34,9 @@ def adaptation(separable: bool, size: int = 4) -> Adaptation:
     return Adaptation(np.zeros(size), sampling, Ticking())
 
 
-def exploration(size: int = 4) -> ParameterExploration:
-    return ParameterExploration(np.zeros(size), Exploring(seed=3), Ticking())
-
-
-MAKERS: dict[str, Callable[..., Adaptation | ParameterExploration]] = {
+MAKERS: dict[str, Callable[..., Adaptation]] = {
     "full": lambda *size: adaptation(False, *size),
     "separable": lambda *size: adaptation(True, *size),
-    "pgpe": exploration,
 }
 
 

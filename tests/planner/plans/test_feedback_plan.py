@@ -177,7 +177,7 @@ def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
         ("[Optimize]", "[Search]\nshared_until=2\n[Optimize]", "shared_until <= own_until"),
         ("[Optimize]", "[Search]\noptimum_until=1\n[Optimize]", "0 <= optimum_until < 1"),
         ("[Optimize]", "[Search]\nuntil=2\n[Optimize]", "unexpected keyword argument 'until'"),
-        ("[Optimize]", "[Search]\nalternatives=1\n[Optimize]", "must be True or False, got 1"),
+        ("[Optimize]", "[Search]\nwithout=['drp']\n[Optimize]", "'drp' is none of dynamic prog"),
         ("[Optimize]", "[Search]\nwithout=['slq']\n[Optimize]", "'slq' is none of dynamic prog"),
     ],
 )

@@ -15,7 +15,7 @@ from helpers.slow_simulator import SlowSimulator
 from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.debug.exception import RDDLValueOutOfRangeError
 
-from mdpo_rddl.bench.tasks.published_episodes import published_seeds
+from benchmarks.tasks.published_episodes import published_seeds
 from mdpo_rddl.planner.exact.continuations import Continuations
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.lookahead import choice as choosing

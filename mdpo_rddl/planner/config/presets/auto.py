@@ -57,7 +57,6 @@ def auto_preset(domain_name: str) -> PlannerConfig:
             "shared_until": 0.2,
             "own_until": 0.32,
             "rounds_until": 0.92,
-            "alternatives": True,
         },
         "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 20},
     }

@@ -1,6 +1,6 @@
 """Configurations by domain: ours where the project ships one, else JaxPlan's own.
 
-Ours are in `mdpo_rddl/planner/config/shipped`, chosen by `mdpo-bench configs` (results/configs).
+Ours are in `mdpo_rddl/planner/config/shipped`, chosen by measurements (results/configs).
 """
 
 from importlib import resources

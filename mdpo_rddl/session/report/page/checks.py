@@ -38,14 +38,6 @@ _RACE = fields(
     },
     {"parents": absent_or(entries(text))},
 )
-_GAIN = {"policy_mean_return": _RETURN, "gain": _RETURN, "gain_ci95": _INTERVAL}
-_HINDSIGHT = fields(
-    {
-        "bound": absent_or(fields({**_GAIN, "bound_mean_return": _RETURN, "episodes": count})),
-        "estimate": absent_or(fields({**_GAIN, "plan_mean_return": _RETURN, "scenarios": count})),
-        "note": absent_or(text),
-    }
-)
 _THOUGHT = fields(
     {
         "left_base": count,
@@ -80,7 +72,6 @@ _SUMMARY = fields(
             table(absent_or(fields(_RETURNS, {"ci95": _INTERVAL}))),
         ),
         "optimum": fields({"value": number, "states": count}),
-        "hindsight": absent_or(_HINDSIGHT),
         "rule": absent_or(fields({"equations": entries(_EQUATION), "note": text})),
         "thinking": absent_or(_THINKING),
         "decision_seconds": absent_or(number),

@@ -1,1 +1,0 @@
-"""How much knowing the future would add to a policy's return."""
