@@ -198,4 +198,4 @@ def _add_trial_commands(commands: Any) -> list[OneLineParser]:
             default=command.get_default("memory_gb") or 8,
             help="of each process (default: %(default)s)",
         )
-    return limited
+    return [*limited, law]
