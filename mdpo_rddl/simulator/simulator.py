@@ -30,7 +30,7 @@ _BLOCK, _CACHED_BYTES, _BLOCK_BYTES = 1024, 2**18, 2**23
 _LARGE_ARRAY = 2**24
 
 State = Mapping[str, np.ndarray]
-"""Per fluent that is no action, its value [*shape, B]."""
+"""Per fluent that is no action, its value [*shape, B]. States share arrays: write into none."""
 
 
 class Step(NamedTuple):
@@ -97,7 +97,11 @@ class Simulator:
         self._next = dict(model.next_state)
         self.observed = list(model.observ_fluents or model.state_fluents)
         primed = set(self._next.values())
-        self._kept = [n for n in self._initial if n not in primed and n not in self.actions]
+        self._kept = {
+            name: (*self.shapes[name], -1)
+            for name in self._initial
+            if name not in primed and name not in self.actions
+        }
         try:
             self._compile(constants, functions_by_name(problem))
         except UnsupportedError as error:
@@ -171,17 +175,18 @@ class Simulator:
         with np.errstate(all="ignore"):
             for name, dtype, closure in self._cpfs:
                 values[name] = self._assigned(closure(frame), name, dtype, replicas)
-            rewards = np.broadcast_to(self._reward(frame)[0], replicas)
+            rewards = self._reward(frame)[0]
             for name, following in self._next.items():
                 values[name] = values[following]
             frame.forget()
             terminated = self._any(self._masks["terminations"], frame)
             broken = ~self._all(self._masks["invariants"], frame)
-        errors = frame.lost
-        rewards = np.where(errors, 0.0, rewards)
-        shapes = self.shapes
-        after = {name: values[name].reshape(*shapes[name], replicas) for name in self._kept}
-        return Step(after, rewards, terminated, broken, errors)
+        # a number of its own for each replica
+        rewards = rewards * np.ones(replicas)
+        if frame.lost.any():
+            rewards[frame.lost] = 0.0
+        after = {name: values[name].reshape(shape) for name, shape in self._kept.items()}
+        return Step(after, rewards, terminated, broken, frame.lost)
 
     def ended(self, state: State) -> np.ndarray:
         """[B], whether a termination condition holds in a state."""
@@ -211,19 +216,18 @@ class Simulator:
     def _frame(
         self, state: State, actions: Mapping[str, Any], generator: Any, replicas: int
     ) -> Frame:
-        values = {
-            name: np.reshape(array, (self._rows[name], replicas)) for name, array in state.items()
-        }
+        rows = self._rows
+        values = {name: array.reshape(rows[name], replicas) for name, array in state.items()}
         for name in self.actions:
-            shape = (*self.shapes[name], replicas)
-            given = actions.get(name)
-            full = self._initial[name] if given is None else np.broadcast_to(given, shape)
-            full = np.broadcast_to(full.reshape(self._rows[name], -1), (self._rows[name], replicas))
-            values[name] = full.astype(self._initial[name].dtype, copy=False)
+            # a copy: what is played may become a part of the state
+            full = np.empty((*self.shapes[name], replicas), self.noop[name].dtype)
+            full[...] = actions[name] if name in actions else self.noop[name][..., None]
+            values[name] = full.reshape(rows[name], replicas)
         return Frame(values, generator, replicas, self._slots)
 
     def _assigned(self, value: np.ndarray, name: str, dtype: Any, replicas: int) -> np.ndarray:
-        value = value.astype(dtype, copy=False)
+        if value.dtype != dtype:
+            value = value.astype(dtype)
         shape = (self._rows[name], replicas)
         return value if value.shape == shape else np.broadcast_to(value, shape)
 
@@ -253,12 +257,12 @@ class Simulator:
     def _any(closures: list[Closure], frame: Frame) -> np.ndarray:
         result = np.zeros(frame.replicas, bool)
         for closure in closures:
-            result |= closure(frame)[0].astype(bool)
+            result |= closure(frame)[0] != 0
         return result
 
     @staticmethod
     def _all(closures: list[Closure], frame: Frame) -> np.ndarray:
         result = np.ones(frame.replicas, bool)
         for closure in closures:
-            result &= closure(frame)[0].astype(bool)
+            result &= closure(frame)[0] != 0
         return result
