@@ -216,8 +216,11 @@ class Simulator:
     def _frame(
         self, state: State, actions: Mapping[str, Any], generator: Any, replicas: int
     ) -> Frame:
-        rows = self._rows
-        values = {name: array.reshape(rows[name], replicas) for name, array in state.items()}
+        rows, initial = self._rows, self._initial
+        values = {
+            name: np.asarray(array, initial[name].dtype).reshape(rows[name], replicas)
+            for name, array in state.items()
+        }
         for name in self.actions:
             # a copy: what is played may become a part of the state
             full = np.empty((*self.shapes[name], replicas), self.noop[name].dtype)

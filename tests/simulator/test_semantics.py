@@ -261,6 +261,23 @@ def test_a_step_leaves_the_state_that_it_was_given():
     assert np.array_equal(again[0].rewards, again[1].rewards)
 
 
+def test_a_state_may_be_given_in_other_types():
+    simulator = Simulator(problem_from(toy("sum_{?i: item} [x(?i) * 2 + 0.5]")))
+    state = dict(simulator.initial(2))
+    state["x"] = np.ones((3, 2), int)
+    step = simulator.step(state, {"push": np.ones(3)[:, None]}, np.random.default_rng(0))
+    assert step.rewards.tolist() == [7.5, 7.5]
+    assert step.state["x"].tolist() == [[2.0, 2.0]] * 3
+
+
+def test_actions_can_be_written_over_after_the_step():
+    simulator = Simulator(problem_from(toy("s")))
+    paint = np.full((3, 2), 2)
+    state = simulator.step(simulator.initial(2), {"paint": paint}, np.random.default_rng(0)).state
+    paint[...] = 0
+    assert state["c"].tolist() == [[2, 2]] * 3
+
+
 def test_limits_on_actions_are_a_mask():
     text = toy("s").replace("max-nondef-actions = pos-inf", "max-nondef-actions = 1")
     simulator = Simulator(problem_from(text))
