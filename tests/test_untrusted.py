@@ -11,7 +11,9 @@ def test_nothing_unpickles_what_may_come_from_anyone():
     own = {"mdpo_rddl.planner.programs.stored", "mdpo_rddl.machine.guarded"}
     unsafe = ("pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "cloudpickle")
     everything = [*FILES, *sorted((ROOT / "tests").rglob("*.py"))]
-    assert {name for name, _ in violations(everything, *unsafe)} == own
+    # that policies can be pickled is tested, by those who have made them
+    tested = {f"tests.policy.test_{name}" for name in ("policy", "relaxed_plans", "table")}
+    assert {name for name, _ in violations(everything, *unsafe)} == own | tested
     for path in everything:
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":

@@ -24,9 +24,9 @@ from benchmarks.problems.exactness import exactness_table, run_exactness
 from benchmarks.problems.ipc_smoke import ipc_smoke_table, run_ipc_smoke
 from benchmarks.problems.legal_play import legal_play_table, run_legal_play
 from benchmarks.problems.simulator_law import law_table, run_law
+from benchmarks.problems.simulator_speed import run_simulator, simulator_table
 from benchmarks.speed.growth import growth_table, run_growth
 from benchmarks.speed.profile import profile_table, run_profile
-from benchmarks.speed.simulator import run_simulator, simulator_table
 from benchmarks.speed.speed import run_speed, speed_table
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.jax_setup import keep_compiled_programs, use_all_cores

@@ -11,9 +11,9 @@ from typing import Any
 import jax
 from matplotlib.figure import Figure
 
+from benchmarks.common.generate import hvac_instance, reservoir_instance
 from benchmarks.common.records import Records
 from benchmarks.common.settings import load_setting
-from benchmarks.speed.generate import hvac_instance, reservoir_instance
 from benchmarks.speed.names import AXES
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded

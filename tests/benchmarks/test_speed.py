@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from helpers.problems import ROOT, make_plan, make_planner, tiny_files
 
+from benchmarks.common.generate import hvac_instance, reservoir_instance
 from benchmarks.common.records import Records
 from benchmarks.speed import growth, profile, speed
 from benchmarks.speed import rates as measuring
 from benchmarks.speed.bare import PARTS, SCALE, compile_part
-from benchmarks.speed.generate import hvac_instance, reservoir_instance
 from benchmarks.speed.growth import draw_growth, growth_table, run_growth
 from benchmarks.speed.profile import profile_table, run_profile
 from benchmarks.speed.speed import Case, run_speed, speed_table

@@ -67,7 +67,7 @@ sys.exit(start.{name}())
 """
 
 
-@pytest.mark.parametrize("name", ["plan", "bench", "ipc", "report"])
+@pytest.mark.parametrize("name", ["plan", "ipc", "report"])
 def test_an_interrupt_during_the_imports_is_quiet(name: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", BEGIN.format(name=name)],

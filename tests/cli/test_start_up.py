@@ -40,9 +40,6 @@ MISTAKES = [
     ("plan", "Resevoir 1", "'Resevoir' is neither a file nor a problem of rddlrepository"),
     ("report", "", "the following arguments are required: RUN"),
     ("report", "none", "none: no such run folder"),
-    ("bench", "", "the following arguments are required: COMMAND"),
-    ("bench", "speed --settings hvac", "invalid choice: 'hvac'"),
-    ("bench", "paper --methods best", "invalid choice: 'best'"),
     ("ipc", "run", "the following arguments are required: --out"),
     ("ipc", "run --out new --problems tanks.rddl:no.rddl", "no.rddl: no such file"),
     ("ipc", "run --out new --problems tanks.rddl:two.rddl --planners best", "unknown planner"),
@@ -68,7 +65,7 @@ def started(name: str, arguments: str, folder: Path) -> subprocess.CompletedProc
     return done
 
 
-@pytest.mark.parametrize("name", ["plan", "bench", "ipc"])
+@pytest.mark.parametrize("name", ["plan", "ipc"])
 def test_help_imports_nothing_large(name: str, tmp_path: Path) -> None:
     done = started(name, "--help", tmp_path)
     assert done.returncode == 0

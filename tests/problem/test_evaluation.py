@@ -296,13 +296,19 @@ def test_a_precondition_that_is_no_box_warns_once_not_at_each_evaluation(tmp_pat
 
 
 def test_where_doing_nothing_is_illegal_too_the_proposal_is_played(tmp_path):
-    problem = cart(tmp_path, {"push >= -1.0": "push + gear >= 1.0"})
+    problem = cart(tmp_path, {"push >= -1.0": "push * push >= 1.0"})
     env = make_environment(problem)
     found = evaluate(env, constant(push=0.5), 1, seed=0)
     assert (found.illegal_actions, found.fallback_actions) == (8, 0)
     # x grows, but what is illegal pays nothing
     assert found.returns.tolist() == [0.0]
-    assert found.unmet == ("( push + gear ) >= 1.0",)
+    assert found.unmet == ("( push * push ) >= 1.0",)
+
+
+def test_where_doing_nothing_is_illegal_too_the_nearest_legal_action_is_played(tmp_path):
+    problem = cart(tmp_path, {"push >= -1.0": "push + gear >= 1.0"})
+    found = evaluate(make_environment(problem), constant(push=0.5), 1, seed=0)
+    assert (found.illegal_actions, found.fallback_actions) == (8, 8)
 
 
 def test_an_environment_that_is_not_vectorized_is_refused(tmp_path):

@@ -5,17 +5,6 @@ from helpers.race_checkpoints import CONFIG, judged, state, terms
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
 
-def test_a_checkpoint_is_written_before_another_process_is_waited_for(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
-    checkpoints.begun(state)
-    checkpoints.judged(judged(-5.0, 1.0))
-    checkpoints._ends = 0.0  # the race's own time is over
-    checkpoints.pulse()
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 1.0
-    checkpoints.waits()
-    assert RaceCheckpoints(tmp_path, terms(), 0.0).start.seconds == 9.0
-
-
 def test_it_is_kept_between_two_iterations_too(tmp_path):
     checkpoints = RaceCheckpoints(tmp_path, terms(), 0.0)
     checkpoints.begun(state)

@@ -157,7 +157,7 @@ def test_a_long_horizon_of_the_configuration_is_bounded_as_the_instance_s() -> N
     said = one_line(lambda: build_planner(problem_from(domain), config))
     assert said == (
         "my.cfg: [Planner] rollout_horizon: the horizon is 100,000, at most 24,977 steps can be "
-        "planned for"
+        "planned for: --horizon 24977"
     )
 
 

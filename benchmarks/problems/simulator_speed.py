@@ -17,11 +17,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from rddlrepository.core.manager import RDDLRepoManager
 
+from benchmarks.common.generate import reservoir_instance
 from benchmarks.common.records import Records
 from benchmarks.problems.agreement import compile_sequences, make_planner
 from benchmarks.problems.each import KEYS, add_rows
 from benchmarks.problems.simulator_law import random_actions
-from benchmarks.speed.generate import reservoir_instance
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.machine.guarded import Limits
 from mdpo_rddl.machine.memory import peak_mb
