@@ -78,8 +78,9 @@ def test_the_summary_names_the_run(finished: Run) -> None:
     measured = {"best_iteration", "train_seconds", "compile_seconds", "device", "versions"}
     returns = {"mean_return", "std_return", "ci95", "returns"}
     looks = {"references", "decision_times", "warnings", "command"}
-    assert set(summary) == set(expected) | measured | returns | looks | {"last_iterate"}
-    assert set(summary["last_iterate"]) == returns | {
+    legality = {"steps", "unplayable_steps", "unmet_preconditions"}
+    assert set(summary) == set(expected) | measured | returns | looks | legality | {"last_iterate"}
+    assert set(summary["last_iterate"]) == returns | legality | {
         "episode_lengths",
         "illegal_actions",
         "fallback_actions",
