@@ -3,7 +3,7 @@
 A policy computes in 32 bits, and the environment compares in 64: three weights whose sum is to be 1
 miss it by some 1e-8. Here as many numbers as there are equalities take the rest, and the others
 stay, so that the environment's own evaluation of the preconditions, in its own order of summation,
-finds them kept. What is farther off goes to the nearest point by alternating projections first.
+finds them kept. What is farther off goes to the nearest point first.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,21 +12,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from pyRDDLGym import RDDLEnv
 
 from mdpo_rddl.problem.implications import Comparison, comparisons, fluents_of, is_box
 
 # how far into what an inequality allows a number is moved, of what is compared
 _INSIDE, _STRICTLY_INSIDE = 1e-13, 1e-9
-# rounds of projections towards what is far off, and steps of Newton's method next to it
-_ROUNDS, _STEPS = 500, 8
+# of Newton's method, where last places are missing
+_STEPS = 8
 # numbers that are multiples of so small a power of two, of the largest, are added up exactly
 _GRID_BITS = 40
 # in units of the last place, what is tried around a number for an equality to hold
 _NUDGES = (0, 1, -1, 2, -2, 3, -3)
-# equalities for which that is done, and what is tried for each
-_MOST_TRIED, _MOST_TRIES = 5, 200
+# equalities for which that is done, what is tried for each, and how often all of it is tried, each
+# time with numbers that are moved by a few units of that power of two
+_MOST_TRIED, _MOST_TRIES = 5, 40
+_ATTEMPTS, _MOVED_BY = 8, 8
 _LEAST = 1e-9
+# of what is compared, by what the nearest point may be off
+_ROUNDING = 1e-11
 
 
 class _Rows(NamedTuple):
@@ -110,14 +115,21 @@ class LinearPreconditions:
         numbers = np.clip(given, self._lower, self._upper)
         slopes = self._slopes(numbers, actions)
         numbers = self._near(numbers, slopes, actions)
-        numbers = self._closed(self._on_grid(numbers), slopes, actions)
-        numbers = self._nudged(numbers, slopes, actions)
-        return {**actions, **self._reals(numbers)}
+        for attempt in range(_ATTEMPTS):
+            tried = self._closed(self._on_grid(numbers, attempt), slopes, actions)
+            tried, errors = self._nudged(tried, slopes, actions)
+            # what is not nearly kept has no solution near
+            if not np.any(errors) or np.any(np.abs(errors) > _LEAST):
+                break
+        return {**actions, **self._reals(tried)}
 
     def _near(
         self, numbers: np.ndarray, slopes: np.ndarray, actions: Mapping[str, Any]
     ) -> np.ndarray:
-        """The numbers [D] after projections onto each row in turn, within their box.
+        """The nearest numbers [D] that keep the rows up to rounding; the same ones if none do.
+
+        A problem of least distance, as Lawson and Hanson solve it: equalities are eliminated, and
+        inequalities are what a problem of least squares without negative numbers is dual to.
 
         Args:
           numbers: to begin with [D].
@@ -125,26 +137,36 @@ class LinearPreconditions:
           actions: the others.
         """
         rows = self._rows(numbers, actions)
-        first, allowed = numbers, _LEAST * (1.0 + rows.size)
-        wanted = [row for row in np.flatnonzero(rows.is_asked) if np.any(slopes[row])]
-        for _ in range(_ROUNDS):
-            moved = False
-            for row in wanted:
-                own = slopes[row]
-                excess = rows.excess[row] + own @ (numbers - first)
-                if excess <= allowed[row] and not (self._is_exact[row] and excess < -allowed[row]):
-                    continue
-                direction = -np.sign(excess) * own
-                end = np.where(direction > 0.0, self._upper, self._lower)
-                own = np.where((direction != 0.0) & (numbers != end), own, 0.0)
-                if not np.any(own):
-                    continue
-                step = excess / (own @ own) * own
-                numbers = np.clip(numbers - step, self._lower, self._upper)
-                moved = True
-            if not moved:
-                break
-        return numbers
+        asked = rows.is_asked & np.any(slopes, axis=1) & np.isfinite(rows.excess)
+        equal, limited = asked & self._is_exact, asked & ~self._is_exact
+        first = np.linalg.lstsq(slopes[equal], -rows.excess[equal], rcond=None)[0]
+        free = scipy.linalg.null_space(slopes[equal]) if np.any(equal) else np.eye(len(numbers))
+        limits = np.concatenate([-slopes[limited], np.eye(len(numbers)), -np.eye(len(numbers))])
+        least = np.concatenate(
+            [
+                rows.excess[limited] - _ROUNDING * rows.size[limited],
+                self._lower - numbers,
+                numbers - self._upper,
+            ]
+        )
+        limits, least = limits[np.isfinite(least)], least[np.isfinite(least)]
+        least = least - limits @ first
+        scale = np.max(least, initial=0.0)
+        if scale <= _LEAST:
+            return self._at_ends(numbers + first)
+        system = np.concatenate([(limits @ free).T, least[np.newaxis] / scale])
+        wanted = np.eye(len(system))[-1]
+        *residual, last = wanted - system @ scipy.optimize.nnls(system, wanted)[0]
+        if last <= _LEAST:
+            return numbers
+        change = first - scale / last * (free @ np.array(residual))
+        return self._at_ends(numbers + change)
+
+    def _at_ends(self, numbers: np.ndarray) -> np.ndarray:
+        """The numbers [D] in their box, at its ends where they are next to them."""
+        for end in (self._lower, self._upper):
+            numbers = np.where(np.abs(numbers - end) <= _LEAST, end, numbers)
+        return np.clip(numbers, self._lower, self._upper)
 
     def _closed(
         self, numbers: np.ndarray, slopes: np.ndarray, actions: Mapping[str, Any]
@@ -176,8 +198,8 @@ class LinearPreconditions:
 
     def _nudged(
         self, numbers: np.ndarray, slopes: np.ndarray, actions: Mapping[str, Any]
-    ) -> np.ndarray:
-        """The numbers [D] with single ones moved by a few units of the last place."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers [D], single ones moved by units of the last place, and the errors [R]."""
         errors = self._errors(self._rows(numbers, actions))
         for row in np.flatnonzero(errors)[:_MOST_TRIED]:
             tries = self._tries(numbers, slopes[row], errors[row])
@@ -186,7 +208,7 @@ class LinearPreconditions:
                 if not left[row] and np.count_nonzero(left) < np.count_nonzero(errors):
                     numbers, errors = tried, left
                     break
-        return numbers
+        return numbers, errors
 
     def _tries(self, numbers: np.ndarray, slopes: np.ndarray, error: float) -> Iterator[np.ndarray]:
         """The numbers [D] of which one takes an error, and perhaps another one is moved a little.
@@ -209,11 +231,18 @@ class LinearPreconditions:
                         tried[column] += nudge * np.spacing(tried[column])
                         yield np.clip(tried, self._lower, self._upper)
 
-    def _on_grid(self, numbers: np.ndarray) -> np.ndarray:
-        """The numbers [D] inside their box as multiples of a power of two."""
+    def _on_grid(self, numbers: np.ndarray, attempt: int = 0) -> np.ndarray:
+        """The numbers [D] inside their box as multiples of a power of two.
+
+        Args:
+          numbers: to begin with [D].
+          attempt: each after the first moves them by other few multiples.
+        """
         largest = np.max(np.abs(numbers), initial=1.0)
         unit = 2.0 ** (np.ceil(np.log2(largest)) - _GRID_BITS)
-        rounded = np.rint(numbers / unit) * unit
+        most = _MOVED_BY if attempt else 0
+        moved = np.random.default_rng(attempt).integers(-most, most + 1, np.shape(numbers))
+        rounded = (np.rint(numbers / unit) + moved) * unit
         is_inside = (rounded > self._lower) & (rounded < self._upper)
         return np.where(
             is_inside & (numbers > self._lower) & (numbers < self._upper), rounded, numbers
@@ -234,7 +263,7 @@ class LinearPreconditions:
     def _errors(self, rows: _Rows) -> np.ndarray:
         """How far each row is from where it should be [R]; 0 where it is kept."""
         excess = rows.excess
-        inside = np.where(self._is_strict, _STRICTLY_INSIDE, _INSIDE) * rows.size
+        inside = np.where(self._is_strict, _STRICTLY_INSIDE, 0.0) * rows.size
         is_broken = np.where(self._is_strict, excess >= 0.0, excess > 0.0)
         errors = np.where(self._is_exact, excess, np.where(is_broken, excess + inside, 0.0))
         return np.where(rows.is_asked & np.isfinite(errors), errors, 0.0)

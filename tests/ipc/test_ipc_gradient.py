@@ -24,7 +24,6 @@ SECONDS = 2.5
 
 @pytest.mark.parametrize("name", ["mdpo", "jaxplan-slp"])
 def test_a_policy_is_trained_in_time_and_taken_up_bit_for_bit(tmp_path, monkeypatch, name):
-    monkeypatch.setattr("mdpo_rddl.auto.arms.jaxplan.usable_cores", lambda: 1)
     files = tiny_instance(tmp_path / "tiny")
     problem = load_problem(files.domain, files.instance)
     planner = make_planner(name)

@@ -114,6 +114,14 @@ def test_what_32_bits_lose_of_a_legal_action_is_given_back(rules):
         (BOX + SUM + " == 1.0;", [[3, 2, 0], [0, 0, 0]], [[1, 0, 0], [0, 0, 0]]),
         (BOX + ROWS, [[1, 0, 0], [2, 0, 0]], [[0.7, 0, 0], [2.1, 0.1, 0.1]]),
         (BOX + SUM + " <= 1.0;", [[2, 1, 0], [0, 0, 0]], [[1, 0, 0], [0, 0, 0]]),
+        # rows and columns at once
+        (BOX + ROWS + COLUMNS, [[0, 0, 0], [0, 0, 0]], [[0.7 / 3] * 3, [2.3 / 3] * 3]),
+        # the columns ask for 1, 1/2 and 1/2 of x, which may do with 1.3 less
+        (
+            BOX + ROWS.replace("==", "<=") + COLUMNS,
+            [[1, 0, 0], [0, 0, 0]],
+            [[1 - 1.3 / 3] + [0.5 - 1.3 / 3] * 2, [1.3 / 3] + [0.5 + 1.3 / 3] * 2],
+        ),
     ],
 )
 def test_the_nearest_point_is_the_first_fallback(rules, given, expected):

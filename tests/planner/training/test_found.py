@@ -33,7 +33,7 @@ def found_after(callbacks: int, each: int) -> Found:
                 "last_iteration_improved": iteration,
                 "best_index": 0,
                 "best_params": None,
-                "params": None,
+                "params": {"w": np.zeros(1)},
             }
         )
     return found

@@ -157,11 +157,15 @@ def test_a_silent_rule_has_no_companions(tmp_path):
 
 def test_a_lane_that_diverged_does_not_hide_the_others():
     losses = jnp.array([2.0, jnp.nan, -5.0, jnp.inf])
-    test_loss = finite_test_loss(lambda losses: (losses, "log"))
-    found, log = test_loss(losses)
+    test_loss = finite_test_loss(lambda losses, params: (losses, "log"))
+    params = jnp.zeros(4)
+    found, log = test_loss(losses, params)
     assert log == "log"
     np.testing.assert_allclose(found, [2.0, 6000.0, -5.0, 6000.0])
-    assert np.all(np.isnan(test_loss(jnp.full(2, jnp.nan))[0]))
+    assert np.all(np.isnan(test_loss(jnp.full(4, jnp.nan), params)[0]))
+    # nor one whose parameters are no numbers
+    lost = jnp.array([0.0, 0.0, jnp.nan, 0.0])
+    np.testing.assert_allclose(test_loss(losses, lost)[0], [2.0, 3000.0, 3000.0, 3000.0])
 
 
 def test_each_pair_shows_the_lane_with_the_better_test_return():
