@@ -46,8 +46,8 @@ class Evaluation(Mapping[str, float]):
         termination condition or a violated state invariant ended it.
       illegal_actions: steps, over all episodes, at which the policy's action broke a
         precondition or the limit on actions.
-      fallback_actions: how many of them played a legal action instead: the no-op, or, where
-        that is illegal too, an action near it.
+      fallback_actions: how many of them played a legal action instead: the nearest that keeps
+        the linear preconditions, or else the no-op, or an action near that.
       unplayable: steps of each episode at which no legal action was found [episodes]; such a step
         pays no more than the legal ones before it, and nothing at best.
       unmet: preconditions that stood in the way there, as RDDL.

@@ -66,13 +66,12 @@ class Referee:
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=False, fallback=False)
         nearest = self._restored(actions)
-        if nearest is not None and not self._is_far(actions, nearest):
-            return Verdict(nearest, illegal=False, fallback=False)
+        if nearest is not None:
+            is_far = self._is_far(actions, nearest)
+            return Verdict(nearest, illegal=is_far, fallback=is_far)
         for candidate in self._fallbacks(actions):
             if self._is_legal(candidate):
                 return Verdict(candidate, illegal=True, fallback=True)
-        if nearest is not None:
-            return Verdict(nearest, illegal=True, fallback=True)
         if self._unmet is None:
             self._unmet = self._unmet_by(actions)
         return Verdict(actions, illegal=True, fallback=False, unmet=self._unmet)

@@ -281,8 +281,8 @@ def test_actions_that_break_a_precondition_which_is_no_box_are_counted(tmp_path)
 
     found = evaluate(make_environment(cart(tmp_path)), policy, episodes=3, seed=0)
     assert (found.illegal_actions, found.fallback_actions) == (3 * 2, 3 * 2)
-    # nothing is done instead: x grows by 3, and by 0 at steps 1 and 5
-    x = np.cumsum([0 if step % 4 == 1 else 3 for step in range(8)])
+    # the nearest that keeps it is played instead: x grows by 3 at all steps
+    x = np.cumsum([3] * 8)
     assert found.returns.tolist() == [sum(x[t] / 2**t for t in range(8))] * 3
 
 
@@ -292,17 +292,18 @@ def test_a_precondition_that_is_no_box_warns_once_not_at_each_evaluation(tmp_pat
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = evaluate(env, constant(push=2.0), 1, seed=0)
-    assert found.illegal_actions == 8  # nothing is done, so x stays 0
+    # x is 0 at the first step only
+    assert (found.illegal_actions, found.fallback_actions) == (1, 1)
 
 
 def test_where_doing_nothing_is_illegal_too_the_proposal_is_played(tmp_path):
-    problem = cart(tmp_path, {"push >= -1.0": "push * push >= 1.0"})
+    problem = cart(tmp_path, {"push >= -1.0": "push + gear >= 2.5"})
     env = make_environment(problem)
     found = evaluate(env, constant(push=0.5), 1, seed=0)
     assert (found.illegal_actions, found.fallback_actions) == (8, 0)
     # x grows, but what is illegal pays nothing
     assert found.returns.tolist() == [0.0]
-    assert found.unmet == ("( push * push ) >= 1.0",)
+    assert found.unmet == ("( push + gear ) >= 2.5",)
 
 
 def test_where_doing_nothing_is_illegal_too_the_nearest_legal_action_is_played(tmp_path):
