@@ -69,8 +69,8 @@ def _add_illegal(table: Table, summary: Mapping[str, Any]) -> None:
         for text in summary["unmet_preconditions"]:
             table.add_row("[red]precondition in the way[/red]", escape(text))
     for name, figures in (summary.get("references") or {}).items():
-        if figures is not None and figures["unplayable_steps"]:
-            of = f"{figures['unplayable_steps']:,} of {figures['steps']:,}"
+        if figures is not None and figures["illegal_actions"]:
+            of = f"{figures['illegal_actions']:,} of {figures['steps']:,}"
             table.add_row(f"illegal steps of {_REFERENCES[name]}", of)
 
 

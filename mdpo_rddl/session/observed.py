@@ -34,7 +34,7 @@ _HUGE, _FURTHER = 1e6, 1e3
 _INTS = -(2**31), 2**31 - 1
 _LARGEST = float(np.finfo(np.float32).max)
 _NEAR_LARGEST = 1e-8 * _LARGEST
-_OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns", "steps", "unplayable_steps")
+_OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns", "steps", "illegal_actions")
 # of the simulator, so many at first, to see how long they take
 _FIRST_EPISODES, _MOST_EPISODES = 16, 1_000
 _MOST_NUMBERS = 1_000_000
