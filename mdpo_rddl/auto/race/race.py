@@ -265,7 +265,9 @@ def _outcome(
     seconds, chosen = arena.clock() - arena.began, chosen or arena.judge.incumbent
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
-    logs = [*resumption.left_out(schedule.arms), *(arm.log for arm in schedule.arms)]
+    # copies: what is still compiled in a thread is noted in the arms' own
+    logs = [replace(arm.log) for arm in schedule.arms]
+    logs = [*resumption.left_out(schedule.arms), *logs]
     return RaceOutcome(
         policy=policy_of(chosen, arena.problem, arena.seed),
         chosen=chosen,
