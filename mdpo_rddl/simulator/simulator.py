@@ -60,6 +60,7 @@ class Simulator:
       actions: names of the action fluents.
       observed: names of what a policy sees: observation fluents, or state fluents.
       noop: per action fluent its default [*shape].
+      values: per fluent and non-fluent its value before the first step [*shape].
       block: so many replicas are simulated at once, the others after them.
     """
 
@@ -81,6 +82,7 @@ class Simulator:
             name: tuple(model.object_counts(model.variable_params[name]))
             for name in model.variable_params
         }
+        self.values = {n: np.broadcast_to(a, self.shapes[n]) for n, a in arrays.items()}
         self._rows = {name: math.prod(shape) for name, shape in self.shapes.items()}
         self._initial = {
             name: np.broadcast_to(array, self.shapes[name]).reshape(-1, 1)

@@ -220,7 +220,8 @@ class Feedback:
         Of replicas [*shape, B], or [*shape, 1] where a policy plays the same in all of them.
 
         Args:
-          params: as `initial` makes them.
+          params: as `initial` makes them; of replicas that each have a policy of their own the
+            shared weights, own weights and plans may have a last axis B.
           state: per observed fluent its value [*shape], of replicas [*shape, B], and the entries
             of the memory.
           step: of the rollout, from 0.
@@ -254,10 +255,13 @@ class Feedback:
         return actions
 
     def of_all(self, value: Any, name: str) -> Any:
-        """What an action fluent has in all replicas [*shape], so that it broadcasts to theirs."""
+        """What an action fluent has in all replicas [*shape], so that it broadcasts to theirs.
+
+        What each replica has of its own [*shape, B] stays as it is.
+        """
         if not self.is_replicated:
             return value
-        return np.reshape(value, (*self.action_shapes[name], 1))
+        return np.reshape(value, (*self.action_shapes[name], -1))
 
     def flat(self, state: Mapping[str, Any]) -> Any:
         """All that the policy reads, in the units in which it does, side by side [..., inputs]."""
@@ -340,6 +344,9 @@ class Feedback:
     def _product(self, gains: Any, value: Any) -> Any:
         """Gains of pairs [*shape, *fluent's] times a fluent's value, summed over its objects."""
         axes = np.ndim(value) - self.is_replicated
+        if self.is_replicated and np.shape(gains)[-1:] == np.shape(value)[-1:]:
+            fluents = tuple(range(np.ndim(gains) - 1 - axes, np.ndim(gains) - 1))
+            return np.sum(gains * value, axis=fluents)
         if self.is_replicated or np.size(gains) > _FEW_PAIRS:
             return self.xp.tensordot(gains, value, axes)
         return self.xp.sum(gains * value, axis=tuple(range(-axes, 0)))
