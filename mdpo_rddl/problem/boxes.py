@@ -44,6 +44,16 @@ def action_boxes(model: RDDLLiftedModel) -> dict[str, tuple[np.ndarray, np.ndarr
     }
 
 
+def box_width(lower: Any, upper: Any) -> float | None:
+    """The median width of an action fluent's boxes; None if none of them is finite.
+
+    One width for all objects, so that shared weights mean the same for each.
+    """
+    width = np.subtract(upper, lower, dtype=float)
+    finite = width[np.isfinite(width) & (width > 0)]
+    return float(np.median(finite)) if finite.size else None
+
+
 class _Constraints(RDDLConstraints):
     """pyRDDLGym's, with limits in the order of the fluent's parameters."""
 

@@ -41,7 +41,9 @@ class Family:
 
     def policy(self, params: Params) -> Policy:
         """The policy with these parameters, of which parts that have no effect may be missing."""
-        return Policy(self._problem, self.config, completed(params, self.noop), {}, self._seed)
+        full = completed(params, self.noop)
+        policy = Policy(self._problem, self.config, full, {}, self._seed)
+        return policy.built_with(formula=self._formula)
 
     def raw(self, actions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The raw actions that play actions, per fluent [*shape, ...]."""

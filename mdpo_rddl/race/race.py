@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from mdpo_rddl.auto.probing.fitting import scaled, with_memory
+from mdpo_rddl.planner.config.fitting import scaled, with_memory
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import SEARCH

@@ -108,7 +108,7 @@ def _next(context: Context, able: Sequence[_Entry], board: Board, number: int) -
         able = improving or able
     if number % _WAITING == _WAITING - 1:
         return min(able, key=lambda one: one.last)
-    return max(able, key=lambda one: one.promise(board))
+    return max(able, key=lambda one: (one.promise(board), -one.last))
 
 
 def _improves(one: _Entry, board: Board) -> bool:

@@ -56,7 +56,8 @@ class Feedback:
     out, other than the biases, count as zero, and nothing is computed for them.
 
     Attributes:
-      seen: what the policy is given: observed fluents, then the entries of its memory.
+      observed: the observed fluents.
+      seen: what the policy is given: these, then the entries of its memory.
       fluents: all that it reads: these, and what is looked up by them.
       shapes: of each of them.
       action_shapes: of each action fluent.
@@ -72,6 +73,7 @@ class Feedback:
         shape: FeedbackShape,
         horizon: int,
         dtype: Any,
+        xp: Any = np,
     ) -> None:
         """Finds the features.
 
@@ -81,16 +83,15 @@ class Feedback:
           shape: what the policy is made of.
           horizon: number of steps H.
           dtype: floating type of the model.
+          xp: the module that computes: jax.numpy, or numpy, for replicas.
 
         Raises:
           ValueError: for a name of what is looked up that is none.
         """
-        from jax import numpy
-
-        self.xp, self.is_replicated = numpy, False
+        self.xp, self.is_replicated = xp, xp is np
         self.shape, self.horizon, self.dtype = shape, horizon, dtype
         self._scales = dict(shape.state_scales or {})
-        observed = observed_fluents(rddl)
+        observed = self.observed = observed_fluents(rddl)
         self._lookups = Lookups(rddl, values, shape.lookups)
         self._memory = Memory(rddl, observed, MemoryShape.of(shape.memory))
         self.seen = [*observed, *self._memory.entries]

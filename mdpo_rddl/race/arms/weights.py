@@ -34,6 +34,7 @@ _DRAWN, _SCALES, _SHARES = 256, (0.0, 0.5, 1.5), (0.5, 0.3, 0.2)
 _STRONGER = 2.0
 # the first deviation of a weight: of a simple rule, of all weights, of own weights in turn
 _SIMPLE_SIGMA, _ALL_SIGMA, _OWN_SIGMAS = 0.5, 0.1, (0.03, 0.1, 0.01)
+_RELATIVE_SIGMA = 0.3
 # an adaptation has stalled whose median return over the latest quarter of so many iterations or
 # more is larger than over the quarter before by less than this share of all that it gained
 _FEWEST, _LEAST_GAIN = 60, 0.01
@@ -95,18 +96,14 @@ class WeightsState(NamedTuple):
 
 
 def rules() -> Arm:
-    """Random rules."""
+    """Random rules, until a draw finds none that is better; where none is paid, on and on."""
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
-        simple, state = _simple(context), state._replace(found=())
-        kept = simple.start[np.newaxis]
-        while True:
-            drawn, state = _drawn(context, RULES, simple, state)
-            kept = np.concatenate([kept[:1], drawn[:1]])
-            kept = kept[np.argsort(-_fresh(context, simple, kept), kind="stable")]
-            if context.budget.clock() >= turn.until:
-                break
-        return _offered(context, state, RULES, simple.params(kept[0]))
+        simple = _simple(context)
+        drawn, state = _drawn(context, RULES, simple, state._replace(found=()))
+        state = _offered(context, state, RULES, simple.params(drawn[0]))
+        is_paid = state.params is not context.family.noop
+        return state._replace(is_exhausted=is_paid and not state.found)
 
     return Arm(RULES, lambda context: WeightsState(context.family.noop), step)
 
@@ -115,24 +112,31 @@ def shared_weights() -> Arm:
     """Weights that all objects have in common."""
 
     def begin(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
-        known = turn.best_feedback
-        if not state.begun and known is not None and known.candidate.arm == RULES:
-            start = _simple(context, known.candidate.policy.params)
-            adaptation = _adaptation(context, SHARED, state, start, start.start, _SIMPLE_SIGMA)
+        if state.parent is not None and not state.begun % 2:
+            weights = _simple(context, state.parent.policy.params)
+            # a strong rule has large weights
+            start = weights.start
+            sigma = max(_SIMPLE_SIGMA, _RELATIVE_SIGMA * float(np.sqrt(np.mean(start**2))))
         elif state.begun % 2:  # all weights, from the best so far
             base = without_idle(state.params)
             weights = Weights(base, {"shared": _all(base["shared"])})
-            adaptation = _adaptation(context, SHARED, state, weights, weights.start, _ALL_SIGMA)
+            start, sigma = weights.start, _ALL_SIGMA
         else:
-            simple = _simple(context)
-            drawn, state = _drawn(context, SHARED, simple, state)
-            adaptation = _adaptation(context, SHARED, state, simple, drawn[0], _SIMPLE_SIGMA)
+            weights = _simple(context)
+            drawn, state = _drawn(context, SHARED, weights, state)
+            start, sigma = drawn[0], _SIMPLE_SIGMA
+        adaptation = _adaptation(context, SHARED, state, weights, start, sigma)
         return state._replace(adaptation=adaptation, begun=state.begun + 1)
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
+        known = turn.best_feedback
+        if known is not None and known.candidate.arm == RULES:
+            if known.candidate is not state.parent:
+                begun = state.begun + state.begun % 2
+                state = state._replace(parent=known.candidate, adaptation=None, begun=begun)
         return _adapted(context, state, turn, SHARED, begin)
 
-    return Arm(SHARED, lambda context: WeightsState(context.family.noop), step)
+    return Arm(SHARED, lambda context: WeightsState(context.family.noop), step, improves=True)
 
 
 def own_weights() -> Arm:
