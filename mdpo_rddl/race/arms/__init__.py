@@ -3,9 +3,15 @@
 from collections.abc import Sequence
 
 from mdpo_rddl.race.arm import Arm
-from mdpo_rddl.race.arms import weights
+from mdpo_rddl.race.arms import gradients, weights
 
 
 def portfolio() -> Sequence[Arm]:
     """All arms, in the order in which they begin."""
-    return weights.rules(), weights.shared_weights(), weights.own_weights()
+    return (
+        weights.rules(),
+        weights.shared_weights(),
+        weights.own_weights(),
+        gradients.feedback_gradient(),
+        gradients.plan_gradient(),
+    )
