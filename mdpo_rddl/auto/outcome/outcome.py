@@ -129,7 +129,7 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
         planner = build_planner(problem, config).planner
     if not candidate.uses_noise:
         config = config.without_noise()
-    params = jax.tree.map(np.asarray, candidate.params)
+    params = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), candidate.params)
     hyperparams = with_preprocessor(planner, candidate.policy_hyperparams)
     hyperparams = jax.tree.map(np.asarray, hyperparams)
     return Policy(problem, config, params, hyperparams, seed, compiled=Compiled(planner))
