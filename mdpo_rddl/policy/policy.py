@@ -24,6 +24,8 @@ from mdpo_rddl.policy.file import (
     save_policy,
 )
 from mdpo_rddl.policy.formula import METHOD, FeedbackFormula, FormulaPlay, require_formula_params
+from mdpo_rddl.policy.greedy import METHOD as GREEDY_METHOD
+from mdpo_rddl.policy.greedy import GreedyFormula
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.side_by_side import BatchReplicas
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -54,10 +56,13 @@ class Compiled:
     """What plays the policies of one problem and configuration, made when it is first asked for."""
 
     def __init__(
-        self, planner: "MDPOPlanner | None" = None, formula: FeedbackFormula | None = None
+        self,
+        planner: "MDPOPlanner | None" = None,
+        formula: FeedbackFormula | None = None,
+        greedy: GreedyFormula | None = None,
     ) -> None:
         """Takes what is there already."""
-        self._planner, self._formula = planner, formula
+        self._planner, self._formula, self._greedy = planner, formula, greedy
 
     def planner(self, problem: Problem, config: PlannerConfig) -> "MDPOPlanner":
         """The compiled planner."""
@@ -75,6 +80,12 @@ class Compiled:
         if self._formula is None and config.policy_method == METHOD:
             self._formula = FeedbackFormula(problem, config)
         return self._formula
+
+    def greedy(self, problem: Problem, config: PlannerConfig) -> GreedyFormula | None:
+        """The greedy policies' formula; None unless the configuration is one of them."""
+        if self._greedy is None and config.policy_method == GREEDY_METHOD:
+            self._greedy = GreedyFormula(problem, config)
+        return self._greedy
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +318,9 @@ class Policy(PolicyAgent):
             return None
         if self.formula is not None:
             return self.formula.replicas(self.params)
+        greedy = self.compiled.greedy(self.problem, self.config)
+        if greedy is not None:
+            return greedy.replicas(self.params, self.seed)
         play = self._play
         return BatchReplicas(play.batch, play.were_played, self.problem.model)
 
