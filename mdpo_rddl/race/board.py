@@ -114,6 +114,7 @@ class Board:
             judged = judged._replace(returns=context.evaluator.more(play, judged.returns))
 
     def _is_of_family(self, policy: Any) -> bool:
-        return isinstance(policy, Policy) and policy.config is self._context.family.config
+        is_formula = isinstance(policy, Policy) and not policy.votes
+        return is_formula and policy.config is self._context.family.config
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from mdpo_rddl.race.arm import Arm
+from mdpo_rddl.race.arms.belief import belief_vote
 from mdpo_rddl.race.arms.gradients import feedback_gradient, plan_gradient
 from mdpo_rddl.race.arms.greedy import greedy_arm
 from mdpo_rddl.race.arms.weights import own_weights, rules, shared_weights
@@ -11,6 +12,7 @@ from mdpo_rddl.race.arms.weights import own_weights, rules, shared_weights
 def portfolio() -> Sequence[Arm]:
     """All arms, in the order in which they begin."""
     return (
+        belief_vote(),
         rules(),
         greedy_arm(),
         shared_weights(),
