@@ -1,8 +1,8 @@
 """The vote over a belief, where the state is observed in part only.
 
-A race of its own finds a policy of the underlying MDP, whose state is seen; `mdpo_rddl.policy.belief`
-plays by it. That race goes on in the arm's slices: it is held between two iterations in a thread
-that only works while this one waits for it.
+A race of its own finds a policy of the underlying MDP, whose state is seen, and
+`mdpo_rddl.policy.belief` plays by it. That race goes on in the arm's slices: it is held between two
+iterations in a thread that only works while this one waits for it.
 """
 
 import threading
