@@ -20,8 +20,9 @@ from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
 GREEDY = "greedy"
 
 # rollouts of an iteration, at first and at most, half of them the greedy policy's; they are doubled
-# while an iteration takes less than this share of the seconds so far
-_FEWEST, _MOST, _SHARE = 64, 256, 0.03
+# while an iteration takes less than this share of the seconds so far. At first they are so few that
+# a step tries no more actions than these in all
+_FEWEST, _MOST, _SHARE, _ACTIONS = 64, 256, 0.03, 4096
 # of the steps of the other half at which a change is decided at random; with which one goes on at
 # the next step, as what leads somewhere takes several; and leaves the no-op rather than staying
 _TRIED, _LASTS, _LEAVES = 0.1, 0.75, 0.75
@@ -87,7 +88,7 @@ class GreedyState(NamedTuple):
     formula: GreedyFormula
     params: Params
     moments: tuple[Params, Params, int]
-    rollouts: int = _FEWEST
+    rollouts: int
     scale: float = 0.0
     kept: tuple[_Data, ...] = ()
     parents: tuple[str, ...] = ()
@@ -112,7 +113,10 @@ def _init(context: Context) -> GreedyState | None:
     formula = GreedyFormula(context.problem, config, context.simulator)
     params = formula.values.initial(context.generator(GREEDY))
     none = {name: np.zeros_like(value) for name, value in params.items() if name != _LEVELS}
-    return GreedyState(formula, params, (none, none, 0))
+    rollouts = _FEWEST
+    while rollouts > 2 and rollouts * formula.samples * formula.changes.size > _ACTIONS:
+        rollouts //= 2
+    return GreedyState(formula, params, (none, none, 0), rollouts)
 
 
 def _step(context: Context, state: GreedyState, turn: Turn) -> GreedyState:
