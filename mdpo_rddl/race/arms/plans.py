@@ -1,0 +1,358 @@
+"""The arm that evolves open-loop plans: actions by step, whatever the state."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.problem.evaluation import lost_worth
+from mdpo_rddl.race.arm import Arm, Candidate, Context, Judged, Turn
+from mdpo_rddl.race.arms.plan_mutations import (
+    BOOL,
+    KINDS,
+    Genes,
+    Parents,
+    children,
+    genes_of,
+    random_plans,
+)
+from mdpo_rddl.simulator.rollouts import rollout
+from mdpo_rddl.simulator.simulator import Simulator, State
+
+NAME = "plans"
+# episodes of a plan where chance plays a part, and episodes of all plans of an iteration: fewer
+# take hardly less time
+_EPISODES, _REPLICAS = 8, 1024
+_ELITES, _GAINS = 8, 16
+# steps of a plan from which its children go on, where chance plays no part
+_MARKS = 16
+# of the kinds of changes, those drawn whatever they were worth; what of their worth is remembered
+_ANY_KIND, _MEMORY = 0.3, 0.9
+_MOST_BYTES = 2**28
+
+
+class Point(NamedTuple):
+    """Where P episodes stand before a step.
+
+    Attributes:
+      state: [*shape, P].
+      total: discounted rewards so far [P].
+      is_over: [P].
+    """
+
+    state: State
+    total: np.ndarray
+    is_over: np.ndarray
+
+    def of(self, places: np.ndarray) -> "Point":
+        """Of some of the episodes."""
+        return Point(
+            {name: value[..., places] for name, value in self.state.items()},
+            self.total[places],
+            self.is_over[places],
+        )
+
+    def beside(self, other: "Point") -> "Point":
+        """These episodes, then others."""
+        return Point(
+            {n: np.concatenate([v, other.state[n]], axis=-1) for n, v in self.state.items()},
+            np.concatenate([self.total, other.total]),
+            np.concatenate([self.is_over, other.is_over]),
+        )
+
+
+class Played(NamedTuple):
+    """What P plans came to.
+
+    Attributes:
+      plans: as they were played, without what was not legal [H, D, P]; where chance plays a part as
+        they were given.
+      returns: [P], the means of their episodes.
+      points: by step, where episodes stood.
+    """
+
+    plans: np.ndarray
+    returns: np.ndarray
+    points: Mapping[int, Point]
+
+    def of(self, places: np.ndarray) -> "Played":
+        """Of some of the plans."""
+        points = {step: point.of(places) for step, point in self.points.items()}
+        return Played(self.plans[:, :, places], self.returns[places], points)
+
+    def beside(self, other: "Played") -> "Played":
+        """These plans, then others."""
+        return Played(
+            np.concatenate([self.plans, other.plans], axis=-1),
+            np.concatenate([self.returns, other.returns]),
+            {step: point.beside(other.points[step]) for step, point in self.points.items()},
+        )
+
+
+class PlansState(NamedTuple):
+    """What the arm knows; see `mdpo_rddl.race.arm.State`.
+
+    Attributes:
+      genes: how plans are written.
+      elites: the best plans of the latest iteration, the very best first.
+      gains: see `Parents` [H, D, G].
+      wins, tries: of each kind of changes, those that led to an elite, and all [K].
+      leader: whose actions were recorded last.
+    """
+
+    genes: Genes
+    elites: Played | None
+    gains: np.ndarray
+    wins: np.ndarray
+    tries: np.ndarray
+    leader: Candidate | None = None
+    found: tuple[Candidate, ...] = ()
+    claim: float = -np.inf
+    iterations: int = 0
+    is_ready: bool = True
+    is_exhausted: bool = False
+    details: Mapping[str, Any] = {}
+
+
+class _Repeated:
+    """A generator whose numbers are those of the first N replicas for the next N, and so on."""
+
+    def __init__(self, generator: np.random.Generator, episodes: int, replicas: int) -> None:
+        self._generator, self._episodes, self._replicas = generator, episodes, replicas
+
+    def __getattr__(self, method: str) -> Any:
+        draw = getattr(self._generator, method)
+
+        def drawn(*arguments: Any) -> Any:
+            # what draws by parameters of each replica draws for all of them
+            if len(arguments) != 1 or arguments[0] != (arguments[0][0], self._replicas):
+                return draw(*arguments)
+            values = draw((arguments[0][0], self._episodes))
+            return np.tile(values, (1, self._replicas // self._episodes))
+
+        return drawn
+
+
+def play(
+    simulator: Simulator,
+    genes: Genes,
+    plans: np.ndarray,
+    seed: Any,
+    episodes: int = 1,
+    begin: int = 0,
+    point: Point | None = None,
+    marks: frozenset[int] = frozenset(),
+) -> Played:
+    """Plays plans, all in the same random numbers.
+
+    A step that is not legal is the no-op's.
+
+    Args:
+      simulator: of the problem.
+      genes: how plans are written.
+      plans: raw numbers [H, D, P].
+      seed: of the episodes.
+      episodes: of each plan.
+      begin: the first step that is played.
+      point: where the plans stand before it; None for where episodes begin. There is but one
+        episode of each then.
+      marks: steps before which it is told where they stand; asks for one episode of each.
+    """
+    count = plans.shape[-1]
+    most = max(1, simulator.block // episodes)
+    if count > most:
+        parts = [
+            play(
+                simulator,
+                genes,
+                plans[:, :, first : first + most],
+                seed,
+                episodes,
+                begin,
+                None if point is None else point.of(np.arange(first, min(first + most, count))),
+                marks,
+            )
+            for first in range(0, count, most)
+        ]
+        whole = parts[0]
+        for part in parts[1:]:
+            whole = whole.beside(part)
+        return whole
+    replicas = count * episodes
+    generator = _Repeated(np.random.default_rng(seed), episodes, replicas)
+    if point is None:
+        state = simulator.initial(replicas)
+        point = Point(state, np.zeros(replicas), simulator.ended(state))
+    horizon, discount = genes.horizon, simulator.problem.model.discount
+    points: dict[int, Point] = {}
+    for step in range(begin, horizon):
+        if step in marks:
+            points[step] = point
+        if point.is_over.all():
+            break
+        raw = plans[step]
+        actions = genes.actions(np.repeat(raw, episodes, axis=-1) if episodes > 1 else raw)
+        if genes.needs_check:
+            legal = simulator.legal(point.state, actions) | point.is_over
+            if not legal.all():
+                if episodes == 1:
+                    plans[step] = np.where(legal, raw, 0.0)
+                actions = genes.actions(np.repeat(raw, episodes, axis=-1) * legal)
+        after = simulator.step(point.state, actions, generator)
+        is_played = ~point.is_over & ~after.errors
+        rewards = np.where(is_played, after.rewards, 0.0)
+        lost = lost_worth(1.0 - step / horizon)
+        total = point.total + np.where(
+            ~point.is_over & after.errors, lost, discount**step * rewards
+        )
+        state = after.state
+        if point.is_over.any():
+            state = {n: np.where(point.is_over, point.state[n], v) for n, v in state.items()}
+        is_over = ~is_played | after.terminated | after.broken
+        point = Point(state, total, is_over)
+    points |= {step: point for step in marks if step >= begin and step not in points}
+    means = np.where(np.isfinite(point.total), point.total, -np.inf).reshape(count, -1).mean(axis=1)
+    return Played(plans, means, points)
+
+
+def init(context: Context) -> PlansState | None:
+    """Nothing is played yet; None where plans are too large to be evolved."""
+    arguments = context.config.policy_arguments
+    genes = genes_of(context.simulator, arguments.get("units", {}))
+    size = genes.horizon * len(genes.kind)
+    if not size or size * 4 * _ELITES * 2 > _MOST_BYTES:
+        return None
+    none = np.zeros(len(KINDS))
+    gains = np.zeros((genes.horizon, len(genes.kind), 0), np.float32)
+    return PlansState(genes, None, gains, none, none)
+
+
+def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
+    """Evolves the plans."""
+    before = state.elites
+    while True:
+        state = _iterated(context, state, turn)
+        context.on_iteration()
+        if context.budget.clock() >= turn.until:
+            break
+    elites = state.elites
+    assert elites is not None
+    best = elites.plans[:, :, 0]
+    details = {"kinds": dict(zip(KINDS, np.round(state.wins, 1).tolist(), strict=True))}
+    if before is not None and np.array_equal(best, before.plans[:, :, 0]):
+        return state._replace(found=(), details=details)
+    claim = float(elites.returns[0])
+    if not context.certain:
+        # its return was the best of many
+        seed = [context.seed, *NAME.encode(), state.iterations, 1]
+        fresh = play(context.simulator, state.genes, best[..., np.newaxis], seed, _REPLICAS // 8)
+        claim = float(fresh.returns[0])
+    found = (candidate(context, state.genes, best),)
+    return state._replace(found=found, claim=claim, details=details)
+
+
+def candidate(context: Context, genes: Genes, plan: np.ndarray) -> Candidate:
+    """The policy that plays a plan [H, D]."""
+    from mdpo_rddl.policy.policy import Policy
+
+    arguments = {"units": genes.units(), "plan": True, "topology": [], "lifted": 0}
+    config = context.config.with_policy_arguments(**arguments)
+    own = {name: {"bias": np.zeros(shape, np.float32)} for name, shape in genes.shapes.items()}
+    parts = {
+        name: plan[:, which].reshape(-1, *genes.shapes[name])
+        for name, which in genes.places.items()
+    }
+    policy = Policy(context.problem, config, {"own": own, "plan": parts}, {}, context.seed)
+    return Candidate(NAME, "plan", policy)
+
+
+def _population(genes: Genes, episodes: int) -> int:
+    """How many plans an iteration tries."""
+    size = genes.horizon * len(genes.kind) * 4
+    return int(np.clip(_MOST_BYTES // (8 * size), _ELITES, _REPLICAS // episodes))
+
+
+def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
+    genes, simulator = state.genes, context.simulator
+    random = context.generator(NAME, state.iterations)
+    seed = [context.seed, *NAME.encode(), state.iterations, 0]
+    episodes = 1 if context.certain else _EPISODES
+    count = _population(genes, episodes)
+    marks: frozenset[int] = frozenset()
+    if context.certain:
+        marks = frozenset(np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int).tolist())
+    newcomers, leader = _recorded(context, state, turn.leader)
+    if state.elites is None:
+        plans = random_plans(genes, count, random)
+        plans[:, :, -1] = 0.0
+        plans = np.concatenate([newcomers, plans], axis=-1)
+        played = play(simulator, genes, plans, seed, episodes, marks=marks)
+        return _selected(state, played, played.returns[:0], None, None)._replace(leader=leader)
+    elites = state.elites
+    # one in two goes on where the one before began, so that what it gained can be added up
+    begins = context.generator(NAME, state.iterations // 2, 2)
+    begin = int(begins.choice(sorted(marks))) if marks else 0
+    if newcomers.shape[-1]:
+        begin = 0
+    worth = (state.wins + 1.0) / (state.tries + len(KINDS))
+    chances = _ANY_KIND / len(KINDS) + (1.0 - _ANY_KIND) * worth / worth.sum()
+    kinds = np.sort(random.choice(len(KINDS), count, p=chances))
+    plans, parent = children(genes, Parents(elites.plans, state.gains, begin), kinds, random)
+    if marks:
+        point = elites.points[begin].of(parent)
+        played = play(simulator, genes, plans, seed, 1, begin, point, marks)
+        earlier = {s: p.of(parent) for s, p in elites.points.items() if s < begin}
+        played = played._replace(points={**earlier, **played.points})
+        if newcomers.shape[-1]:
+            played = played.beside(play(simulator, genes, newcomers, seed, 1, marks=marks))
+        played = played.beside(elites)
+    else:
+        every = np.concatenate([plans, newcomers, elites.plans], axis=-1)
+        played = play(simulator, genes, every, seed, episodes)
+    return _selected(state, played, played.returns[-elites.plans.shape[-1] :], kinds, parent)._replace(
+        leader=leader
+    )
+
+
+def _selected(
+    state: PlansState, played: Played, before: np.ndarray, kinds: Any, parent: Any
+) -> PlansState:
+    """The best plans of all; a child that is as good as its parent comes first."""
+    returns = np.where(np.isnan(played.returns), -np.inf, played.returns)
+    chosen = np.argsort(-returns, kind="stable")[:_ELITES]
+    elites = played.of(chosen)
+    state = state._replace(elites=elites, iterations=state.iterations + 1)
+    if kinds is None:
+        return state
+    count, every = len(kinds), len(KINDS)
+    gained = returns[:count] - before[parent]
+    led = chosen[(chosen < count)]
+    led = led[gained[led] > 0]
+    wins = _MEMORY * state.wins + np.bincount(kinds[led], minlength=every)
+    tries = _MEMORY * state.tries + np.bincount(kinds, minlength=every) / count * _ELITES
+    order = np.argsort(-gained, kind="stable")[:_GAINS]
+    order = order[gained[order] > 0]
+    old = played.plans[:, :, len(returns) - len(before) :]
+    gains = played.plans[:, :, order] - old[:, :, parent[order]]
+    return state._replace(wins=wins, tries=tries, gains=gains)
+
+
+def _recorded(
+    context: Context, state: PlansState, leader: Judged
+) -> tuple[np.ndarray, Candidate | None]:
+    """What the leader plays, as plans [H, D, P]; none if that is known, or a plan."""
+    genes, known = state.genes, leader.candidate
+    none = np.zeros((genes.horizon, len(genes.kind), 0), np.float32)
+    if known is state.leader or known.arm == NAME:
+        return none, state.leader
+    policy = known.policy.replicated()
+    if policy is None:
+        return none, known
+    episodes = 1 if context.certain else _EPISODES
+    found = rollout(context.simulator, policy, episodes, context.seed, keep=True)
+    assert found.trajectories is not None
+    return genes.tidied(genes.raw(found.trajectories.actions)), known
+
+
+ARM = Arm(NAME, init, step)
+_ = BOOL
