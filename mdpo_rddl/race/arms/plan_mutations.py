@@ -14,6 +14,8 @@ from mdpo_rddl.simulator.simulator import Simulator
 REAL, INTEGER, CHOICE, BOOL = range(4)
 # how small a change of a number can be, in units
 _SMALLEST = 0.01
+# of random plans: whether a place is the last that does something, and whether a bool is done
+_PLACE, _DONE = 0.3, 0.3
 # of a child that has n changes of its kind, whether it has one more
 _ONE_MORE = 0.5
 
@@ -225,25 +227,24 @@ def random_values(genes: Genes, place: np.ndarray, random: np.random.Generator) 
 
 
 def random_plans(genes: Genes, count: int, random: np.random.Generator) -> np.ndarray:
-    """Plans [H, D, P] in which each place has a value for some steps, then another.
+    """Plans [H, D, P] in which some places, often few, hold a value for some steps, then another.
 
-    Of a plan's places some are idle; the spans are from one step to the horizon.
+    How long is up to the place: from one step to the horizon. A bool is done now and then.
     """
     horizon, width = genes.horizon, len(genes.kind)
     plans = np.zeros((horizon, width, count), np.float32)
-    share = random.random((1, count)) ** 2
-    span = horizon ** random.random(count)
-    rows = np.arange(width * count) // count
-    current = np.zeros((width, count), np.float32)
+    most = np.minimum(random.geometric(_PLACE, count), width)
+    # the first places of a random order
+    rank = random.random((width, count)).argsort(axis=0).argsort(axis=0)
+    place, plan = np.nonzero(rank < most)
+    span = horizon ** random.random(len(place))
+    current = np.zeros(len(place))
     for step in range(horizon):
-        is_new = random.random((width, count)) * span < 1.0 if step else np.ones_like(current, bool)
-        at = np.flatnonzero(is_new)
-        values = random_values(genes, rows[at], random)
-        is_bool = genes.kind[rows[at]] == BOOL
-        values = np.where(is_bool, random.random(len(at)) < 0.5, values)
-        idle = random.random(len(at)) < np.broadcast_to(share, current.shape).ravel()[at]
-        current.ravel()[at] = np.where(idle, 0.0, values)
-        plans[step] = current
+        is_new = random.random(len(place)) * span < 1.0 if step else np.ones(len(place), bool)
+        values = random_values(genes, place[is_new], random)
+        is_bool = genes.kind[place[is_new]] == BOOL
+        current[is_new] = np.where(is_bool, random.random(len(values)) < _DONE, values)
+        plans[step, place, plan] = current
     return genes.tidied(plans, 0.0, random)
 
 

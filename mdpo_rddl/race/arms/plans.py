@@ -7,6 +7,7 @@ import numpy as np
 
 from mdpo_rddl.problem.evaluation import lost_worth
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Judged, Turn
+from mdpo_rddl.race.arms.plan_archive import Archive
 from mdpo_rddl.race.arms.plan_mutations import (
     BOOL,
     KINDS,
@@ -28,6 +29,8 @@ _ELITES, _GAINS = 8, 16
 _MARKS = 16
 # of the kinds of changes, those drawn whatever they were worth; what of their worth is remembered
 _ANY_KIND, _MEMORY = 0.3, 0.9
+# iterations of which one explores, once a plan is better than the no-op
+_RARELY = 8
 _MOST_BYTES = 2**28
 
 
@@ -106,6 +109,8 @@ class PlansState(NamedTuple):
     wins: np.ndarray
     tries: np.ndarray
     leader: Candidate | None = None
+    archive: Archive | None = None
+    noop: float = -np.inf
     found: tuple[Candidate, ...] = ()
     claim: float = -np.inf
     iterations: int = 0
@@ -287,11 +292,20 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
         plans[:, :, -1] = 0.0
         plans = np.concatenate([newcomers, plans], axis=-1)
         played = play(simulator, genes, plans, seed, episodes, marks=marks)
-        return _selected(state, played, played.returns[:0], None, None)._replace(leader=leader)
+        archive = None
+        if context.certain:
+            states = [point.state for point in played.points.values()]
+            archive = Archive(simulator, genes, states)
+        found = _selected(state, played, played.returns[:0], None, None)
+        return found._replace(leader=leader, archive=archive, noop=float(played.returns[-1]))
     elites = state.elites
     # one in two goes on where the one before began, so that what it gained can be added up
     begins = context.generator(NAME, state.iterations // 2, 2)
     begin = int(begins.choice(sorted(marks))) if marks else 0
+    archive = state.archive
+    often = _RARELY if elites.returns[0] > state.noop else 1
+    if archive is not None and state.iterations % often == 0:
+        newcomers = np.concatenate([newcomers, archive.explore(count, random)], axis=-1)
     if newcomers.shape[-1]:
         begin = 0
     worth = (state.wins + 1.0) / (state.tries + len(KINDS))
