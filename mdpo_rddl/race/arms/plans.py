@@ -31,6 +31,9 @@ _MARKS = 16
 _ANY_KIND, _MEMORY = 0.3, 0.9
 # iterations of which one explores, once a plan is better than the no-op
 _RARELY = 8
+# iterations without a gain after which an evolution may have come to its end; the share of all that
+# it gained which counts as a gain
+_PATIENCE, _LEAST_GAIN = 20, 0.01
 _MOST_BYTES = 2**28
 
 
@@ -111,12 +114,43 @@ class PlansState(NamedTuple):
     leader: Candidate | None = None
     archive: Archive | None = None
     noop: float = -np.inf
+    run: "Run | None" = None
+    champions: Played | None = None
+    best: Played | None = None
+    certain: bool = False
     found: tuple[Candidate, ...] = ()
     claim: float = -np.inf
     iterations: int = 0
     is_ready: bool = True
     is_exhausted: bool = False
     details: Mapping[str, Any] = {}
+
+
+class Run(NamedTuple):
+    """How an evolution from its first plans goes.
+
+    Attributes:
+      number: of evolutions before it.
+      began: iteration of its first plans.
+      gained: iteration of the latest gain that counts.
+      first, record: returns of the best of the first plans, and after that gain.
+    """
+
+    number: int
+    began: int
+    gained: int
+    first: float
+    record: float
+
+    def after(self, iteration: int, best: float) -> "Run":
+        """After an iteration."""
+        if best > self.record + _LEAST_GAIN * (best - self.first):
+            return self._replace(gained=iteration, record=best)
+        return self
+
+    def is_stale(self, iteration: int) -> bool:
+        """Whether it has gained nothing for as long as it had taken to get there."""
+        return iteration - self.gained > max(_PATIENCE, self.gained - self.began)
 
 
 class _Repeated:
@@ -229,21 +263,21 @@ def init(context: Context) -> PlansState | None:
         return None
     none = np.zeros(len(KINDS))
     gains = np.zeros((genes.horizon, len(genes.kind), 0), np.float32)
-    return PlansState(genes, None, gains, none, none)
+    return PlansState(genes, None, gains, none, none, certain=context.certain)
 
 
 def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
     """Evolves the plans."""
-    before = state.elites
+    before = state.best
     while True:
         state = _iterated(context, state, turn)
         context.on_iteration()
         if context.budget.clock() >= turn.until:
             break
-    elites = state.elites
-    assert elites is not None
+    elites = state.best
+    assert elites is not None and state.run is not None
     best = elites.plans[:, :, 0]
-    details = {"kinds": dict(zip(KINDS, np.round(state.wins, 1).tolist(), strict=True))}
+    details = {"runs": state.run.number + 1}
     if before is not None and np.array_equal(best, before.plans[:, :, 0]):
         return state._replace(found=(), details=details)
     claim = float(elites.returns[0])
@@ -287,25 +321,26 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     if context.certain:
         marks = frozenset(np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int).tolist())
     newcomers, leader = _recorded(context, state, turn.leader)
-    if state.elites is None:
+    state = state._replace(leader=leader)
+    if marks and state.run is not None and state.run.is_stale(state.iterations):
+        state = _restarted(state)
+    elites = state.elites
+    if elites is None:
         plans = random_plans(genes, count, random)
         plans[:, :, -1] = 0.0
         plans = np.concatenate([newcomers, plans], axis=-1)
         played = play(simulator, genes, plans, seed, episodes, marks=marks)
-        archive = None
-        if context.certain:
+        if state.run is None:
             states = [point.state for point in played.points.values()]
-            archive = Archive(simulator, genes, states)
-        found = _selected(state, played, played.returns[:0], None, None)
-        return found._replace(leader=leader, archive=archive, noop=float(played.returns[-1]))
-    elites = state.elites
+            archive = Archive(simulator, genes, states) if marks else None
+            state = state._replace(archive=archive, noop=float(played.returns[-1]))
+        return _selected(state, played, played.returns[:0], None, None)
     # one in two goes on where the one before began, so that what it gained can be added up
     begins = context.generator(NAME, state.iterations // 2, 2)
     begin = int(begins.choice(sorted(marks))) if marks else 0
-    archive = state.archive
     often = _RARELY if elites.returns[0] > state.noop else 1
-    if archive is not None and state.iterations % often == 0:
-        newcomers = np.concatenate([newcomers, archive.explore(count, random)], axis=-1)
+    if state.archive is not None and state.iterations % often == 0:
+        newcomers = np.concatenate([newcomers, state.archive.explore(count, random)], axis=-1)
     if newcomers.shape[-1]:
         begin = 0
     worth = (state.wins + 1.0) / (state.tries + len(KINDS))
@@ -323,8 +358,25 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     else:
         every = np.concatenate([plans, newcomers, elites.plans], axis=-1)
         played = play(simulator, genes, every, seed, episodes)
-    return _selected(state, played, played.returns[-elites.plans.shape[-1] :], kinds, parent)._replace(
-        leader=leader
+    before = played.returns[-elites.plans.shape[-1] :]
+    return _selected(state, played, before, kinds, parent)
+
+
+def _restarted(state: PlansState) -> PlansState:
+    """Begins another evolution: with random plans, or, in turn, with what the others have found."""
+    assert state.run is not None and state.elites is not None
+    number = state.run.number + 1
+    champions = state.elites.of(np.arange(1))
+    if state.champions is not None:
+        champions = champions.beside(state.champions)
+        champions = champions.of(_best(champions.returns))
+    run = Run(number, state.iterations, state.iterations, np.nan, np.nan)
+    elites = champions if number % 3 == 2 else None
+    if elites is not None:
+        first = float(elites.returns[0])
+        run = run._replace(first=first, record=first)
+    return state._replace(
+        elites=elites, champions=champions, run=run, gains=state.gains[:, :, :0]
     )
 
 
@@ -333,9 +385,19 @@ def _selected(
 ) -> PlansState:
     """The best plans of all; a child that is as good as its parent comes first."""
     returns = np.where(np.isnan(played.returns), -np.inf, played.returns)
-    chosen = np.argsort(-returns, kind="stable")[:_ELITES]
+    chosen = _best(returns)
     elites = played.of(chosen)
-    state = state._replace(elites=elites, iterations=state.iterations + 1)
+    iterations, top = state.iterations + 1, float(elites.returns[0])
+    run = state.run
+    if run is None:
+        run = Run(0, iterations, iterations, top, top)
+    elif np.isnan(run.first):
+        run = run._replace(first=top, record=top)
+    best = state.best
+    if best is None or top > best.returns[0] or not state.certain:
+        best = elites.of(np.arange(1))
+    run = run.after(iterations, top)
+    state = state._replace(elites=elites, iterations=iterations, run=run, best=best)
     if kinds is None:
         return state
     count, every = len(kinds), len(KINDS)
@@ -349,6 +411,12 @@ def _selected(
     old = played.plans[:, :, len(returns) - len(before) :]
     gains = played.plans[:, :, order] - old[:, :, parent[order]]
     return state._replace(wins=wins, tries=tries, gains=gains)
+
+
+def _best(returns: np.ndarray) -> np.ndarray:
+    """Places of the best of some returns, the first of those that are equal."""
+    values, first = np.unique(-returns, return_index=True)
+    return first[:_ELITES]
 
 
 def _recorded(
