@@ -5,6 +5,7 @@ episodes go on from there with random actions. That is Go-Explore, Ecoffet et al
 https://arxiv.org/abs/2004.12919, without its robustification. Chance plays no part.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -14,9 +15,7 @@ from mdpo_rddl.race.arms.plan_mutations import Genes, random_plans
 from mdpo_rddl.simulator.simulator import Simulator
 
 # of a state fluent's spread, how wide a cell is
-_CELL = 0.5
-# steps that an episode goes on for, at most
-_SPAN = 1000
+_CELL = 1.0
 _MOST_BYTES = 2**28
 
 
@@ -42,15 +41,14 @@ class Archive:
         """
         self._simulator, self._genes = simulator, genes
         self._widths = {
-            name: _CELL * max(float(np.std([each[name] for each in states])), 1e-9)
+            name: _width([each[name] for each in states])
             for name, value in states[0].items()
             if value.dtype.kind == "f"
         }
         self._cells: dict[int, int] = {}
         self._ways = [_Way(-1, np.zeros((0, len(genes.kind)), np.float32))]
         state = simulator.initial(1)
-        size = sum(value.nbytes for value in state.values())
-        self._most = max(1, _MOST_BYTES // (size + 4 * _SPAN * len(genes.kind)))
+        self._size, self._bytes = sum(value.nbytes for value in state.values()), 0
         self._states = {name: _Rows(value) for name, value in state.items()}
         self._steps, self._totals, self._taken = (_Rows(np.zeros(1)) for _ in range(3))
 
@@ -68,7 +66,7 @@ class Archive:
         np.add.at(taken, origin, 1.0)
         state = {name: rows.of(origin) for name, rows in self._states.items()}
         steps, totals = self._steps.values[origin].astype(int), self._totals.values[origin].copy()
-        plans = random_plans(genes._replace(horizon=min(_SPAN, genes.horizon)), count, random)
+        plans = random_plans(genes, count, random)
         is_over = simulator.ended(state)
         best, reached = totals.copy(), np.zeros(count, int)
         discount = simulator.problem.model.discount
@@ -119,9 +117,11 @@ class Archive:
         places, now = places[first], steps[places[first]] + len(plans)
         known = np.array([self._cells.get(key, -1) for key in keys.tolist()])
         is_new = (known < 0) | (self._steps.values[known] > now)
-        is_new[max(0, self._most - len(self)) :] = False
+        size = self._size + plans[..., 0].nbytes
+        is_new[max(0, (_MOST_BYTES - self._bytes) // size) :] = False
+        self._bytes += size * int(is_new.sum())
         places, now, known = places[is_new], now[is_new], known[is_new]
-        self._cells.update(zip(keys[is_new].tolist(), range(len(self), self._most), strict=False))
+        self._cells.update(zip(keys[is_new].tolist(), itertools.count(len(self)), strict=False))
         for place in places.tolist():
             self._ways.append(_Way(int(origin[place]), plans[:, :, place].copy()))
         for name, rows in self._states.items():
@@ -154,7 +154,13 @@ class _Rows:
         return np.moveaxis(self.values[places], 0, -1)
 
 
-def _keys(state: Mapping[str, np.ndarray], widths: Mapping[str, float]) -> np.ndarray:
+def _width(values: Sequence[np.ndarray]) -> np.ndarray:
+    """How wide a cell is in each ground fluent [K, 1], by values [*shape, P]."""
+    rows = np.concatenate([each.reshape(-1, each.shape[-1]) for each in values], axis=1)
+    return np.maximum(_CELL * rows.std(axis=1, keepdims=True), 1e-9)
+
+
+def _keys(state: Mapping[str, np.ndarray], widths: Mapping[str, np.ndarray]) -> np.ndarray:
     """A number for the cell of each state [P]; two cells share one once in 2^60 cases."""
     random, keys = np.random.default_rng(0), np.uint64(0)
     with np.errstate(all="ignore"):

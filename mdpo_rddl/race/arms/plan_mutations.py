@@ -272,7 +272,6 @@ KINDS = (
     "delay all",
     "cut",
     "object",
-    "anew",
     "toward",
     "gains",
 )
@@ -400,23 +399,6 @@ def _object(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> N
     np.copyto(plans, other, where=genes.part[:, np.newaxis] == part)
 
 
-def _anew(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
-    """Some actions of one object are set, those that are bools for a part of the time."""
-    horizon, _, count = plans.shape
-    part = random.integers(genes.part.max() + 1, size=count)
-    mask = _windows(horizon, parents.begin, count, random)
-    place, column = np.nonzero((genes.part == part[:, np.newaxis]).T)
-    kept = random.random(len(place)) < 0.7
-    place, column = place[kept], column[kept]
-    is_bool = genes.kind[place] == BOOL
-    window = mask[:, column]
-    values = random_values(genes, place, random)
-    window &= ~is_bool | _windows(horizon, parents.begin, len(place), random)
-    values = np.where(is_bool, 1.0, values)
-    track = plans[:, place, column]
-    plans[:, place, column] = np.where(window, values, np.where(is_bool & mask[:, column], 0.0, track))
-
-
 def _toward(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
     count = plans.shape[-1]
     one, two = (
@@ -441,7 +423,6 @@ _WHOLE = {
     "delay all": _delay_all,
     "cut": _cut,
     "object": _object,
-    "anew": _anew,
     "toward": _toward,
     "gains": _add_gains,
 }

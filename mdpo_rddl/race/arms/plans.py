@@ -118,6 +118,7 @@ class PlansState(NamedTuple):
     champions: Played | None = None
     best: Played | None = None
     certain: bool = False
+    total: Any = 0
     found: tuple[Candidate, ...] = ()
     claim: float = -np.inf
     iterations: int = 0
@@ -322,9 +323,14 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
         marks = frozenset(np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int).tolist())
     newcomers, leader = _recorded(context, state, turn.leader)
     state = state._replace(leader=leader)
-    if marks and state.run is not None and state.run.is_stale(state.iterations):
-        state = _restarted(state)
+    if marks and state.run is not None and state.elites is not None:
+        is_nothing = state.elites.returns[0] <= state.noop
+        if is_nothing or state.run.is_stale(state.iterations):
+            state = _restarted(state)
     elites = state.elites
+    often = 1 if state.best is None or state.best.returns[0] <= state.noop else _RARELY
+    if state.archive is not None and state.iterations % often == 0:
+        newcomers = np.concatenate([newcomers, state.archive.explore(count, random)], axis=-1)
     if elites is None:
         plans = random_plans(genes, count, random)
         plans[:, :, -1] = 0.0
@@ -338,9 +344,6 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     # one in two goes on where the one before began, so that what it gained can be added up
     begins = context.generator(NAME, state.iterations // 2, 2)
     begin = int(begins.choice(sorted(marks))) if marks else 0
-    often = _RARELY if elites.returns[0] > state.noop else 1
-    if state.archive is not None and state.iterations % often == 0:
-        newcomers = np.concatenate([newcomers, state.archive.explore(count, random)], axis=-1)
     if newcomers.shape[-1]:
         begin = 0
     worth = (state.wins + 1.0) / (state.tries + len(KINDS))
@@ -410,7 +413,7 @@ def _selected(
     order = order[gained[order] > 0]
     old = played.plans[:, :, len(returns) - len(before) :]
     gains = played.plans[:, :, order] - old[:, :, parent[order]]
-    return state._replace(wins=wins, tries=tries, gains=gains)
+    return state._replace(total=state.total+np.bincount(kinds[led], minlength=every),wins=wins, tries=tries, gains=gains)
 
 
 def _best(returns: np.ndarray) -> np.ndarray:
