@@ -83,6 +83,11 @@ class FeedbackFormula:
         self._hidden = set(model.observ_fluents)
         self._initial, self._shapes = simulator.values, simulator.shapes
 
+    @property
+    def is_checked(self) -> bool:
+        """Whether proposals may be illegal, and another action is played then."""
+        return self._legal is not None
+
     def replicas(self, params: Params) -> "FormulaReplicas":
         """What decides for B episodes at once.
 

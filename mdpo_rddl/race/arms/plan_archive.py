@@ -6,17 +6,22 @@ https://arxiv.org/abs/2004.12919, without its robustification. Chance plays no p
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from mdpo_rddl.race.arms.plan_mutations import Genes, random_plans
-from mdpo_rddl.simulator.simulator import Simulator
+from mdpo_rddl.simulator.simulator import Simulator, State
 
 # of a state fluent's spread, how wide a cell is
 _CELL = 1.0
 _MOST_BYTES = 2**28
+
+
+Act = Callable[[np.ndarray, State], tuple[Mapping[str, np.ndarray], np.ndarray]]
+"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and the
+raw actions [D, P] of that."""
 
 
 class _Way(NamedTuple):
@@ -30,16 +35,21 @@ class Archive:
     """Cells and the ways there; it grows, and nothing of it is ever changed."""
 
     def __init__(
-        self, simulator: Simulator, genes: Genes, states: Sequence[Mapping[str, np.ndarray]]
+        self,
+        simulator: Simulator,
+        genes: Genes,
+        act: Act,
+        states: Sequence[Mapping[str, np.ndarray]],
     ) -> None:
         """Knows where episodes begin.
 
         Args:
           simulator: of the problem.
           genes: how plans are written.
+          act: what plans play.
           states: visited by some plans [*shape, P], whose spread says how wide a cell is.
         """
-        self._simulator, self._genes = simulator, genes
+        self._simulator, self._genes, self._act = simulator, genes, act
         self._widths = {
             name: _width([each[name] for each in states])
             for name, value in states[0].items()
@@ -74,10 +84,7 @@ class Archive:
             is_over = is_over | (steps + step >= genes.horizon)
             if is_over.all():
                 break
-            actions = genes.actions(plans[step])
-            if genes.needs_check:
-                plans[step] *= simulator.legal(state, actions)
-                actions = genes.actions(plans[step])
+            actions, plans[step] = self._act(plans[step], state)
             after = simulator.step(state, actions, random)
             is_played = ~is_over & ~after.errors
             totals = totals + np.where(is_played, after.rewards * discount ** (steps + step), 0.0)

@@ -1,14 +1,13 @@
 """Open-loop plans side by side as one array, and the changes that a search for them is made of."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.problem.legality import action_box
 from mdpo_rddl.problem.limits import group_limits
-from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.race.family import Family
 from mdpo_rddl.simulator.simulator import Simulator
 
 REAL, INTEGER, CHOICE, BOOL = range(4)
@@ -47,61 +46,36 @@ class Genes(NamedTuple):
       places: per action fluent its part of the D places.
       shapes: per action fluent [*shape].
       kind: of each place, `REAL` to `BOOL` [D].
-      noop, unit: of each place [D].
+      unit: what a raw 1 means, of each place [D].
       lower, upper: of each place the smallest and largest raw number, perhaps infinite [D].
       part: of each place the number of the object that its action is about [D].
       limits: on what is active in a step.
-      needs_check: whether there are preconditions beside boxes and limits.
     """
 
     horizon: int
     places: Mapping[str, slice]
     shapes: Mapping[str, tuple[int, ...]]
     kind: np.ndarray
-    noop: np.ndarray
     unit: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     part: np.ndarray
     limits: Sequence[Limit]
-    needs_check: bool
 
-    def units(self) -> dict[str, float]:
-        """Of each action fluent that is a number or an object."""
-        firsts = {name: each.start for name, each in self.places.items() if each.start < each.stop}
-        return {n: float(self.unit[i]) for n, i in firsts.items() if self.kind[i] != BOOL}
+    def tree(self, plans: np.ndarray) -> dict[str, np.ndarray]:
+        """Plans [H, D, ...] per action fluent [H, *shape, ...]."""
+        return {
+            name: plans[:, which].reshape(len(plans), *self.shapes[name], *plans.shape[2:])
+            for name, which in self.places.items()
+        }
 
-    def actions(self, raw: np.ndarray) -> dict[str, np.ndarray]:
-        """Per action fluent [*shape, P] what raw numbers [D, P] play."""
-        number = self.noop[:, np.newaxis] + self.unit[:, np.newaxis] * raw
-        ends = self._ends
-        number = np.clip(number.astype(np.float32), *ends)
-        played = {}
-        for name, which in self.places.items():
-            kind = self.kind[which.start] if which.start < which.stop else REAL
-            values = number[which]
-            if kind == BOOL:
-                values = (raw[which] > 0) ^ (self.noop[which, np.newaxis] > 0)
-            elif kind != REAL:
-                values = np.rint(values)
-            played[name] = values.reshape(*self.shapes[name], -1)
-        return played
-
-    @property
-    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
-        of = [self.noop + self.unit * bound for bound in (self.lower, self.upper)]
-        return of[0][:, np.newaxis].astype(np.float32), of[1][:, np.newaxis].astype(np.float32)
-
-    def raw(self, actions: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Plans [H, D, P] that play actions, per fluent [T, *shape, P]; the no-op after T steps."""
-        steps, count = next((len(v), v.shape[-1]) for v in actions.values())
-        found = np.zeros((self.horizon, len(self.kind), count), np.float32)
-        for name, which in self.places.items():
-            moved = actions[name].reshape(steps, -1, count).astype(float)
-            moved = moved - self.noop[which, np.newaxis]
-            found[:steps, which] = moved / self.unit[which, np.newaxis]
-        found[:, self.kind == BOOL] = found[:, self.kind == BOOL] != 0
-        return found
+    def flat(self, raw: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Of one step per action fluent [*shape, P], or of several [T, *shape, P], as [.., D, P]."""
+        columns = [
+            each.reshape(*each.shape[: each.ndim - 1 - len(self.shapes[name])], -1, each.shape[-1])
+            for name, each in ((name, raw[name]) for name in self.places)
+        ]
+        return np.concatenate(columns, axis=-2).astype(np.float32)
 
     def tidied(self, plans: np.ndarray, old: Any = 0.0, random: Any = None) -> np.ndarray:
         """Plans [H, D, P] within boxes and limits, written into.
@@ -152,65 +126,55 @@ def _keep(limit: Limit, plans: np.ndarray, old: Any, random: np.random.Generator
         )
 
 
-def genes_of(simulator: Simulator, units: Mapping[str, float]) -> Genes:
+def genes_of(simulator: Simulator, family: Family) -> Genes:
     """How plans of a problem are written.
 
     Args:
       simulator: of the problem.
-      units: per action fluent that is a number what a raw 1 means; of those that are not named it
-        is the width of their box, and 1 where there is none.
+      family: whose policies play them.
     """
-    problem: Problem = simulator.problem
-    model, box = problem.model, action_box(make_environment(problem))
-    places, columns, start, parts = {}, [], 0, {}
+    model, actions = simulator.problem.model, family.actions
+    places, columns, start, parts = dict[str, slice](), [], 0, dict[tuple[str, int], int]()
     for name in simulator.actions:
         shape, noop = simulator.shapes[name], simulator.noop[name].astype(float)
-        size, kind = noop.size, model.action_ranges[name]
-        lower, upper = (np.broadcast_to(b, shape).astype(float) for b in box[name])
-        number = {"real": REAL, "int": INTEGER, "bool": BOOL}.get(kind, CHOICE)
-        if number == CHOICE:
-            lower, upper = np.zeros(shape), np.full(shape, len(model.type_to_objects[kind]) - 1.0)
-        elif number == INTEGER:
-            lower, upper = np.ceil(lower), np.floor(upper)
-        unit = 1.0
-        if number == BOOL:
-            lower, upper = noop, noop + 1.0
-        else:
-            width = (upper - lower)[np.isfinite(upper - lower) & (upper > lower)]
-            unit = units.get(name) or (float(np.median(width)) if width.size else 1.0)
+        kind = {"real": REAL, "int": INTEGER, "bool": BOOL}.get(
+            model.variable_ranges[name], CHOICE
+        )
+        lower, upper, unit = np.zeros(shape), np.ones(shape), np.ones(shape)
+        if kind != BOOL:
+            unit = np.broadcast_to(actions.units[name], shape).astype(float)
+            lower, upper = (np.broadcast_to(b, shape) for b in actions.bounds[name])
+            if kind == INTEGER:
+                lower, upper = np.ceil(lower), np.floor(upper)
+            lower, upper = (lower - noop) / unit, (upper - noop) / unit
         types = model.variable_params[name]
         first = np.indices(shape)[0].ravel() if shape else np.zeros(1, int)
-        part = [parts.setdefault((types[0] if types else "", k), len(parts)) for k in first]
-        ends = [(lower - noop) / unit, (upper - noop) / unit]
-        rows = [np.full(size, number), noop, np.full(size, unit), *ends, np.array(part, int)]
+        part = [parts.setdefault((types[0] if types else "", int(k)), len(parts)) for k in first]
+        rows = [np.full(noop.size, kind), noop > 0, unit, lower, upper, part]
         columns.append([np.ravel(row) for row in rows])
-        places[name] = slice(start, start + size)
-        start += size
-    kinds, noops, unit_of, lowers, uppers, part_of = map(
-        np.concatenate, zip(*columns, strict=True)
-    )
+        places[name] = slice(start, start + noop.size)
+        start += noop.size
+    kinds, is_true, *rest = map(np.concatenate, zip(*columns, strict=True))
     shapes = {name: simulator.shapes[name] for name in simulator.actions}
-    limits, others = _limits(problem, places, kinds, noops)
-    every = kinds, noops, unit_of, lowers, uppers, part_of
-    return Genes(problem.horizon, places, shapes, *every, limits, others > 0)
+    limits = _limits(simulator.problem, places, is_true & (kinds == BOOL))
+    return Genes(simulator.problem.horizon, places, shapes, kinds, *rest, limits)
 
 
 def _limits(
-    problem: Problem, places: Mapping[str, slice], kinds: np.ndarray, noops: np.ndarray
-) -> tuple[list[Limit], int]:
-    """The limits of a problem, and how many preconditions are neither limits nor boxes."""
-    model, count = problem.model, len(kinds)
-    found, others = group_limits(model)
+    problem: Problem, places: Mapping[str, slice], is_true: np.ndarray
+) -> list[Limit]:
+    """The limits of a problem, of whose places some are true at the no-op [D]."""
+    model, count = problem.model, len(is_true)
     limits = []
-    for each in found:
+    for each in group_limits(model)[0]:
         group = np.full(count, -1)
         for name, numbers in each.groups.items():
             group[places[name]] = np.ravel(numbers)
-        limits.append(Limit(group, each.limits, each.exact, noops > 0))
+        limits.append(Limit(group, each.limits, each.exact, is_true))
     if model.max_allowed_actions < count:
         most = np.array([int(model.max_allowed_actions)])
-        limits.append(Limit(np.zeros(count, int), most, exact=False, is_true_at_noop=noops != noops))
-    return limits, others
+        limits.append(Limit(np.zeros(count, int), most, False, np.zeros(count, bool)))
+    return limits
 
 
 def random_values(genes: Genes, place: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -426,5 +390,3 @@ _WHOLE = {
     "toward": _toward,
     "gains": _add_gains,
 }
-__all__ = ["KINDS", "Genes", "Parents", "children", "genes_of", "random_plans"]
-_ = math

@@ -1,5 +1,6 @@
 """The arm that evolves open-loop plans: actions by step, whatever the state."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -7,9 +8,8 @@ import numpy as np
 
 from mdpo_rddl.problem.evaluation import lost_worth
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Judged, Turn
-from mdpo_rddl.race.arms.plan_archive import Archive
+from mdpo_rddl.race.arms.plan_archive import Act, Archive
 from mdpo_rddl.race.arms.plan_mutations import (
-    BOOL,
     KINDS,
     Genes,
     Parents,
@@ -17,7 +17,9 @@ from mdpo_rddl.race.arms.plan_mutations import (
     genes_of,
     random_plans,
 )
-from mdpo_rddl.simulator.rollouts import rollout
+from mdpo_rddl.race.family import Family
+from mdpo_rddl.simulator.common import CommonNumbers
+from mdpo_rddl.simulator.rollouts import chosen, rollout
 from mdpo_rddl.simulator.simulator import Simulator, State
 
 NAME = "plans"
@@ -154,41 +156,32 @@ class Run(NamedTuple):
         return iteration - self.gained > max(_PATIENCE, self.gained - self.began)
 
 
-class _Repeated:
-    """A generator whose numbers are those of the first N replicas for the next N, and so on."""
+def acting(family: Family, simulator: Simulator, genes: Genes) -> Act:
+    """What policies of a family do whose plan that is: legal actions, as far as there are any."""
+    own = {name: {"bias": np.zeros(shape, np.float32)} for name, shape in genes.shapes.items()}
 
-    def __init__(self, generator: np.random.Generator, episodes: int, replicas: int) -> None:
-        self._generator, self._episodes, self._replicas = generator, episodes, replicas
+    def act(raw: np.ndarray, state: State) -> tuple[Mapping[str, np.ndarray], np.ndarray]:
+        params = {"own": own, "plan": genes.tree(raw[np.newaxis])}
+        actions = family.play(params, simulator.observation(state), 0)
+        return actions, genes.flat(family.raw(actions)) if family.is_checked else raw
 
-    def __getattr__(self, method: str) -> Any:
-        draw = getattr(self._generator, method)
-
-        def drawn(*arguments: Any) -> Any:
-            # what draws by parameters of each replica draws for all of them
-            if len(arguments) != 1 or arguments[0] != (arguments[0][0], self._replicas):
-                return draw(*arguments)
-            values = draw((arguments[0][0], self._episodes))
-            return np.tile(values, (1, self._replicas // self._episodes))
-
-        return drawn
+    return act
 
 
 def play(
-    simulator: Simulator,
+    context: Context,
     genes: Genes,
     plans: np.ndarray,
     seed: Any,
-    episodes: int = 1,
+    episodes: int,
     begin: int = 0,
     point: Point | None = None,
     marks: frozenset[int] = frozenset(),
 ) -> Played:
-    """Plays plans, all in the same random numbers.
-
-    A step that is not legal is the no-op's.
+    """Plays plans, all of them with the same random numbers.
 
     Args:
-      simulator: of the problem.
+      context: of the race.
       genes: how plans are written.
       plans: raw numbers [H, D, P].
       seed: of the episodes.
@@ -198,67 +191,47 @@ def play(
         episode of each then.
       marks: steps before which it is told where they stand; asks for one episode of each.
     """
-    count = plans.shape[-1]
+    simulator, count = context.simulator, plans.shape[-1]
     most = max(1, simulator.block // episodes)
     if count > most:
-        parts = [
-            play(
-                simulator,
-                genes,
-                plans[:, :, first : first + most],
-                seed,
-                episodes,
-                begin,
-                None if point is None else point.of(np.arange(first, min(first + most, count))),
-                marks,
-            )
-            for first in range(0, count, most)
-        ]
-        whole = parts[0]
-        for part in parts[1:]:
-            whole = whole.beside(part)
-        return whole
-    replicas = count * episodes
-    generator = _Repeated(np.random.default_rng(seed), episodes, replicas)
+        parts = []
+        for first in range(0, count, most):
+            some = np.arange(first, min(first + most, count))
+            own = None if point is None else point.of(some)
+            parts.append(play(context, genes, plans[..., some], seed, episodes, begin, own, marks))
+        return functools.reduce(Played.beside, parts)
+    act, replicas = acting(context.family, simulator, genes), count * episodes
+    generator = CommonNumbers(np.random.default_rng(seed), count)
     if point is None:
         state = simulator.initial(replicas)
         point = Point(state, np.zeros(replicas), simulator.ended(state))
     horizon, discount = genes.horizon, simulator.problem.model.discount
     points: dict[int, Point] = {}
+    played = plans.copy()
     for step in range(begin, horizon):
         if step in marks:
             points[step] = point
         if point.is_over.all():
             break
-        raw = plans[step]
-        actions = genes.actions(np.repeat(raw, episodes, axis=-1) if episodes > 1 else raw)
-        if genes.needs_check:
-            legal = simulator.legal(point.state, actions) | point.is_over
-            if not legal.all():
-                if episodes == 1:
-                    plans[step] = np.where(legal, raw, 0.0)
-                actions = genes.actions(np.repeat(raw, episodes, axis=-1) * legal)
+        actions, raw = act(np.repeat(plans[step], episodes, axis=-1), point.state)
+        if episodes == 1:
+            played[step] = raw
         after = simulator.step(point.state, actions, generator)
-        is_played = ~point.is_over & ~after.errors
-        rewards = np.where(is_played, after.rewards, 0.0)
-        lost = lost_worth(1.0 - step / horizon)
-        total = point.total + np.where(
-            ~point.is_over & after.errors, lost, discount**step * rewards
-        )
-        state = after.state
-        if point.is_over.any():
-            state = {n: np.where(point.is_over, point.state[n], v) for n, v in state.items()}
-        is_over = ~is_played | after.terminated | after.broken
-        point = Point(state, total, is_over)
+        is_lost = after.errors
+        if context.family.is_checked:
+            is_lost = is_lost | ~simulator.legal(point.state, actions)
+        worth = np.where(is_lost, lost_worth(1.0 - step / horizon), discount**step * after.rewards)
+        total = point.total + np.where(point.is_over, 0.0, worth)
+        state = chosen(~point.is_over, after.state, point.state)
+        point = Point(state, total, point.is_over | is_lost | after.terminated | after.broken)
     points |= {step: point for step in marks if step >= begin and step not in points}
-    means = np.where(np.isfinite(point.total), point.total, -np.inf).reshape(count, -1).mean(axis=1)
-    return Played(plans, means, points)
+    totals = np.where(np.isfinite(point.total), point.total, -np.inf)
+    return Played(played, totals.reshape(count, episodes).mean(axis=1), points)
 
 
 def init(context: Context) -> PlansState | None:
     """Nothing is played yet; None where plans are too large to be evolved."""
-    arguments = context.config.policy_arguments
-    genes = genes_of(context.simulator, arguments.get("units", {}))
+    genes = genes_of(context.simulator, context.family)
     size = genes.horizon * len(genes.kind)
     if not size or size * 4 * _ELITES * 2 > _MOST_BYTES:
         return None
@@ -285,7 +258,7 @@ def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
     if not context.certain:
         # its return was the best of many
         seed = [context.seed, *NAME.encode(), state.iterations, 1]
-        fresh = play(context.simulator, state.genes, best[..., np.newaxis], seed, _REPLICAS // 8)
+        fresh = play(context, state.genes, best[..., np.newaxis], seed, _REPLICAS // 8)
         claim = float(fresh.returns[0])
     found = (candidate(context, state.genes, best),)
     return state._replace(found=found, claim=claim, details=details)
@@ -293,17 +266,8 @@ def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
 
 def candidate(context: Context, genes: Genes, plan: np.ndarray) -> Candidate:
     """The policy that plays a plan [H, D]."""
-    from mdpo_rddl.policy.policy import Policy
-
-    arguments = {"units": genes.units(), "plan": True, "topology": [], "lifted": 0}
-    config = context.config.with_policy_arguments(**arguments)
-    own = {name: {"bias": np.zeros(shape, np.float32)} for name, shape in genes.shapes.items()}
-    parts = {
-        name: plan[:, which].reshape(-1, *genes.shapes[name])
-        for name, which in genes.places.items()
-    }
-    policy = Policy(context.problem, config, {"own": own, "plan": parts}, {}, context.seed)
-    return Candidate(NAME, "plan", policy)
+    none = context.family.noop
+    return Candidate(NAME, NAME, context.family.policy({"own": none["own"], "plan": genes.tree(plan)}))
 
 
 def _population(genes: Genes, episodes: int) -> int:
@@ -335,10 +299,10 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
         plans = random_plans(genes, count, random)
         plans[:, :, -1] = 0.0
         plans = np.concatenate([newcomers, plans], axis=-1)
-        played = play(simulator, genes, plans, seed, episodes, marks=marks)
+        played = play(context, genes, plans, seed, episodes, marks=marks)
         if state.run is None:
             states = [point.state for point in played.points.values()]
-            archive = Archive(simulator, genes, states) if marks else None
+            archive = Archive(simulator, genes, acting(context.family, simulator, genes), states) if marks else None
             state = state._replace(archive=archive, noop=float(played.returns[-1]))
         return _selected(state, played, played.returns[:0], None, None)
     # one in two goes on where the one before began, so that what it gained can be added up
@@ -352,15 +316,15 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     plans, parent = children(genes, Parents(elites.plans, state.gains, begin), kinds, random)
     if marks:
         point = elites.points[begin].of(parent)
-        played = play(simulator, genes, plans, seed, 1, begin, point, marks)
+        played = play(context, genes, plans, seed, 1, begin, point, marks)
         earlier = {s: p.of(parent) for s, p in elites.points.items() if s < begin}
         played = played._replace(points={**earlier, **played.points})
         if newcomers.shape[-1]:
-            played = played.beside(play(simulator, genes, newcomers, seed, 1, marks=marks))
+            played = played.beside(play(context, genes, newcomers, seed, 1, marks=marks))
         played = played.beside(elites)
     else:
         every = np.concatenate([plans, newcomers, elites.plans], axis=-1)
-        played = play(simulator, genes, every, seed, episodes)
+        played = play(context, genes, every, seed, episodes)
     before = played.returns[-elites.plans.shape[-1] :]
     return _selected(state, played, before, kinds, parent)
 
@@ -436,8 +400,10 @@ def _recorded(
     episodes = 1 if context.certain else _EPISODES
     found = rollout(context.simulator, policy, episodes, context.seed, keep=True)
     assert found.trajectories is not None
-    return genes.tidied(genes.raw(found.trajectories.actions)), known
+    moved = {n: np.moveaxis(v, 0, -1) for n, v in found.trajectories.actions.items()}
+    raw = {n: np.moveaxis(v, -1, 0) for n, v in context.family.raw(moved).items()}
+    plans = genes.flat(raw)
+    return genes.tidied(np.pad(plans, [(0, genes.horizon - len(plans)), (0, 0), (0, 0)])), known
 
 
 ARM = Arm(NAME, init, step)
-_ = BOOL
