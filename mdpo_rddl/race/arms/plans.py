@@ -159,10 +159,16 @@ class Run(NamedTuple):
 def acting(family: Family, simulator: Simulator, genes: Genes) -> Act:
     """What policies of a family do whose plan that is: legal actions, as far as there are any."""
     own = {name: {"bias": np.zeros(shape, np.float32)} for name, shape in genes.shapes.items()}
+    empty = family.feedback.empty_memory()
 
     def act(raw: np.ndarray, state: State) -> tuple[Mapping[str, np.ndarray], np.ndarray]:
         params = {"own": own, "plan": genes.tree(raw[np.newaxis])}
-        actions = family.play(params, simulator.observation(state), 0)
+        # which a plan does not read
+        memory = {
+            name: np.broadcast_to(value[..., np.newaxis], (*value.shape, raw.shape[-1]))
+            for name, value in empty.items()
+        }
+        actions = family.play(params, {**simulator.observation(state), **memory}, 0)
         return actions, genes.flat(family.raw(actions)) if family.is_checked else raw
 
     return act
