@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions
 from mdpo_rddl.policy.formula import FeedbackFormula
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.load import Problem
@@ -51,6 +52,20 @@ class Family:
         full = completed(params, self.noop)
         compiled = Compiled(formula=self._formula)
         return Policy(self._problem, self.config, full, {}, self._seed, compiled=compiled)
+
+    @property
+    def actions(self) -> FeedbackActions:
+        """What raw actions mean."""
+        return self._formula.actions
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether what a policy plays may be another action than it proposes, a legal one."""
+        return self._formula.is_checked
+
+    def play(self, params: Params, state: Mapping[str, np.ndarray], step: int) -> dict[str, Any]:
+        """What policies do, see `FeedbackFormula.play`."""
+        return self._formula.play(params, state, step)
 
     def raw(self, actions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The raw actions that play actions, per fluent [*shape, ...]."""
