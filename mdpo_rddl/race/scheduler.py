@@ -147,12 +147,14 @@ def _work(context: Context, one: _Entry, board: Board) -> None:
 
 
 def _poll(context: Context, entries: Sequence[_Entry], board: Board) -> None:
-    """Looks after what goes on beside."""
+    """Looks after what goes on beside, and judges what it has found."""
     assert board.leader is not None
     for one in entries:
         if not one.state.is_ready and not one.state.is_exhausted:
             now = context.budget.clock()
             one.state = one.arm.step(context, one.state, Turn(now, board.leader, board.feedback))
+            for candidate in one.state.found:
+                board.judge(candidate)
 
 
 def _is_proven(leader: Judged | None) -> bool:
