@@ -27,7 +27,7 @@ ROOMS = {
     "planner": ("machine", "noise", "problem"),
     "policy": ("machine", "noise", "problem", "planner", "simulator"),
     "auto": ("machine", "noise", "problem", "planner", "policy"),
-    "session": ("machine", "noise", "problem", "planner", "policy", "auto"),
+    "session": ("machine", "noise", "problem", "simulator", "planner", "policy", "auto", "race"),
     "ipc": ("machine", "noise", "problem", "planner", "policy", "auto"),
 }
 # the command line imports from all of them

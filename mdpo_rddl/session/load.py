@@ -81,7 +81,11 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             "versions": package_versions(),
         }
         if folder is not None and observed is not None:
-            summary |= {**observed.figures(), "warnings": warnings, "command": request.command}
+            summary |= {
+                **observed.figures(figures["returns"]),
+                "warnings": warnings,
+                "command": request.command,
+            }
             with folder.writing():
                 write_json(folder.staging / SUMMARY, summary)
                 observed.write(folder.staging)

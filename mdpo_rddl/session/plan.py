@@ -93,7 +93,7 @@ def plan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         warn_of(request.problem)
         found = find(request, reporter, folder.unfinished)
         cause = found.summary.get("not_played")
-        shown = {} if cause else found.observed.figures()
+        shown = {} if cause else found.observed.figures(found.summary["returns"])
         summary = found.summary | shown | {"warnings": warnings, "command": request.command}
         with folder.writing():
             found.write(folder.staging, summary)

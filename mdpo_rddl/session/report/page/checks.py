@@ -69,7 +69,7 @@ _SUMMARY = fields(
         "noise_parameters": table(anything),
         "fallback_actions": count,
         "references": absent_or(
-            table(absent_or(fields(_RETURNS, {"ci95": _INTERVAL}))),
+            table(absent_or(fields(_RETURNS, {"ci95": _INTERVAL, "simulated": truth}))),
         ),
         "optimum": fields({"value": number, "states": count}),
         "rule": absent_or(fields({"equations": entries(_EQUATION), "note": text})),
