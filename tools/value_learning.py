@@ -19,7 +19,7 @@ import numpy as np
 from rows import Rows
 
 from benchmarks.tasks.naming import named_task
-from mdpo_rddl.auto.probing.fitting import greedy
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.policy_iteration.learner import Learner, Learning, PolicyIteration, Way

@@ -11,7 +11,6 @@ from pyRDDLGym import RDDLEnv
 from pyRDDLGym.core.policy import BaseAgent
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.policy.file import AnySaved, problem_played
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate
@@ -234,6 +233,8 @@ class PolicyAgent(BaseAgent):
 
 
 def _unpickled(kind: Any, saved: Any, functions: FunctionsGiven) -> Any:
+    from mdpo_rddl.machine.jax_setup import kept_tables
+
     problem = saved.source.load(kept_tables(), functions)
     return kind.from_saved(saved, problem_played(saved, problem), "a pickle")
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.policy import file
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
 from mdpo_rddl.problem.functions import FunctionsGiven
@@ -24,6 +23,8 @@ def load_policy(path: str | Path, functions: FunctionsGiven = None) -> AnyPolicy
       InputError: naming the file, if it is missing, damaged, no such policy, its tensors do not
         fit its problem, or it does not hold its problem, as earlier run folders' do not.
     """
+    from mdpo_rddl.machine.jax_setup import kept_tables
+
     where, folder = Path(path), None
     if where.is_dir():
         where, folder = where / _NAME, where

@@ -3,14 +3,13 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import SavedPlanRule, SavedTable, save_policy
 from mdpo_rddl.policy.plan_rule import Simulated
-from mdpo_rddl.policy.rule.explanation import Explanation
 from mdpo_rddl.policy.side_by_side import DistinctStates
 from mdpo_rddl.policy.table import Claim, Optimum
 from mdpo_rddl.problem.grounding import (
@@ -22,6 +21,9 @@ from mdpo_rddl.problem.grounding import (
 )
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.simulator.evaluation import Replicated
+
+if TYPE_CHECKING:
+    from mdpo_rddl.policy.rule.explanation import Explanation
 
 
 class PlannerlessPolicy(PolicyAgent):
@@ -73,12 +75,14 @@ class PlannerlessPolicy(PolicyAgent):
         """The expected return [1], proven or estimated."""
         return np.array([self._claim.value])
 
-    def explain(self, seconds: float = 0.0) -> Explanation:
+    def explain(self, seconds: float = 0.0) -> "Explanation":
         """Says that there is no rule.
 
         Args:
           seconds: nothing is measured, however many.
         """
+        from mdpo_rddl.policy.rule.explanation import Explanation
+
         return Explanation((), f"the policy is {self.kind}, not a rule")
 
     @property

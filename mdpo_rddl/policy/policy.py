@@ -6,20 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 
-from mdpo_rddl.machine.device import computing_on
 from mdpo_rddl.machine.html import html_table
-from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.device import fitting_device
-from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
-from mdpo_rddl.planner.start import with_preprocessor
-from mdpo_rddl.policy.action_voting import ActionVoting
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.file import (
     AnySaved,
@@ -31,14 +23,11 @@ from mdpo_rddl.policy.file import (
     require_same_problem,
     save_policy,
 )
-from mdpo_rddl.policy.fitting import require_params, with_tuples
-from mdpo_rddl.policy.lookahead.base import Vote
-from mdpo_rddl.policy.lookahead.choice import thinking_agent
-from mdpo_rddl.policy.playable import Playable, playable
+from mdpo_rddl.policy.formula import METHOD, FeedbackFormula, FormulaPlay, require_formula_params
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
-from mdpo_rddl.policy.rule.explanation import Explanation, explain
-from mdpo_rddl.policy.side_by_side import BatchReplicas, FormulaReplicas
+from mdpo_rddl.policy.side_by_side import BatchReplicas
 from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.policy.trees import flatten
 from mdpo_rddl.problem.grounding import (
     grounded,
     is_grounded,
@@ -52,8 +41,13 @@ from mdpo_rddl.problem.source import ProblemSource
 from mdpo_rddl.problem.underlying import underlying_mdp
 from mdpo_rddl.simulator.evaluation import Replicated
 
+if TYPE_CHECKING:  # who plays a feedback policy need not import JAX
+    from mdpo_rddl.planner.planner import MDPOPlanner
+    from mdpo_rddl.policy.lookahead.base import Vote
+    from mdpo_rddl.policy.rule.explanation import Explanation
+
 # properties that are computed once, and hang on nothing but what is played
-_COMPILED = ("_play", "underlying")
+_COMPILED = ("planner", "formula", "_play", "underlying")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +57,6 @@ class Policy(PolicyAgent):
     Attributes:
       problem: the parsed problem.
       config: the planner's configuration.
-      planner: compiled for it.
       params: parameters of one policy, a tree of arrays.
       policy_hyperparams: JaxPlan's policy hyperparameters that go with them.
       seed: of the run that found it, and of a policy that draws random numbers.
@@ -77,7 +70,6 @@ class Policy(PolicyAgent):
 
     problem: Problem
     config: PlannerConfig
-    planner: MDPOPlanner
     params: Any
     policy_hyperparams: Mapping[str, Any]
     seed: int
@@ -100,13 +92,46 @@ class Policy(PolicyAgent):
         """
         require_same_problem(saved, problem, source)
         config = PlannerConfig.from_text(saved.config, source)
-        with computing_on(fitting_device(problem)):
-            planner = build_planner(problem, config).planner
-        saved = with_tuples(saved, planner)
-        require_params(saved, planner, source)
-        hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
-        own = saved.params, hyperparams, saved.seed, saved.candidates, saved.underlying, saved.votes
-        return cls(problem, config, planner, *own)
+        planner, formula = None, None
+        if config.policy_method == METHOD:
+            formula = FeedbackFormula(problem, config)
+            require_formula_params(saved, formula, source)
+        else:
+            saved, planner = _fitted(saved, problem, config, source)
+        own = saved.params, saved.policy_hyperparams, saved.seed, saved.candidates
+        policy = cls(problem, config, *own, saved.underlying, saved.votes)
+        return policy.built_with(planner, formula)
+
+    def built_with(
+        self, planner: "MDPOPlanner | None" = None, formula: FeedbackFormula | None = None
+    ) -> "Policy":
+        """The policy, with what plays it where that is there already.
+
+        Args:
+          planner: compiled for its problem and configuration.
+          formula: likewise.
+        """
+        for name, built in {"planner": planner, "formula": formula}.items():
+            if built is not None:
+                self.__dict__[name] = built
+        return self
+
+    @cached_property
+    def planner(self) -> "MDPOPlanner":
+        """The compiled planner, for whatever the formula on numpy does not do."""
+        from mdpo_rddl.machine.device import computing_on
+        from mdpo_rddl.planner.build import build_planner
+        from mdpo_rddl.planner.device import fitting_device
+
+        with computing_on(fitting_device(self.problem)):
+            return build_planner(self.problem, self.config).planner
+
+    @cached_property
+    def formula(self) -> FeedbackFormula | None:
+        """What plays a feedback policy; None of another one."""
+        if self.config.policy_method != METHOD:
+            return None
+        return FeedbackFormula(self.problem, self.config, self._exact_model)
 
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it: without the compiled planner, and without times.
@@ -139,6 +164,8 @@ class Policy(PolicyAgent):
     @property
     def rollout_policy(self) -> Callable[..., Any]:
         """What plays in compiled rollouts: of a greedy policy one with fewer samples."""
+        from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
+
         plan = self.planner.plan
         return plan.rollout_policy if isinstance(plan, GreedyPlan) else self.planner.legal_policy
 
@@ -211,6 +238,8 @@ class Policy(PolicyAgent):
         Raises:
           InputError: if that is no time.
         """
+        from mdpo_rddl.policy.lookahead.choice import thinking_agent
+
         return thinking_agent(self, seconds) or self
 
     def __call__(self, step: int, observation: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -267,31 +296,39 @@ class Policy(PolicyAgent):
 
     def replicated(self) -> Replicated | None:
         """See `PolicyAgent.replicated`; of a feedback policy its formula, without a compiler."""
-        play = self._play
-        if isinstance(play, ActionVoting):
+        if self.votes:
             return None
-        formula = self.planner.numpy_actions
-        if formula is None:
-            return BatchReplicas(play.batch, play.were_played, self.problem.model)
-        return FormulaReplicas(formula[0], jax.tree.map(np.asarray, self.params), formula[1])
+        if self.formula is not None:
+            return self.formula.replicas(self.params)
+        play = self._play
+        return BatchReplicas(play.batch, play.were_played, self.problem.model)
 
     @property
-    def vote(self) -> Vote | None:
+    def vote(self) -> "Vote | None":
         """How it is played, if `votes`."""
-        return self._play.vote if isinstance(self._play, ActionVoting) else None
+        return self._play.vote if self.votes and self.saved_underlying is not None else None
 
     @cached_property
-    def _play(self) -> Playable | ActionVoting:
+    def _play(self) -> Any:
+        """A `FormulaPlay`, a `Playable` or an `ActionVoting`, which are played alike."""
         if self.votes and self.underlying is not None:
+            from mdpo_rddl.policy.action_voting import ActionVoting
+
             return ActionVoting(self, self.underlying)
+        if self.formula is not None:
+            return FormulaPlay(self.formula, self.params)
+        from mdpo_rddl.policy.playable import playable
+
         return playable(self.planner, self.params, self.policy_hyperparams, self.seed)
 
-    def explain(self, seconds: float = math.inf) -> Explanation:
+    def explain(self, seconds: float = math.inf) -> "Explanation":
         """The lifted rule in words: an equation for each action fluent, the largest terms first.
 
         Args:
           seconds: for measuring what the return loses without each term; 0 measures nothing.
         """
+        from mdpo_rddl.policy.rule.explanation import Explanation, explain
+
         if self.votes:
             return Explanation((), "the policy is a vote over a belief of the state, not a rule")
         with self.planner.computing():
@@ -302,12 +339,12 @@ class Policy(PolicyAgent):
 
     @property
     def _kind(self) -> str:
-        return "vote over a belief" if self.votes else type(self.planner.plan).__name__
+        return "vote over a belief" if self.votes else self.config.policy_method
 
     @property
     def _size(self) -> int:
         """Number of its parameters."""
-        return sum(np.size(leaf) for leaf in jax.tree.leaves(self.params))
+        return sum(map(np.size, flatten(self.params, "params").values()))
 
     def _repr_html_(self) -> str:
         rows = {
@@ -322,3 +359,21 @@ class Policy(PolicyAgent):
                 after = f", {each['seconds']:.1f} s" if "seconds" in each else ""
                 rows[f"{each['candidate']}{after}"] = f"{each['mean_return']:z,.2f}"
         return html_table(f"Policy for {self.problem.label}", rows)
+
+
+def _fitted(
+    saved: SavedPolicy, problem: Problem, config: PlannerConfig, source: str
+) -> "tuple[SavedPolicy, MDPOPlanner]":
+    """A policy of JaxPlan's kinds with its preprocessor's values, if it fits its planner."""
+    from mdpo_rddl.machine.device import computing_on
+    from mdpo_rddl.planner.build import build_planner
+    from mdpo_rddl.planner.device import fitting_device
+    from mdpo_rddl.planner.start import with_preprocessor
+    from mdpo_rddl.policy.fitting import require_params, with_tuples
+
+    with computing_on(fitting_device(problem)):
+        planner = build_planner(problem, config).planner
+    saved = with_tuples(saved, planner)
+    require_params(saved, planner, source)
+    hyperparams = with_preprocessor(planner, saved.policy_hyperparams)
+    return dataclasses.replace(saved, policy_hyperparams=hyperparams), planner

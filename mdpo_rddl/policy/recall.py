@@ -6,20 +6,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.rollouts.plan_memory import Entries, initial_memories
+from mdpo_rddl.policy.formula import require_count
 from mdpo_rddl.problem.observation import is_observed
-
-
-def require_count(known: int, count: int, step: int) -> None:
-    """Raises `InputError` unless as many episodes are played at a step as at the one before."""
-    if known != count:
-        raise InputError(
-            f"there are {count} observations at step {step}, and {known} at the one before: "
-            "a policy that remembers plays the same episodes from step 0 on"
-        )
 
 
 class Recall:

@@ -1,54 +1,14 @@
 """Policies that decide for many replicas of the state at once; see `Replicated` there."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from pyRDDLGym.core.compiler.model import RDDLLiftedModel
 
-from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions
-from mdpo_rddl.problem.limits import GroupLimit
 from mdpo_rddl.problem.observation import as_numbers
 
 Arrays = Mapping[str, np.ndarray]
-
-
-class FormulaReplicas:
-    """A feedback policy's formula on numpy, with its memory."""
-
-    def __init__(
-        self, actions: FeedbackActions, params: Any, groups: Sequence[GroupLimit] = ()
-    ) -> None:
-        """Remembers nothing yet.
-
-        Args:
-          actions: on numpy.
-          params: of one policy, nested dictionaries of numpy's arrays.
-          groups: limits on groups of bools that it keeps.
-        """
-        self._actions, self._params, self._groups = actions, params, groups
-        self._step = 0
-        self._memory: dict[str, Any] = {}
-        self._seen: Arrays = {}
-
-    def __call__(self, step: int, observation: Arrays) -> dict[str, np.ndarray]:
-        """Per action fluent [*shape, B]."""
-        if step == 0:
-            count = next(iter(observation.values())).shape[-1]
-            self._memory = {
-                name: np.broadcast_to(value[..., np.newaxis], (*value.shape, count))
-                for name, value in self._actions.feedback.empty_memory().items()
-            }
-        self._step, self._seen = step, dict(observation)
-        state = {**observation, **self._memory}
-        with np.errstate(all="ignore"):  # as under JAX
-            return self._actions.played(self._params, state, step, self._groups)
-
-    def were_played(self, actions: Arrays) -> None:
-        """Brings the memory up to date."""
-        if self._memory:
-            given = self._memory, self._step, self._seen, actions
-            self._memory = self._actions.remembered(*given)
 
 
 class BatchReplicas:

@@ -13,7 +13,6 @@ from mdpo_rddl.policy.file import (
     problem_identity,
     require_same_problem,
 )
-from mdpo_rddl.policy.lookahead.choice import thinking_agent
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy, numbers_of
 from mdpo_rddl.policy.table import ActionTable, Claim, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
@@ -99,6 +98,8 @@ class TablePolicy(PlannerlessPolicy):
         Raises:
           InputError: if that is no time, in seconds above 0.
         """
+        from mdpo_rddl.policy.lookahead.choice import thinking_agent
+
         return thinking_agent(self, seconds) or self
 
     @property

@@ -9,6 +9,7 @@ import warnings
 from typing import Any
 
 import numpy as np
+from pyRDDLGym.core.compiler.model import RDDLLiftedModel
 from pyRDDLGym.core.constraints import RDDLConstraints
 from pyRDDLGym.core.simulator import RDDLSimulator
 
@@ -31,6 +32,26 @@ def boxes(simulator: RDDLSimulator) -> dict[str, Box]:
         warnings.simplefilter("ignore")  # of what is no box, which pyRDDLGym has said already
         found = dict(_Constraints(simulator, vectorized=True).bounds)
     return with_reachable_bounds(simulator, found)
+
+
+def action_boxes(model: RDDLLiftedModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Lower and upper bound [*shape], infinite where there is none, of each action fluent."""
+    found = boxes(RDDLSimulator(model))
+    shapes = {n: model.object_counts(model.variable_params[n]) for n in model.action_fluents}
+    return {
+        name: tuple(np.broadcast_to(np.asarray(end, float), tuple(shape)) for end in found[name])
+        for name, shape in shapes.items()
+    }
+
+
+def box_width(lower: Any, upper: Any) -> float | None:
+    """The median width of an action fluent's boxes; None if none of them is finite.
+
+    One width for all objects, so that shared weights mean the same for each.
+    """
+    width = np.subtract(upper, lower, dtype=float)
+    finite = width[np.isfinite(width) & (width > 0)]
+    return float(np.median(finite)) if finite.size else None
 
 
 class _Constraints(RDDLConstraints):

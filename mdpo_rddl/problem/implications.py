@@ -20,6 +20,7 @@ class Implication:
       action: a bool action fluent.
       axes: for each axis of the action, the place of its variable among those of the `forall`s.
       sizes: number of objects of each variable of the `forall`s.
+      names: of these variables.
       condition: the expression on the right.
       given: expressions on the left beside the action; where one is false nothing must hold.
     """
@@ -27,6 +28,7 @@ class Implication:
     action: str
     axes: tuple[int, ...]
     sizes: tuple[int, ...]
+    names: tuple[str, ...]
     condition: Any
     given: tuple[Any, ...]
 
@@ -228,7 +230,7 @@ def _read(rddl: Any, expression: Any, variables: dict[str, str]) -> Implication 
         return None
     sizes = tuple(len(rddl.type_to_objects[kind]) for kind in variables.values())
     given = tuple(side for side in sides if side is not done[0])
-    return Implication(name, axes, sizes, condition, given)
+    return Implication(name, axes, sizes, tuple(order), condition, given)
 
 
 def _is_and(expression: Any) -> bool:

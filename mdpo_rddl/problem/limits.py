@@ -53,6 +53,26 @@ def group_limits(rddl: Any) -> tuple[list[GroupLimit], int]:
     return found, others
 
 
+def limited_bools(rddl: Any) -> list[str]:
+    """The bool action fluents, in JaxPlan's order, if their number of true values is limited."""
+    names = [
+        name
+        for name, prange in rddl.variable_ranges.items()
+        if rddl.variable_types[name] == "action-fluent" and prange == "bool"
+    ]
+    count = sum(np.size(rddl.action_fluents[name]) for name in names)
+    return names if rddl.max_allowed_actions < count else []
+
+
+def concurrency_limits(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:
+    """`max-nondef-actions` as a limit on one group of bools, if it limits anything."""
+    names = limited_bools(rddl)
+    if not names:
+        return []
+    groups = {name: np.zeros(shapes[name], dtype=int) for name in names}
+    return [GroupLimit(groups, np.array([rddl.max_allowed_actions]))]
+
+
 class _NotALimitError(Exception):
     """The precondition has another form."""
 

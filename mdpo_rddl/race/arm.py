@@ -5,11 +5,11 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.budget import Budget
 from mdpo_rddl.race.evaluator import Evaluator
+from mdpo_rddl.race.family import Family
 from mdpo_rddl.simulator.simulator import Simulator
 
 
@@ -57,7 +57,7 @@ class Context(NamedTuple):
       evaluator: says what a policy returns.
       budget: of the race.
       seed: of the race; an arm's random numbers come from this and its name, see `generator`.
-      config: of feedback policies of this problem, with its units and scales.
+      family: the feedback policies of this problem, in its units and scales.
       certain: whether chance plays no part: one episode shows what a policy returns.
       on_iteration: called between two iterations of whichever arm works; what it raises
         (`Cancelled`, `KeyboardInterrupt`) passes through the arm.
@@ -68,7 +68,7 @@ class Context(NamedTuple):
     evaluator: Evaluator
     budget: Budget
     seed: int
-    config: PlannerConfig
+    family: Family
     certain: bool
     on_iteration: Callable[[], None]
 
@@ -127,9 +127,11 @@ class Arm(NamedTuple):
         does not apply to the problem.
       step: goes on until the turn's end, at least by one iteration.
       close: ends what goes on beside; the state stays readable.
+      improves: whether it begins at the best feedback policy, whoever found it.
     """
 
     name: str
     init: Callable[[Context], Any | None]
     step: Callable[[Context, Any, Turn], Any]
     close: Callable[[Any], None] = lambda state: None
+    improves: bool = False

@@ -1,32 +1,28 @@
 """What a policy returns: episodes on the simulator that are the same for all policies."""
 
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from mdpo_rddl.problem.evaluation import lost_worth
-from mdpo_rddl.simulator.evaluation import Replicated
+from mdpo_rddl.simulator.common import CommonNumbers
 from mdpo_rddl.simulator.rollouts import rollout
-from mdpo_rddl.simulator.simulator import Simulator, State
+from mdpo_rddl.simulator.simulator import Simulator, State, Step
 
-BLOCK = 128
-"""Episodes that are played together, from numbers of their own."""
-
-
-class Replicable(Protocol):
-    """A policy that can decide for many episodes at once."""
-
-    def replicated(self) -> Replicated | None:
-        """What decides; None where it cannot."""
+FEWEST = 16
+"""Episodes that are played first; then as many again as there are, each time."""
+RACE, CONFIRMATION = 0, 1
+"""Streams of episodes: those by which candidates are compared, and those that no candidate was
+chosen by."""
 
 
 class Evaluator:
-    """Plays policies.
+    """Plays policies, all of them in the same episodes.
 
-    Episode n of any two policies has the same random numbers, as far as they draw alike. An episode
-    that cannot be played to its end, since the environment raises an error or no action is legal,
-    is worth `lost_worth` of the share of its steps that is missing: less than any return, and the
-    less, the earlier.
+    An episode that cannot be played to its end, since the environment raises an error or no action
+    is legal, is worth `lost_worth` of the share of its steps that is missing: less than any return,
+    and the less, the earlier.
     """
 
     def __init__(self, simulator: Simulator, seed: int) -> None:
@@ -36,40 +32,67 @@ class Evaluator:
           simulator: of the problem.
           seed: of the episodes.
         """
-        self.simulator, self._seed = simulator, seed
+        self._simulator, self._seed = simulator, seed
 
-    def returns(self, policy: Any, episodes: int, first: int = 0, stream: int = 0) -> np.ndarray:
-        """The worth of episodes [episodes].
+    def more(self, policy: Any, returns: np.ndarray, stream: int = RACE) -> np.ndarray:
+        """What a policy is known to return, and that of as many more episodes.
 
         Args:
-          policy: a `Replicated`.
-          episodes: how many.
-          first: number of the first one, a multiple of `BLOCK`.
-          stream: other ones have other episodes: 0 is the race's, 1 confirms its result.
+          policy: decides for many episodes at once, see `mdpo_rddl.simulator.evaluation.Replicated`.
+          returns: what this has given before [N]; empty at first.
+          stream: of episodes.
+
+        Returns:
+          The worth of episodes [max(FEWEST, 2 N)].
         """
-        blocks = range(first // BLOCK, -(-(first + episodes) // BLOCK))
-        parts = []
-        for number in blocks:
-            count = min(BLOCK, first + episodes - number * BLOCK)
-            # always of one size, so that an episode's numbers do not depend on how many are played
-            seed = [self._seed, stream, number]
-            parts.append(worth(self.simulator, policy, BLOCK, seed)[:count])
-        return np.concatenate(parts) if parts else np.zeros(0)
+        done = len(returns)
+        seed = [self._seed, stream, done]
+        return np.concatenate([returns, worth(self._simulator, policy, done or FEWEST, seed)])
+
+    def returns(self, policy: Any, episodes: int, stream: int = RACE) -> np.ndarray:
+        """The worth of so many episodes at least."""
+        found = np.zeros(0)
+        while len(found) < episodes:
+            found = self.more(policy, found, stream)
+        return found
 
 
-def worth(simulator: Simulator, policy: Any, episodes: int | State, seed: Any) -> np.ndarray:
-    """The worth [B] of episodes of a `Replicated` policy; see `Evaluator`."""
+def worth(
+    simulator: Simulator, policy: Any, episodes: int | State, seed: Any, groups: int = 1
+) -> np.ndarray:
+    """The worth of episodes [B]; see `Evaluator`.
+
+    Args:
+      simulator: of the problem.
+      policy: a `Replicated`.
+      episodes: how many; or a state [*shape, B].
+      seed: of all draws, whatever `numpy.random.SeedSequence` takes.
+      groups: of episodes side by side that have the same random numbers; all of them are played at
+        once then, and must not be more than `simulator.block`.
+    """
     told = getattr(policy, "were_played", None)
 
-    def play(step: int, observation: Any) -> Any:
+    def play(step: int, observation: Mapping[str, np.ndarray]) -> Any:
         actions = policy(step, observation)
         if told is not None:
             told(actions)
         return actions
 
-    found = rollout(simulator, play, episodes, seed)
+    played = simulator if groups == 1 else _InCommon(simulator, groups)
+    found = rollout(played, play, episodes, seed)
     horizon = simulator.problem.horizon
-    missing = 1.0 - found.lengths / horizon
-    lost = found.errors
+    # a policy proposes what is not legal only where nothing is
+    missing = np.where(found.errors, 1.0 - found.lengths / horizon, found.illegal / horizon)
     returns = np.where(np.isfinite(found.returns), found.returns, -np.inf)
-    return np.where(lost, lost_worth(missing), returns)
+    return np.where(found.errors | (found.illegal > 0), lost_worth(missing), returns)
+
+
+class _InCommon(Simulator):
+    """Draws the same numbers for each of several groups of replicas."""
+
+    def __init__(self, simulator: Simulator, groups: int) -> None:
+        vars(self).update(vars(simulator))
+        self._groups = groups
+
+    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+        return super().step(state, actions, CommonNumbers(generator, self._groups))

@@ -96,7 +96,8 @@ def find_by_training(
         "became_incumbent": True,
     }
     hyperparams, params = dict(result.policy_hyperparams), result.best_params
-    policy = Policy(terms.problem, terms.config, planner, params, hyperparams, seed, (best,))
+    policy = Policy(terms.problem, terms.config, params, hyperparams, seed, (best,))
+    policy.built_with(planner)
     return policy, result
 
 

@@ -10,7 +10,7 @@ there is a mask here, so that a replica's error is its own.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,6 +60,7 @@ class Simulator:
       actions: names of the action fluents.
       observed: names of what a policy sees: observation fluents, or state fluents.
       noop: per action fluent its default [*shape].
+      values: per fluent and non-fluent its value before the first step [*shape].
       block: so many replicas are simulated at once, the others after them.
     """
 
@@ -81,6 +82,7 @@ class Simulator:
             name: tuple(model.object_counts(model.variable_params[name]))
             for name in model.variable_params
         }
+        self.values = {n: np.broadcast_to(a, self.shapes[n]) for n, a in arrays.items()}
         self._rows = {name: math.prod(shape) for name, shape in self.shapes.items()}
         self._initial = {
             name: np.broadcast_to(array, self.shapes[name]).reshape(-1, 1)
@@ -102,8 +104,9 @@ class Simulator:
             for name in self._initial
             if name not in primed and name not in self.actions
         }
+        self._constants, self._functions = constants, functions_by_name(problem)
         try:
-            self._compile(constants, functions_by_name(problem))
+            self._compile(constants, self._functions)
         except UnsupportedError as error:
             raise InputError(f"{problem.domain_path}: {error}") from error
 
@@ -187,6 +190,42 @@ class Simulator:
             rewards[frame.lost] = 0.0
         after = {name: values[name].reshape(shape) for name, shape in self._kept.items()}
         return Step(after, rewards, terminated, broken, frame.lost)
+
+    def conditions(
+        self, expressions: Sequence[tuple[Any, Sequence[tuple[str, int]]]]
+    ) -> Callable[[State], list[np.ndarray]]:
+        """Bool expressions of states, for each tuple of the objects of some variables.
+
+        Args:
+          expressions: of pyRDDLGym's model, each with its variables and their numbers of objects.
+
+        Returns:
+          A function of a state of B replicas, at most `block` of them: of each expression its
+          values [*numbers of objects, B].
+
+        Raises:
+          InputError: for an expression that the simulator cannot evaluate.
+        """
+        compiler = Compiler(self._model, self._constants, self.shapes, self._functions)
+        try:
+            nodes = [compiler.lower(each, Scope().extended(names)) for each, names in expressions]
+        except UnsupportedError as error:
+            raise InputError(f"{self.problem.domain_path}: {error}") from error
+        closures, slots = [compiler.link(node) for node in nodes], compiler.slots
+        sizes = [tuple(size for _, size in names) for _, names in expressions]
+
+        def values(state: State) -> list[np.ndarray]:
+            replicas = next(iter(state.values())).shape[-1]
+            frame = self._frame(state, {}, None, replicas)
+            frame.memo = [None] * slots
+            found = []
+            with np.errstate(all="ignore"):
+                for closure, shape in zip(closures, sizes, strict=True):
+                    flat = np.broadcast_to(closure(frame) != 0, (math.prod(shape), replicas))
+                    found.append(flat.reshape(*shape, replicas))
+            return found
+
+        return values
 
     def ended(self, state: State) -> np.ndarray:
         """[B], whether a termination condition holds in a state."""

@@ -8,7 +8,7 @@ from helpers.lakes import write_lake
 from benchmarks.common.auto_variants import VARIANTS
 from benchmarks.common.records import Records
 from benchmarks.presets.auto import COLUMNS, KEYS, auto_table, run_auto
-from mdpo_rddl.auto.probing.fitting import scaled
+from mdpo_rddl.planner.config.fitting import scaled
 from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner

@@ -14,7 +14,7 @@ from helpers.umbrella import careless, pattering
 from mdpo_rddl import load_policy
 from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.hidden.underlying_optimum import underlying_optimum
-from mdpo_rddl.auto.probing.fitting import greedy
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset

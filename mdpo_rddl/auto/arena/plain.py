@@ -2,7 +2,7 @@
 
 from functools import cached_property
 
-from mdpo_rddl.auto.probing.fitting import with_single_rollouts
+from mdpo_rddl.planner.config.fitting import with_single_rollouts
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.config import PlannerConfig

@@ -18,7 +18,7 @@ from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.span import Span
 from mdpo_rddl.auto.common.state import State
-from mdpo_rddl.auto.probing.fitting import greedy
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan

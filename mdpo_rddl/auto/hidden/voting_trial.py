@@ -16,7 +16,7 @@ from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.compilations import TooLateError, compiled_within
 from mdpo_rddl.auto.outcome.outcome import RaceOutcome, policy_of
 from mdpo_rddl.auto.outcome.unjudged import noop_of
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.errors import one_line_cause

@@ -8,7 +8,7 @@ import numpy as np
 
 from mdpo_rddl.auto.arms.simple import SIMPLE
 from mdpo_rddl.auto.common.candidate import NOOP, Candidate
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.errors import one_line_cause
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig

@@ -132,7 +132,7 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
     params = jax.tree.map(np.asarray, candidate.params)
     hyperparams = with_preprocessor(planner, candidate.policy_hyperparams)
     hyperparams = jax.tree.map(np.asarray, hyperparams)
-    return Policy(problem, config, planner, params, hyperparams, seed)
+    return Policy(problem, config, params, hyperparams, seed).built_with(planner)
 
 
 def _lists(pairs: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:

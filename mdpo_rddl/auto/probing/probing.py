@@ -20,7 +20,7 @@ from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.probing.constants import Constant, Constants
 from mdpo_rddl.auto.probing.lookup_scales import lookup_scales
 from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.plans.feedback_plan import box_width
+from mdpo_rddl.problem.boxes import box_width
 from mdpo_rddl.planner.plans.lookups import lookups
 from mdpo_rddl.planner.update.action_scales import SIZES, answering_size
 from mdpo_rddl.problem.chance import has_draws

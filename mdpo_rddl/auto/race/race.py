@@ -23,7 +23,7 @@ from mdpo_rddl.auto.outcome.unjudged import (
     record_found,
     unjudged_outcome,
 )
-from mdpo_rddl.auto.probing.fitting import (
+from mdpo_rddl.planner.config.fitting import (
     scaled,
     simplified,
     with_memory,

@@ -15,6 +15,7 @@ from mdpo_rddl.planner.config.bounds import out_of_bounds
 from mdpo_rddl.planner.config.extensions import OPTIMIZERS, PLANS
 from mdpo_rddl.planner.config.noise_section import NOT_NUMBERS, lacks_unit, rule_values
 from mdpo_rddl.planner.config.search_section import SEARCH, read_search
+from mdpo_rddl.planner.config.text import DEFAULT_COMPILER, JAXPLAN_SECTIONS, SECTIONS
 from mdpo_rddl.planner.config.values import (
     compiler_parameters,
     concrete_class,
@@ -33,12 +34,6 @@ from mdpo_rddl.planner.upstream import (
     logic,
     planner,
 )
-
-JAXPLAN_SECTIONS = ("Compiler", "Planner", "Optimize")
-SECTIONS = (*JAXPLAN_SECTIONS, "Noise", "MDPO", SEARCH)
-"""All that a configuration may have, in the order in which they are written."""
-
-DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
 
 _SWITCHES = {"stop_at_termination", "keep_group_limits"}
 _SIZES = ("iterations_per_call", "test_every")

@@ -9,23 +9,23 @@ time. JaxPlan itself ignores them, so one file serves both planners.
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mdpo_rddl import noise as noise_rules
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.files import decoded, read_bounded
-from mdpo_rddl.noise import ActionNoise, NoNoise
 from mdpo_rddl.planner.config.budgets import JAXPLAN_BATCH, JAXPLAN_EPOCHS, JAXPLAN_SECONDS, Budget
-from mdpo_rddl.planner.config.checks import (
+from mdpo_rddl.planner.config.noise_section import rule_values
+from mdpo_rddl.planner.config.text import (
     DEFAULT_COMPILER,
     JAXPLAN_SECTIONS,
     SECTIONS,
-    check_sections,
+    format_sections,
+    one_line,
+    parse_sections,
 )
-from mdpo_rddl.planner.config.extensions import stand_ins
-from mdpo_rddl.planner.config.noise_section import rule_values
-from mdpo_rddl.planner.config.text import format_sections, one_line, parse_sections
-from mdpo_rddl.planner.upstream import logic, planner
+
+if TYPE_CHECKING:  # a configuration is written without JAX, and checked with it
+    from mdpo_rddl.noise import ActionNoise
 
 _MOST_BYTES = 2**20
 
@@ -67,23 +67,26 @@ class PlannerConfig:
             section or key is unknown, a value is not a literal, or a name or number is one
             that neither JaxPlan nor the noise rule accepts.
         """
-        sections = parse_sections(text, source)
-        check_sections(sections, source)
-        return cls(sections, source)
+        return cls(parse_sections(text, source), source).checked()
+
+    def checked(self) -> "PlannerConfig":
+        """The configuration, if JaxPlan, the noise rule and the planner accept it.
+
+        Raises:
+          InputError: as `from_text` does.
+        """
+        from mdpo_rddl.planner.config.checks import check_sections
+
+        check_sections(self.sections, self.source)
+        return self
 
     def section(self, name: str) -> dict[str, Any]:
         """A copy of one section; empty if there is none."""
         return dict(self.sections.get(name, {}))
 
     def with_section(self, name: str, values: Mapping[str, Any]) -> "PlannerConfig":
-        """A copy in which one section is replaced.
-
-        Raises:
-          InputError: as `from_text` does.
-        """
-        sections = {**self.sections, name: dict(values)}
-        check_sections(sections, self.source)
-        return dataclasses.replace(self, sections=sections)
+        """A copy in which one section is replaced; what a user has chosen is still to check."""
+        return dataclasses.replace(self, sections={**self.sections, name: dict(values)})
 
     def without_section(self, name: str) -> "PlannerConfig":
         """A copy without one of the optional sections."""
@@ -91,11 +94,7 @@ class PlannerConfig:
         return dataclasses.replace(self, sections=rest)
 
     def with_values(self, name: str, **values: Any) -> "PlannerConfig":
-        """A copy in which some keys of one section are set.
-
-        Raises:
-          InputError: as `from_text` does.
-        """
+        """A copy in which some keys of one section are set; see `with_section`."""
         return self.with_section(name, {**self.section(name), **values})
 
     def without_values(self, name: str, *keys: str) -> "PlannerConfig":
@@ -105,7 +104,7 @@ class PlannerConfig:
 
     def without_noise(self) -> "PlannerConfig":
         """The configuration of a planner without noise on the actions."""
-        return self.with_section("Noise", {"method": NoNoise.__name__})
+        return self.with_section("Noise", {"method": "NoNoise"})
 
     def with_policy_arguments(self, **values: Any) -> "PlannerConfig":
         """`with_values` for some arguments of the policy; the others stay."""
@@ -154,8 +153,10 @@ class PlannerConfig:
         """The text that `from_text` reads back; without our own sections if `for_jaxplan`."""
         return format_sections(self.sections, JAXPLAN_SECTIONS if for_jaxplan else SECTIONS)
 
-    def noise(self) -> ActionNoise:
+    def noise(self) -> "ActionNoise":
         """The noise rule that `[Noise]` describes; the planner's default without the section."""
+        from mdpo_rddl import noise as noise_rules
+
         if "Noise" not in self.sections:
             return noise_rules.default_noise()
         values = rule_values(self.section("Noise"))
@@ -167,6 +168,9 @@ class PlannerConfig:
         Raises:
           InputError: if JaxPlan refuses the values.
         """
+        from mdpo_rddl.planner.config.extensions import stand_ins
+        from mdpo_rddl.planner.upstream import planner
+
         try:
             section, ours = stand_ins(self.section("Planner"))
             known = dataclasses.replace(self, sections={**self.sections, "Planner": section})
@@ -183,6 +187,8 @@ class PlannerConfig:
 
     def compiler_class(self) -> type:
         """The class that compiles the relaxed model."""
+        from mdpo_rddl.planner.upstream import logic
+
         return getattr(logic, self.section("Compiler").get("method", DEFAULT_COMPILER))
 
 

@@ -10,6 +10,12 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError
+from mdpo_rddl.planner.config.search_section import SEARCH
+
+JAXPLAN_SECTIONS = ("Compiler", "Planner", "Optimize")
+SECTIONS = (*JAXPLAN_SECTIONS, "Noise", "MDPO", SEARCH)
+"""All that a configuration may have, in the order in which they are written."""
+DEFAULT_COMPILER = "DefaultJaxRDDLCompilerWithGrad"
 
 
 def parse_sections(text: str, source: str) -> dict[str, dict[str, Any]]:

@@ -56,7 +56,8 @@ class Feedback:
     out, other than the biases, count as zero, and nothing is computed for them.
 
     Attributes:
-      seen: what the policy is given: observed fluents, then the entries of its memory.
+      observed: the observed fluents.
+      seen: what the policy is given: these, then the entries of its memory.
       fluents: all that it reads: these, and what is looked up by them.
       shapes: of each of them.
       action_shapes: of each action fluent.
@@ -72,6 +73,7 @@ class Feedback:
         shape: FeedbackShape,
         horizon: int,
         dtype: Any,
+        xp: Any = np,
     ) -> None:
         """Finds the features.
 
@@ -81,16 +83,15 @@ class Feedback:
           shape: what the policy is made of.
           horizon: number of steps H.
           dtype: floating type of the model.
+          xp: the module that computes: jax.numpy, or numpy, for replicas.
 
         Raises:
           ValueError: for a name of what is looked up that is none.
         """
-        from jax import numpy
-
-        self.xp, self.is_replicated = numpy, False
+        self.xp, self.is_replicated = xp, xp is np
         self.shape, self.horizon, self.dtype = shape, horizon, dtype
         self._scales = dict(shape.state_scales or {})
-        observed = observed_fluents(rddl)
+        observed = self.observed = observed_fluents(rddl)
         self._lookups = Lookups(rddl, values, shape.lookups)
         self._memory = Memory(rddl, observed, MemoryShape.of(shape.memory))
         self.seen = [*observed, *self._memory.entries]
@@ -220,7 +221,8 @@ class Feedback:
         Of replicas [*shape, B], or [*shape, 1] where a policy plays the same in all of them.
 
         Args:
-          params: as `initial` makes them.
+          params: as `initial` makes them; of replicas that each have a policy of their own the
+            shared weights, own weights and plans may have a last axis B.
           state: per observed fluent its value [*shape], of replicas [*shape, B], and the entries
             of the memory.
           step: of the rollout, from 0.
@@ -254,10 +256,13 @@ class Feedback:
         return actions
 
     def of_all(self, value: Any, name: str) -> Any:
-        """What an action fluent has in all replicas [*shape], so that it broadcasts to theirs."""
+        """What an action fluent has in all replicas [*shape], so that it broadcasts to theirs.
+
+        What each replica has of its own [*shape, B] stays as it is.
+        """
         if not self.is_replicated:
             return value
-        return np.reshape(value, (*self.action_shapes[name], 1))
+        return np.reshape(value, (*self.action_shapes[name], -1))
 
     def flat(self, state: Mapping[str, Any]) -> Any:
         """All that the policy reads, in the units in which it does, side by side [..., inputs]."""
@@ -340,6 +345,9 @@ class Feedback:
     def _product(self, gains: Any, value: Any) -> Any:
         """Gains of pairs [*shape, *fluent's] times a fluent's value, summed over its objects."""
         axes = np.ndim(value) - self.is_replicated
+        if self.is_replicated and np.shape(gains)[-1:] == np.shape(value)[-1:]:
+            fluents = tuple(range(np.ndim(gains) - 1 - axes, np.ndim(gains) - 1))
+            return np.sum(gains * value, axis=fluents)
         if self.is_replicated or np.size(gains) > _FEW_PAIRS:
             return self.xp.tensordot(gains, value, axes)
         return self.xp.sum(gains * value, axis=tuple(range(-axes, 0)))

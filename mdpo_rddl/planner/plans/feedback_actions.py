@@ -9,7 +9,8 @@ import numpy as np
 from mdpo_rddl.planner.plans.features import array_module
 from mdpo_rddl.planner.plans.feedback import Feedback, Params
 from mdpo_rddl.planner.plans.limits import choose_within_limits
-from mdpo_rddl.problem.limits import GroupLimit
+from mdpo_rddl.problem.boxes import box_width
+from mdpo_rddl.problem.limits import GroupLimit, concurrency_limits
 
 # a bool's log-odds for a raw value of 1
 BOOL_SCALE = 4.0
@@ -41,6 +42,42 @@ class FeedbackActions:
     integers: Sequence[str]
     kinds: tuple[Any, Any]
     limits: Sequence[GroupLimit]
+
+    @classmethod
+    def of(
+        cls,
+        feedback: Feedback,
+        rddl: Any,
+        values: Mapping[str, Any],
+        units: Mapping[str, float],
+        bounds: Mapping[str, Any],
+        kinds: tuple[Any, Any],
+    ) -> "FeedbackActions":
+        """The actions of a problem.
+
+        Args:
+          feedback: the raw actions.
+          rddl: pyRDDLGym's lifted model.
+          values: per action fluent its no-op [*shape]; a relaxed model's bools are numbers.
+          units: per real or integer action fluent what a raw value of 1 means; where it is not
+            named the width of its box, or 1 if it has none.
+          bounds: per action fluent its box.
+          kinds: the types of reals and of integers.
+        """
+        shapes, ranges = feedback.action_shapes, rddl.variable_ranges
+        noop = {
+            name: np.asarray(values[name]) > 0.5
+            if ranges[name] == "bool"
+            else np.asarray(values[name])
+            for name in shapes
+        }
+        numbers = [name for name in shapes if ranges[name] != "bool"]
+        known = {
+            name: np.full(shapes[name], units[name] if name in units else _unit(rddl, name, bounds))
+            for name in numbers
+        }
+        whole = [name for name in numbers if ranges[name] != "real"]
+        return cls(feedback, noop, known, bounds, whole, kinds, concurrency_limits(rddl, shapes))
 
     def on_numpy(self) -> "FeedbackActions":
         """The same formula on numpy, for replicas of the state."""
@@ -143,6 +180,14 @@ class FeedbackActions:
         if self.feedback.is_replicated:
             lower, upper = (np.broadcast_to(b, shape)[..., np.newaxis] for b in (lower, upper))
         return xp.where(action < lower, lower, xp.where(action > upper, upper, action))
+
+
+def _unit(rddl: Any, name: str, bounds: Mapping[str, Any]) -> float:
+    """What a raw value of 1 means where nobody says it."""
+    kind = rddl.variable_ranges[name]
+    if kind in rddl.type_to_objects:
+        return max(1.0, len(rddl.type_to_objects[kind]) - 1.0)
+    return box_width(*bounds[name]) or 1.0
 
 
 def sigmoid(log_odds: Any) -> Any:

@@ -16,7 +16,7 @@ from mdpo_rddl.planner.plans.feedback_actions import (
     sigmoid,
 )
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
-from mdpo_rddl.planner.plans.limited_bools import Shift, limited_bools
+from mdpo_rddl.planner.plans.limited_bools import Shift
 from mdpo_rddl.planner.plans.limits import scale_to_limits
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, Entries, PlanMemory
 from mdpo_rddl.planner.upstream import JaxPlan
@@ -89,25 +89,16 @@ class FeedbackPlan(JaxPlan):
         if preprocessor is not None:
             raise ValueError("FeedbackPlan scales the states itself: preprocessor must be None")
         self._check_names(compiled.rddl)
-        ranges = compiled.rddl.variable_ranges
         _, self.bounds, _, _ = self._calculate_action_info(compiled, _bounds, horizon)
         values = compiled.init_values
-        feedback = Feedback(compiled.rddl, values, self._shape, horizon, compiled.REAL)
-        bools = [name for name in feedback.action_shapes if ranges[name] == "bool"]
-        numbers = [name for name in feedback.action_shapes if ranges[name] != "bool"]
-        self.units = {name: self._unit(compiled, name) for name in numbers}
-        # a relaxed model's bools are numbers
-        noop = {name: np.asarray(compiled.init_values[name]) > 0.5 for name in bools}
-        noop |= {name: np.asarray(compiled.init_values[name]) for name in numbers}
-        limits = concurrency_limits(compiled.rddl, feedback.action_shapes)
-        if not any(np.any(noop[name]) for limit in limits for name in limit.groups):
-            self.concurrency = limits
-
-        whole = [name for name in numbers if ranges[name] != "real"]
+        feedback = Feedback(compiled.rddl, values, self._shape, horizon, compiled.REAL, jnp)
         kinds = compiled.REAL, compiled.INT
-        actions = self._actions = FeedbackActions(
-            feedback, noop, self.units, self.bounds, whole, kinds, limits
+        actions = self._actions = FeedbackActions.of(
+            feedback, compiled.rddl, values, self._given_units, self.bounds, kinds
         )
+        bools, limits, self.units = actions.bools, actions.limits, dict(actions.units)
+        if not any(np.any(actions.noop[name]) for limit in limits for name in limit.groups):
+            self.concurrency = list(limits)
         memory = self.memory = self._compile_memory()
 
         def seen(state: Mapping[str, Array], entries: Entries) -> dict[str, Array]:
@@ -208,35 +199,6 @@ class FeedbackPlan(JaxPlan):
             if not np.all(np.asarray(unit) > 0.0):
                 raise ValueError(f"units: that of {name} must be above 0, got {unit!r}")
 
-    def _unit(self, compiled: Any, name: str) -> np.ndarray:
-        """What a raw value of 1 means, for one action fluent [*shape]."""
-        shape = np.shape(compiled.init_values[name])
-        if name in self._given_units:
-            return np.full(shape, self._given_units[name])
-        prange = compiled.rddl.variable_ranges[name]
-        if prange in compiled.rddl.enum_types:
-            return np.full(shape, max(1.0, len(compiled.rddl.type_to_objects[prange]) - 1.0))
-        return np.full(shape, box_width(*compiled.constraints.bounds[name]) or 1.0)
-
 
 def _not_compiled(*_: Any) -> Any:
     raise RuntimeError("the plan is not compiled yet")
-
-
-def box_width(lower: Any, upper: Any) -> float | None:
-    """The median width of an action fluent's boxes; None if none of them is finite.
-
-    One width for all objects, so that shared weights mean the same for each.
-    """
-    width = np.subtract(upper, lower, dtype=float)
-    finite = width[np.isfinite(width) & (width > 0)]
-    return float(np.median(finite)) if finite.size else None
-
-
-def concurrency_limits(rddl: Any, shapes: Mapping[str, tuple[int, ...]]) -> list[GroupLimit]:
-    """`max-nondef-actions` as a limit on one group of bools, if it limits anything."""
-    names = limited_bools(rddl)
-    if not names:
-        return []
-    groups = {name: np.zeros(shapes[name], dtype=int) for name in names}
-    return [GroupLimit(groups, np.array([rddl.max_allowed_actions]))]

@@ -12,7 +12,6 @@ from jax import Array, lax, random
 from mdpo_rddl.planner.plans.effects import Effects
 from mdpo_rddl.planner.plans.expectation import Expectation
 from mdpo_rddl.planner.plans.feedback_actions import in_order
-from mdpo_rddl.planner.plans.feedback_plan import concurrency_limits
 from mdpo_rddl.planner.plans.legal import LegalActions
 from mdpo_rddl.planner.plans.limited_bools import Shift
 from mdpo_rddl.planner.plans.limits import are_largest, choose_within_limits
@@ -22,7 +21,7 @@ from mdpo_rddl.planner.programs.dependence import dependence
 from mdpo_rddl.planner.rollouts.plan_memory import NO_MEMORY, PlanMemory
 from mdpo_rddl.planner.upstream import JaxPlan
 from mdpo_rddl.problem.chance import actions_weigh_chances
-from mdpo_rddl.problem.limits import GroupLimit, group_limits
+from mdpo_rddl.problem.limits import GroupLimit, concurrency_limits, group_limits
 
 Actions = dict[str, Array]
 _TINY = 1e-30

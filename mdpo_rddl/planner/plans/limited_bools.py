@@ -21,17 +21,6 @@ Shift = Callable[[Any, Mapping[str, Any], Any, Mapping[str, Array]], tuple[Any, 
 and the step to call the plan's policy with."""
 
 
-def limited_bools(rddl: Any) -> list[str]:
-    """The bool action fluents, in JaxPlan's order, if their number of true values is limited."""
-    names = [
-        name
-        for name, prange in rddl.variable_ranges.items()
-        if rddl.variable_types[name] == "action-fluent" and prange == "bool"
-    ]
-    count = sum(np.size(rddl.action_fluents[name]) for name in names)
-    return names if rddl.max_allowed_actions < count else []
-
-
 def shift_jaxplan(plan: JaxPlan, names: Sequence[str]) -> Shift | None:
     """How to perturb the limited bools of a compiled plan of JaxPlan's own; else None.
 

@@ -1,23 +1,26 @@
 """Bool actions that keep the limits on their groups, relaxed and exact."""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from mdpo_rddl.planner.plans.features import array_module
 from mdpo_rddl.problem.limits import GroupLimit
 
+if TYPE_CHECKING:  # who plays on numpy need not import it
+    from jax import Array
+
 
 def scale_to_limits(
-    probabilities: Mapping[str, Array], limits: Sequence[GroupLimit]
-) -> dict[str, Array]:
+    probabilities: Mapping[str, "Array"], limits: Sequence[GroupLimit]
+) -> dict[str, "Array"]:
     """Scales relaxed bools [*shape] down so that each group's sum keeps its limit.
 
     The gradient passes through the scale. Groups within their limit stay as they are.
     """
+    from jax import numpy as jnp
+
     scaled = dict(probabilities)
     for limit in limits:
         totals = jnp.zeros(len(limit.limits))
@@ -33,8 +36,8 @@ def scale_to_limits(
 
 
 def choose_within_limits(
-    probabilities: Mapping[str, Array], limits: Sequence[GroupLimit]
-) -> dict[str, Array]:
+    probabilities: Mapping[str, "Array"], limits: Sequence[GroupLimit]
+) -> dict[str, "Array"]:
     """Bool actions [*shape] that keep every limit: the likeliest of each group.
 
     A component is true if its probability is above 0.5 and it is among the group's
@@ -72,12 +75,15 @@ def choose_within_limits(
     return chosen
 
 
-def _group_sums(values: Array, group: np.ndarray, count: int) -> Array:
+def _group_sums(values: "Array", group: np.ndarray, count: int) -> "Array":
+    import jax
+    from jax import numpy as jnp
+
     ids = np.where(group < 0, count, group)
     return jax.ops.segment_sum(jnp.ravel(values), np.ravel(ids), count + 1)[:count]
 
 
-def are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
+def are_largest(values: "Array", group: np.ndarray, limits: np.ndarray) -> "Array":
     """Whether each value is among the `limit` largest of its group [n]; ties by position.
 
     Values in no group are.
@@ -87,6 +93,9 @@ def are_largest(values: Array, group: np.ndarray, limits: np.ndarray) -> Array:
       group: of each value, below 0 of those in none [n].
       limits: of the groups.
     """
+    import jax
+    from jax import numpy as jnp
+
     members = _members(group, len(limits))
     places = int(np.clip(np.max(limits), 1, members.shape[1]))
     table = _by_group(values, members)
@@ -116,8 +125,10 @@ def _are_largest_of_replicas(
     return chosen[:-1] | (group < 0)[:, np.newaxis]
 
 
-def _by_group(values: Array, members: np.ndarray) -> Array:
+def _by_group(values: "Array", members: np.ndarray) -> "Array":
     """The values of each group's members [G, K]; minus infinity where it has fewer."""
+    from jax import numpy as jnp
+
     # the members of a group often are a row or a column: on a CPU gathering them takes longer
     if _are_rows(members, len(values)):
         return jnp.reshape(values, members.shape)
@@ -126,9 +137,11 @@ def _by_group(values: Array, members: np.ndarray) -> Array:
     return jnp.append(values, -jnp.inf)[members]
 
 
-def _in_order(table: Array, group: np.ndarray, members: np.ndarray) -> Array:
+def _in_order(table: "Array", group: np.ndarray, members: np.ndarray) -> "Array":
     """What is said of each group's members [G, K] in the order of the values [n]; true of those
     in no group."""
+    from jax import numpy as jnp
+
     count = len(group)
     if _are_rows(members, count):
         return jnp.ravel(table)

@@ -14,7 +14,7 @@ from mdpo_rddl.auto.arena.judge import ROLLOUTS, Judge, difference_error, rollou
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.probing.constants import with_bias
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact.exact import LOST, compile_exact_returns
 from mdpo_rddl.problem.evaluation import mean_and_error

@@ -15,7 +15,7 @@ from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arena.probed import Probed
 from mdpo_rddl.auto.outcome.outcome import policy_of
 from mdpo_rddl.auto.outcome.unsearched import found_by_probing
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.auto.probing.probing import constants_for, probe
 from mdpo_rddl.auto.race import affording, race
 from mdpo_rddl.planner.build import build_planner

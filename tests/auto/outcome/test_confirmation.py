@@ -21,7 +21,7 @@ from mdpo_rddl.auto.outcome import confirmation
 from mdpo_rddl.auto.outcome.confirmation import confirmed, episodes_of, is_less, less_than_judged
 from mdpo_rddl.auto.outcome.outcome import policy_of
 from mdpo_rddl.auto.probing.constants import with_bias
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact.exact import LOST
 from mdpo_rddl.problem.evaluation import Evaluation, evaluate

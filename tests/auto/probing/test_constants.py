@@ -12,7 +12,7 @@ from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.sizes import Batches
 from mdpo_rddl.auto.probing import constants, probing
 from mdpo_rddl.auto.probing.constants import Constants
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact.exact import Visits, visit_bytes
 

@@ -6,7 +6,7 @@ from helpers.lakes import PLAIN, preset, write_lake
 from helpers.toys import toy
 
 from mdpo_rddl.auto import RaceOptions, plan_automatically
-from mdpo_rddl.auto.probing.fitting import MEMORY, with_memory
+from mdpo_rddl.planner.config.fitting import MEMORY, with_memory
 
 
 def test_a_policy_remembers_where_the_state_is_not_observed():

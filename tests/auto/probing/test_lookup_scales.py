@@ -6,7 +6,7 @@ from helpers.lakes import preset
 from helpers.probes import probed
 from helpers.vans import vans
 
-from mdpo_rddl.auto.probing.fitting import greedy, scaled, without_scales
+from mdpo_rddl.planner.config.fitting import greedy, scaled, without_scales
 from mdpo_rddl.auto.probing.lookup_scales import lookup_scales
 from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.planner.build import build_planner

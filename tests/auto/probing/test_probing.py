@@ -12,7 +12,7 @@ from helpers.toys import problem_from, toy
 
 from mdpo_rddl.auto.common import sizes
 from mdpo_rddl.auto.probing import probing
-from mdpo_rddl.auto.probing.fitting import scaled, without_plan, without_scales
+from mdpo_rddl.planner.config.fitting import scaled, without_plan, without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.problem.load import load_problem

@@ -12,7 +12,7 @@ from helpers.toys import problem_from, toy
 
 from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.auto.probing.constants import with_bias
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.auto.probing.raising import watched
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact.exact import LOST, compile_exact_returns

@@ -11,7 +11,7 @@ from helpers.problems import write_corridor
 from mdpo_rddl import evaluate, make_environment
 from mdpo_rddl.auto.common import sizes
 from mdpo_rddl.auto.common.gains import NoopReturn
-from mdpo_rddl.auto.probing.fitting import scaled, without_scales
+from mdpo_rddl.planner.config.fitting import scaled, without_scales
 from mdpo_rddl.auto.search import plan_population
 from mdpo_rddl.auto.search.evolution import Evolved
 from mdpo_rddl.auto.search.plan_population import PlanPopulation

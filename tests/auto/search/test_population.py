@@ -8,7 +8,7 @@ from helpers.clocks import Stopped
 from helpers.lakes import preset, write_lake
 
 from mdpo_rddl.auto.common.sizes import Size
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.auto.search import one_by_one, population
 from mdpo_rddl.auto.search.population import PopulationReturns, Wanted, compile_population
 from mdpo_rddl.auto.search.weights import weights_of

@@ -8,7 +8,7 @@ from helpers.probes import probed
 
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.probing.fitting import scaled, without_scales
+from mdpo_rddl.planner.config.fitting import scaled, without_scales
 from mdpo_rddl.auto.probing.probing import boxes
 from mdpo_rddl.auto.search.random_play import mean_until, random_plans
 from mdpo_rddl.planner.build import build_planner

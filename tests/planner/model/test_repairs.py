@@ -6,7 +6,7 @@ import pytest
 from helpers.lakes import preset
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.probing.fitting import without_scales
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.budgets import Budget
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config

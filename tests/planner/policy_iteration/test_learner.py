@@ -7,7 +7,7 @@ import pytest
 from helpers.problems import assert_same_bits
 from helpers.toys import problem_from, toy
 
-from mdpo_rddl.auto.probing.fitting import greedy
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan

@@ -4,11 +4,23 @@ from typing import Any
 
 from mdpo_rddl.planner.config.budgets import AUTO_SECONDS
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.values import relaxation_weights
-from mdpo_rddl.planner.upstream import logic
+from mdpo_rddl.planner.config.text import DEFAULT_COMPILER
 
 RESTARTS = 4
 _WEIGHT = 100.0
+# those of JaxPlan's default compiler, listed so that no race must import it for them
+_WEIGHTS = (
+    "argmax_weight",
+    "bernoulli_sigmoid_weight",
+    "binomial_softmax_weight",
+    "discrete_softmax_weight",
+    "floor_weight",
+    "geometric_floor_weight",
+    "poisson_comparison_weight",
+    "round_weight",
+    "sigmoid_weight",
+    "switch_weight",
+)
 
 
 def auto_preset(domain_name: str) -> PlannerConfig:
@@ -17,11 +29,10 @@ def auto_preset(domain_name: str) -> PlannerConfig:
     `[Search]` makes it one of `mdpo_rddl.auto`, which fills in units and scales.
     """
     del domain_name
-    compiler = logic.DefaultJaxRDDLCompilerWithGrad
     sections: dict[str, dict[str, Any]] = {
         "Compiler": {
-            "method": compiler.__name__,
-            **dict.fromkeys(sorted(relaxation_weights(compiler)), _WEIGHT),
+            "method": DEFAULT_COMPILER,
+            **dict.fromkeys(_WEIGHTS, _WEIGHT),
         },
         "Planner": {
             "method": "FeedbackPlan",

@@ -4,8 +4,6 @@ from typing import Any
 
 from mdpo_rddl.planner.config.budgets import A_DAY
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.values import relaxation_weights
-from mdpo_rddl.planner.upstream import logic
 
 RELAXATION_WEIGHT = 100.0
 
@@ -31,6 +29,9 @@ def paper_preset(domain_name: str) -> PlannerConfig:
     default of PyTorch, in which the paper's code is written. The batch of test rollouts only
     serves to pick the best iterate.
     """
+    from mdpo_rddl.planner.config.values import relaxation_weights
+    from mdpo_rddl.planner.upstream import logic
+
     compiler = logic.DefaultJaxRDDLCompilerWithGrad
     sections: dict[str, dict[str, Any]] = {
         "Compiler": {

@@ -1,8 +1,9 @@
 """The preset's configuration, fitted to a problem."""
 
+from typing import Any
+
 import numpy as np
 
-from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.problem.load import Problem
 
@@ -29,8 +30,13 @@ def without_plan(config: PlannerConfig) -> PlannerConfig:
     return config.with_values("Noise", analysis_samples=1)
 
 
-def scaled(config: PlannerConfig, probe: Probe) -> PlannerConfig:
-    """The configuration with the scales that probing found, and with what is looked up."""
+def scaled(config: PlannerConfig, probe: Any) -> PlannerConfig:
+    """The configuration with the scales that probing found, and with what is looked up.
+
+    Args:
+      config: with a `FeedbackPlan`.
+      probe: has `units`, `state_scales` and `lookup_scales`.
+    """
     lookups = config.policy_arguments.get("lookups", list(probe.lookup_scales))
     looked_up = {name: pair for name, pair in probe.lookup_scales.items() if name in lookups}
     # a centre is as exact as its scale makes a difference

@@ -1,0 +1,119 @@
+"""Who leads: candidates, judged by the same episodes."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.evaluation import mean_and_error
+from mdpo_rddl.race.arm import Candidate, Context, Judged
+from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.evaluator import CONFIRMATION
+from mdpo_rddl.race.outcome import Point
+
+# episodes by which a candidate may take the lead, and by which the result is confirmed
+_MOST, _CONFIRMED = 128, 1024
+# standard errors of a difference by which fewer episodes decide
+_ERRORS = 3.0
+# candidates of different arms that the confirmation compares
+_RIVALS = 4
+
+
+class Board:
+    """All candidates so far, and the best of them.
+
+    Attributes:
+      points: in the order in which they were judged.
+      leader: the best candidate; None before the first.
+      feedback: the best whose policy is one of the race's family; None before the first.
+    """
+
+    def __init__(self, context: Context, on_judged: Callable[[Point], None]) -> None:
+        """Has judged nothing yet."""
+        self._context, self._on_judged = context, on_judged
+        self.points: list[Point] = []
+        self.leader: Judged | None = None
+        self.feedback: Judged | None = None
+        self._best: dict[str, Judged] = {}
+
+    def judge(self, candidate: Candidate) -> Judged:
+        """Plays a candidate until it is clear whether it leads, or for enough episodes.
+
+        Ties go to whoever led before. Nothing is played beyond the deadline, but the first episodes
+        of the first candidate.
+        """
+        play = candidate.policy.replicated()
+        returns = self._context.evaluator.more(play, np.zeros(0))
+        judged, leads = self._compared(Judged(candidate, returns), play)
+        self.points.append(Point(candidate, judged.returns, self._context.budget.used, leads))
+        if leads:
+            self.leader = judged
+        best = self._best.get(candidate.arm)
+        if best is None or leads or judged.mean > best.mean:
+            self._best[candidate.arm] = judged
+        if self._is_of_family(candidate.policy):
+            is_best = self.feedback is None or judged.mean > self.feedback.mean
+            self.feedback = judged if leads or is_best else self.feedback
+        self._on_judged(self.points[-1])
+        return judged
+
+    def best_return(self, arm: str) -> float | None:
+        """Mean return of an arm's best candidate."""
+        best = self._best.get(arm)
+        return None if best is None else best.mean
+
+    def confirm(self, budget: Budget) -> Judged:
+        """The best of the leading arms' candidates in episodes that none of them was chosen by.
+
+        Episodes are doubled while there is time, at most to a thousand. The leader stays where
+        another one is not better by a standard error of the difference.
+
+        Args:
+          budget: for it; the first episodes are played in any case.
+        """
+        assert self.leader is not None
+        rivals = sorted(self._best.values(), key=lambda each: -each.mean)
+        rivals = [each for each in rivals if each.candidate is not self.leader.candidate]
+        chosen = [self.leader, *rivals[: _RIVALS - 1]]
+        plays = [each.candidate.policy.replicated() for each in chosen]
+        found = [np.zeros(0) for _ in chosen]
+        evaluator = self._context.evaluator
+        while len(found[0]) < _CONFIRMED:
+            began = budget.used
+            found = [
+                evaluator.more(play, returns, CONFIRMATION)
+                for play, returns in zip(plays, found, strict=True)
+            ]
+            takes = budget.used - began
+            if budget.left < 2.0 * takes or self._context.certain:
+                break
+        best = 0
+        for number in range(1, len(chosen)):
+            gain, error = mean_and_error(found[number] - found[best])
+            if gain > error and np.isfinite(gain):
+                best = number
+        return Judged(chosen[best].candidate, found[best])
+
+    def _compared(self, judged: Judged, play: Any) -> tuple[Judged, bool]:
+        """A candidate with all of its returns, and whether it is better than the leader."""
+        leader, context = self.leader, self._context
+        if leader is None:
+            return judged, True
+        rival = leader.candidate.policy.replicated()
+        while True:
+            count = len(judged.returns)
+            if len(leader.returns) < count:
+                more = context.evaluator.more(rival, leader.returns)
+                leader = self.leader = leader._replace(returns=more)
+            with np.errstate(invalid="ignore"):
+                gain, error = mean_and_error(judged.returns - leader.returns[:count])
+            is_clear = not abs(gain) <= _ERRORS * error or context.certain
+            if is_clear or count >= _MOST or context.budget.left <= 0.0:
+                return judged, bool(gain > 0.0)
+            judged = judged._replace(returns=context.evaluator.more(play, judged.returns))
+
+    def _is_of_family(self, policy: Any) -> bool:
+        return isinstance(policy, Policy) and policy.config is self._context.family.config
+
+

@@ -1,0 +1,77 @@
+"""The feedback policies of a problem: one configuration, one formula, many parameters."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.formula import FeedbackFormula
+from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.race.evaluator import worth
+from mdpo_rddl.race.weights import Params, Weights, completed
+from mdpo_rddl.simulator.simulator import Simulator
+
+
+class Family:
+    """All feedback policies that a configuration describes.
+
+    Attributes:
+      config: of a planner of theirs.
+      feedback: their raw actions, see `Feedback`.
+      noop: parameters that play the no-op.
+    """
+
+    def __init__(
+        self, problem: Problem, simulator: Simulator, config: PlannerConfig, seed: int
+    ) -> None:
+        """Builds the formula.
+
+        Args:
+          problem: the problem.
+          simulator: of it.
+          config: with a `FeedbackPlan`.
+          seed: of hidden units, and of the policies.
+        """
+        self.config, self._problem, self._simulator, self._seed = config, problem, simulator, seed
+        self._formula = FeedbackFormula(problem, config, simulator)
+        self.feedback = self._formula.actions.feedback
+        self.noop: Params = self.feedback.initial(np.random.default_rng(seed))
+
+    def policy(self, params: Params) -> Policy:
+        """The policy with these parameters, of which parts that have no effect may be missing."""
+        full = completed(params, self.noop)
+        policy = Policy(self._problem, self.config, full, {}, self._seed)
+        return policy.built_with(formula=self._formula)
+
+    def raw(self, actions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The raw actions that play actions, per fluent [*shape, ...]."""
+        formula, found = self._formula.actions, {}
+        for name, action in actions.items():
+            rest = (1,) * (np.ndim(action) - np.ndim(formula.noop[name]))
+            noop = np.reshape(formula.noop[name], (*np.shape(formula.noop[name]), *rest))
+            if name in formula.units:
+                unit = np.reshape(formula.units[name], noop.shape)
+                found[name] = (action - noop) / unit
+            else:
+                found[name] = (np.asarray(action, bool) ^ noop).astype(float)
+        return found
+
+    def returns(self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any) -> np.ndarray:
+        """The worth of episodes [P, N] of policies, all of them with the same random numbers.
+
+        Args:
+          weights: what the vectors stand for.
+          vectors: [P, D].
+          episodes: of each policy, N.
+          seed: of the episodes.
+        """
+        at_once = max(1, self._simulator.block // episodes)
+        parts = []
+        for first in range(0, len(vectors), at_once):
+            some = vectors[first : first + at_once]
+            play = self._formula.replicas(weights.batch(some, episodes))
+            found = worth(self._simulator, play, len(some) * episodes, seed, groups=len(some))
+            parts.append(found.reshape(len(some), episodes))
+        return np.concatenate(parts)
