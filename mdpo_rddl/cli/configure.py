@@ -7,7 +7,6 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.noise.units import RANGE
 from mdpo_rddl.planner.config.budgets import DECISION_SECONDS, JAXPLAN_EPOCHS
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.values import relaxation_weights
 
 
 def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConfig:
@@ -34,6 +33,8 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
             # one plan's arguments mean nothing to another
             config = config.with_values("Planner", method=method, method_kwargs={})
     if options.weight is not None:
+        from mdpo_rddl.planner.config.values import relaxation_weights  # imports JAX
+
         names = sorted(relaxation_weights(config.compiler_class()))
         config = config.with_values("Compiler", **dict.fromkeys(names, options.weight))
     changes = {

@@ -34,8 +34,8 @@ from mdpo_rddl.simulator.simulator import Simulator
 
 logger = logging.getLogger(__name__)
 
-LONGEST_EPISODE_SECONDS = 2.0
-"""With longer ones nothing is played only to be shown."""
+# seconds: with longer ones nothing is played only to be shown
+_LONGEST_EPISODE = 2.0
 # a played value that asks for a bound, and how much further one looks for that bound
 _HUGE, _FURTHER = 1e6, 1e3
 _INTS = -(2**31), 2**31 - 1
@@ -52,18 +52,22 @@ class Observed:
 
     Attributes:
       recorder: of its episodes.
+      episodes: how many of them were played to their ends.
     """
 
-    def __init__(self, terms: EvaluationTerms) -> None:
+    def __init__(self, terms: EvaluationTerms, longest: float = _LONGEST_EPISODE) -> None:
         """Keeps nothing yet.
 
         Args:
           terms: how policies are evaluated.
+          longest: seconds that an episode of the policy's may take on average for more to be played
+            only to be shown.
         """
-        self._terms = terms
+        self._terms, self._longest = terms, longest
         self._seconds: list[float] = []
         self._began = self._ended = 0.0
         self.recorder = TrajectoriesRecorder(terms.problem.model, terms.episodes)
+        self.episodes = 0
         self._simulated: Trajectories | None = None
         self._noop: Trajectories | None = None
 
@@ -146,7 +150,7 @@ class Observed:
 
     def _references(self, returns: np.ndarray) -> dict[str, Any]:
         simulator = self._simulator
-        if simulator is None or self.episode_seconds > LONGEST_EPISODE_SECONDS:
+        if simulator is None or not self.is_quick:
             return {}
 
         def noop() -> Evaluation:
@@ -157,9 +161,9 @@ class Observed:
         return {name: _reference(name, play, returns) for name, play in plays.items()}
 
     @property
-    def episode_seconds(self) -> float:
-        """That an episode of the policy took, on average."""
-        return (self._ended - self._began) / self._terms.episodes
+    def is_quick(self) -> bool:
+        """Whether episodes of the policy were so quick that more may be played to be shown."""
+        return 0.0 <= self._ended - self._began <= self._longest * self.episodes
 
     def write(self, folder: Path) -> None:
         """Writes the trajectories and the decision times."""

@@ -86,7 +86,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         summary = {
             **identity(
                 request.problem,
-                planner_figures(request.config, planner),
+                planner_figures(request.config),
                 config_name=request.config_name,
                 seed=request.seed,
                 episodes=request.episodes if end is None else evaluator.ended,

@@ -24,7 +24,8 @@ _TERM = fields(
 )
 _EQUATION = fields({"head": text, "within": text, "terms": entries(_TERM)})
 _ARM = fields(
-    {"seconds": number, "compile_seconds": number, "iterations": count, "best_return": _RETURN}
+    {"seconds": number, "iterations": count, "best_return": _RETURN},
+    {"compile_seconds": number},
 )
 _CANDIDATE = fields({"seconds": number, "mean_return": _RETURN, "became_incumbent": truth})
 _RACE = fields(
