@@ -20,6 +20,7 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
       InputError: if an option does not go with the noise that was chosen, or a value is one
         that the configuration refuses.
     """
+    given_config = config
     config = _configure_noise(config, options)
     policy = options.policy
     if options.replan and options.config is None:
@@ -48,7 +49,9 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
     for section, values in changes.items():
         given = {key: value for key, value in values.items() if value is not None}
         config = config.with_values(section, **given)
-    return config
+    of_any_time = [each.with_values("Optimize", train_seconds=0.0) for each in (config, given_config)]
+    # a check imports JAX, which seconds are not worth
+    return config if of_any_time[0] == of_any_time[1] else config.checked()
 
 
 _NOISE_METHODS = {"adaptive": "AdaptiveNoise", "constant": "ConstantNoise", "none": "NoNoise"}

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import InputError, printable
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.plans.feedback import Feedback, Params
 from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions, in_order
@@ -206,6 +206,10 @@ class FormulaPlay:
         """Takes in what was played at the latest step of `batch`, per fluent [batch, *shape]."""
         self._many.note(actions)
 
+    def memory_at(self, step: int) -> dict[str, np.ndarray]:
+        """What is remembered when a step's action is chosen, per entry [*shape]."""
+        return {name: value[..., 0] for name, value in self._one.before(step, 1).items()}
+
     def reset(self) -> None:
         """Forgets the episodes."""
         self._one, self._many = (_Episodes(self._formula) for _ in range(2))
@@ -227,19 +231,28 @@ class _Episodes:
         formula = self._formula
         self._seen = formula.seen(step, observations)
         count = next(iter(self._seen.values())).shape[-1] if self._seen else 1
+        memory = self.before(step, count)
+        actions = formula.play(params, {**self._seen, **memory}, step)
+        self._remember(actions)
+        return formula.shown(actions)
+
+    def before(self, step: int, count: int) -> dict[str, Any]:
+        """The memories before a step's decision, per entry [*shape, count].
+
+        Raises:
+          InputError: if the step follows the last one, which was of another number of episodes.
+        """
         if step > 0 and step == self._step + 1:
             self._before = self._after
         elif step == 0 or step != self._step:
             self._before = {
                 name: np.broadcast_to(value[..., np.newaxis], (*value.shape, count))
-                for name, value in formula.actions.feedback.empty_memory().items()
+                for name, value in self._formula.actions.feedback.empty_memory().items()
             }
         for value in self._before.values():
             require_count(value.shape[-1], count, step)
         self._step = step
-        actions = formula.play(params, {**self._seen, **self._before}, step)
-        self._remember(actions)
-        return formula.shown(actions)
+        return self._before
 
     def note(self, actions: Mapping[str, Any]) -> None:
         """Takes in what was played instead, per action fluent [count, *shape]."""
@@ -292,8 +305,15 @@ def require_formula_params(saved: SavedPolicy, formula: FeedbackFormula, source:
       formula: of its problem and configuration.
       source: where the policy came from, for the message.
     """
-    if not isinstance(saved.params, Mapping):
+    trees = saved.params, saved.policy_hyperparams
+    if not all(isinstance(tree, Mapping) for tree in trees):
         raise InputError(f"{source}: damaged policy file: it has no trees of tensors")
+    for name, value in saved.policy_hyperparams.items():
+        if np.shape(value) or np.asarray(value).dtype.kind not in "fiu":
+            raise InputError(
+                f"{source}: damaged policy file: its hyperparameter {printable(name)} is not the "
+                "planner's"
+            )
     initial = formula.actions.feedback.initial(np.random.default_rng(0))
     wanted, found = (flatten(tree, "params") for tree in (initial, saved.params))
     shapes = [{n: leaf.shape for n, leaf in tree.items()} for tree in (wanted, found)]
@@ -304,6 +324,8 @@ def require_formula_params(saved: SavedPolicy, formula: FeedbackFormula, source:
         )
     if kinds := {str(leaf.dtype) for leaf in found.values() if leaf.dtype != np.float32}:
         names = ", ".join(sorted(kinds))
-        raise InputError(f"{source}: damaged policy file: its parameters are {names}")
+        raise InputError(
+            f"{source}: damaged policy file: its parameters are {names}, not as the planner's"
+        )
     if not all(np.all(np.isfinite(leaf)) for leaf in found.values()):
         raise InputError(f"{source}: damaged policy file: it holds numbers that are not finite")

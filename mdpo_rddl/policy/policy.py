@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,8 @@ from mdpo_rddl.policy.file import (
     save_policy,
 )
 from mdpo_rddl.policy.formula import METHOD, FeedbackFormula, FormulaPlay, require_formula_params
+from mdpo_rddl.policy.greedy import METHOD as GREEDY_METHOD
+from mdpo_rddl.policy.greedy import GreedyFormula
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.side_by_side import BatchReplicas
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -47,7 +49,43 @@ if TYPE_CHECKING:  # who plays a feedback policy need not import JAX
     from mdpo_rddl.policy.rule.explanation import Explanation
 
 # properties that are computed once, and hang on nothing but what is played
-_COMPILED = ("planner", "formula", "_play", "underlying")
+_COMPILED = ("_play", "underlying")
+
+
+class Compiled:
+    """What plays the policies of one problem and configuration, made when it is first asked for."""
+
+    def __init__(
+        self,
+        planner: "MDPOPlanner | None" = None,
+        formula: FeedbackFormula | None = None,
+        greedy: GreedyFormula | None = None,
+    ) -> None:
+        """Takes what is there already."""
+        self._planner, self._formula, self._greedy = planner, formula, greedy
+
+    def planner(self, problem: Problem, config: PlannerConfig) -> "MDPOPlanner":
+        """The compiled planner."""
+        from mdpo_rddl.machine.device import computing_on
+        from mdpo_rddl.planner.build import build_planner
+        from mdpo_rddl.planner.device import fitting_device
+
+        if self._planner is None:
+            with computing_on(fitting_device(problem)):
+                self._planner = build_planner(problem, config).planner
+        return self._planner
+
+    def formula(self, problem: Problem, config: PlannerConfig) -> FeedbackFormula | None:
+        """The formula on numpy; None unless the configuration is one of feedback policies."""
+        if self._formula is None and config.policy_method == METHOD:
+            self._formula = FeedbackFormula(problem, config)
+        return self._formula
+
+    def greedy(self, problem: Problem, config: PlannerConfig) -> GreedyFormula | None:
+        """The greedy policies' formula; None unless the configuration is one of them."""
+        if self._greedy is None and config.policy_method == GREEDY_METHOD:
+            self._greedy = GreedyFormula(problem, config)
+        return self._greedy
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +104,7 @@ class Policy(PolicyAgent):
       saved_underlying: a policy of the underlying MDP, with which it votes or thinks where the
         state is observed in part only; None if there is none.
       votes: whether it is played by a vote over its belief of the state, of what that policy does.
+      compiled: what plays it, as far as that is there.
     """
 
     problem: Problem
@@ -76,6 +115,7 @@ class Policy(PolicyAgent):
     candidates: tuple[Mapping[str, Any], ...] = ()
     saved_underlying: AnySaved | None = None
     votes: bool = False
+    compiled: Compiled = field(default_factory=Compiled)
 
     @classmethod
     def from_saved(cls, saved: SavedPolicy, problem: Problem, source: str) -> "Policy":
@@ -99,39 +139,17 @@ class Policy(PolicyAgent):
         else:
             saved, planner = _fitted(saved, problem, config, source)
         own = saved.params, saved.policy_hyperparams, saved.seed, saved.candidates
-        policy = cls(problem, config, *own, saved.underlying, saved.votes)
-        return policy.built_with(planner, formula)
+        return cls(problem, config, *own, saved.underlying, saved.votes, Compiled(planner, formula))
 
-    def built_with(
-        self, planner: "MDPOPlanner | None" = None, formula: FeedbackFormula | None = None
-    ) -> "Policy":
-        """The policy, with what plays it where that is there already.
-
-        Args:
-          planner: compiled for its problem and configuration.
-          formula: likewise.
-        """
-        for name, built in {"planner": planner, "formula": formula}.items():
-            if built is not None:
-                self.__dict__[name] = built
-        return self
-
-    @cached_property
+    @property
     def planner(self) -> "MDPOPlanner":
         """The compiled planner, for whatever the formula on numpy does not do."""
-        from mdpo_rddl.machine.device import computing_on
-        from mdpo_rddl.planner.build import build_planner
-        from mdpo_rddl.planner.device import fitting_device
+        return self.compiled.planner(self.problem, self.config)
 
-        with computing_on(fitting_device(self.problem)):
-            return build_planner(self.problem, self.config).planner
-
-    @cached_property
+    @property
     def formula(self) -> FeedbackFormula | None:
         """What plays a feedback policy; None of another one."""
-        if self.config.policy_method != METHOD:
-            return None
-        return FeedbackFormula(self.problem, self.config, self._exact_model)
+        return self.compiled.formula(self.problem, self.config)
 
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it: without the compiled planner, and without times.
@@ -300,6 +318,9 @@ class Policy(PolicyAgent):
             return None
         if self.formula is not None:
             return self.formula.replicas(self.params)
+        greedy = self.compiled.greedy(self.problem, self.config)
+        if greedy is not None:
+            return greedy.replicas(self.params, self.seed)
         play = self._play
         return BatchReplicas(play.batch, play.were_played, self.problem.model)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.formula import FeedbackFormula
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.evaluator import worth
 from mdpo_rddl.race.weights import Params, Weights, completed
@@ -42,8 +42,8 @@ class Family:
     def policy(self, params: Params) -> Policy:
         """The policy with these parameters, of which parts that have no effect may be missing."""
         full = completed(params, self.noop)
-        policy = Policy(self._problem, self.config, full, {}, self._seed)
-        return policy.built_with(formula=self._formula)
+        compiled = Compiled(formula=self._formula)
+        return Policy(self._problem, self.config, full, {}, self._seed, compiled=compiled)
 
     def raw(self, actions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The raw actions that play actions, per fluent [*shape, ...]."""

@@ -11,7 +11,7 @@ from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.training.checkpoints import Checkpoints
 from mdpo_rddl.planner.training.training import Progress, TrainingResult, train
 from mdpo_rddl.planner.upstream import JaxStraightLinePlan
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.enumeration.model import require_legal_start
 from mdpo_rddl.problem.functions import FunctionError
 from mdpo_rddl.session.preparation import preparing
@@ -83,6 +83,6 @@ def find_by_training(
         "became_incumbent": True,
     }
     hyperparams, params = dict(result.policy_hyperparams), result.best_params
-    policy = Policy(terms.problem, terms.config, params, hyperparams, seed, (best,))
-    policy.built_with(planner)
+    own = params, hyperparams, seed, (best,)
+    policy = Policy(terms.problem, terms.config, *own, compiled=Compiled(planner))
     return policy, result

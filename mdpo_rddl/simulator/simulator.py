@@ -62,6 +62,8 @@ class Simulator:
       noop: per action fluent its default [*shape].
       values: per fluent and non-fluent its value before the first step [*shape].
       block: so many replicas are simulated at once, the others after them.
+      draws_only_bools: whether all that a step draws is bools of the next state whose chances
+        `step` can tell.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -125,11 +127,23 @@ class Simulator:
             nodes.append((name, node))
             if name in unprimed:
                 compiler.fix(name, node)
+        chances = []
+        for name, following in self._next.items():
+            parameters, expression = model.cpfs[following]
+            if model.variable_ranges[name] == "bool" and compiler.traits(expression).draws:
+                sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
+                chances.append((name, compiler.chance(expression, Scope().extended(sizes))))
         reward = compiler.lower(model.reward, Scope())
         self._cpfs = [
             (name, DTYPES[compiler.kind(name)], compiler.link(node)) for name, node in nodes
         ]
         self._reward = compiler.link(reward)
+        self._chances = [(name, compiler.link(node)) for name, node in chances if node is not None]
+        read = {self._next[name] for name, _ in self._chances}
+        others = [expression for name, (_, expression) in model.cpfs.items() if name not in read]
+        self.draws_only_bools = not any(
+            compiler.traits(each).draws for each in (*others, model.reward)
+        )
         # conditions are looked at before the first step, too, where no fluent is derived yet
         of_states = Compiler(model, constants, self.shapes, functions)
         masks = {
@@ -161,7 +175,13 @@ class Simulator:
         observed problem the fluents' defaults."""
         return {name: state[name] for name in self.observed}
 
-    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+    def step(
+        self,
+        state: State,
+        actions: Mapping[str, Any],
+        generator: Any,
+        chances: dict[str, np.ndarray] | None = None,
+    ) -> Step:
         """Simulates one step of all replicas.
 
         Args:
@@ -169,6 +189,8 @@ class Simulator:
           actions: per action fluent [*shape, B], or what broadcasts to it; the no-op where one is
             missing.
           generator: numpy's, makes all draws.
+          chances: of at most `block` replicas; is given how likely each bool is in the next state
+            [*shape, B], of the fluents for which the model states it.
         """
         replicas = next(iter(state.values())).shape[-1]
         if replicas > self.block:
@@ -179,6 +201,10 @@ class Simulator:
             for name, dtype, closure in self._cpfs:
                 values[name] = self._assigned(closure(frame), name, dtype, replicas)
             rewards = self._reward(frame)[0]
+            if chances is not None:
+                for name, closure in self._chances:
+                    full = np.broadcast_to(closure(frame), (self._rows[name], replicas))
+                    chances[name] = full.reshape(self._kept[name])
             for name, following in self._next.items():
                 values[name] = values[following]
             frame.forget()

@@ -17,7 +17,7 @@ def race(*candidates):
         for seconds, label, mean in candidates
     ]
     chosen = max((j.candidate for j in judged), key=lambda candidate: candidate.known_mean)
-    policy = Policy(None, None, None, {}, {}, 0)
+    policy = Policy(None, None, {}, {}, 0)
     probe = SimpleNamespace(noop_return=-9.0)
     return SimpleNamespace(judged=judged, chosen=chosen, policy=policy, probe=probe)
 

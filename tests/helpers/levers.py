@@ -12,7 +12,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.load import Problem
 
 NONE = (0, 0, 0)
@@ -29,7 +29,7 @@ def lever_policy(pulled: Sequence[float] = NONE, **words: str) -> Policy:
     params = jax.tree.map(np.asarray, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     bias = np.where(np.array(pulled) > 0, 4.0, -4.0).astype(np.float32)
     params["own"]["pull"] = {**params["own"]["pull"], "bias": bias}
-    return Policy(problem, config, planner, params, unit_hyperparams(planner), seed=0)
+    return Policy(problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner))
 
 
 @functools.cache

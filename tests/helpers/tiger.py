@@ -8,7 +8,7 @@ import numpy as np
 from helpers.lakes import preset
 from helpers.toys import toy
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 
 NOTHING_SHOWN = {"growl-left": np.array(None)}
 
@@ -23,4 +23,4 @@ def listener():
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     biases = {name: {**own, "bias": np.float32(-4.0)} for name, own in params["own"].items()}
-    return Policy(problem, config, planner, {**params, "own": biases}, {}, seed=0)
+    return Policy(problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner))

@@ -10,7 +10,7 @@ from helpers.toys import problem_from
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.start import unit_hyperparams
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 
 
 @functools.cache
@@ -21,4 +21,4 @@ def idle_policy(spread: float = 0.0) -> Policy:
     config = auto_preset("tiny").without_section("Search")
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.asarray, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
-    return Policy(problem, config, planner, params, unit_hyperparams(planner), seed=0)
+    return Policy(problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner))

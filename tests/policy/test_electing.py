@@ -21,7 +21,7 @@ from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy import electing
 from mdpo_rddl.policy.electing import compiled_election, elected
 from mdpo_rddl.policy.lookahead.choice import RAISES, choose
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.underlying import underlying_mdp
 
 KEY = jax.random.PRNGKey(0)
@@ -65,7 +65,7 @@ def greedy_one() -> Policy:
     """Of the tiger's underlying MDP, greedy for the reward of one step."""
     problem = underlying_mdp(toy("tiger"))
     planner = build_planner(problem, GREEDY).planner
-    return Policy(problem, GREEDY, planner, planner.plan.initializer(KEY, {}, None), {}, seed=0)
+    return Policy(problem, GREEDY, planner.plan.initializer(KEY, {}, None), {}, seed=0, compiled=Compiled(planner))
 
 
 def opened(underlying, growls):
@@ -153,7 +153,7 @@ def test_a_rule_of_the_underlying_mdp_votes_too():
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     biases = {name: {**own, "bias": np.float32(4.0)} for name, own in params["own"].items()}
-    always = Policy(problem, config, planner, {**params, "own": biases}, {}, seed=0)
+    always = Policy(problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner))
     policy = dataclasses.replace(careless(), saved_underlying=always.to_saved(), votes=True)
     assert bool(policy(0, {"patter": np.array(None)})["take"])
     assert bool(policy(1, pattering(False))["take"])
@@ -190,7 +190,7 @@ def test_an_error_that_the_action_itself_causes_costs_what_others_do(tmp_path):
     assert underlying.optimum.value == 3.5
     planner = build_planner(problem, careless().config).planner
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
-    policy = Policy(problem, careless().config, planner, params, {}, seed=0)
+    policy = Policy(problem, careless().config, params, {}, seed=0, compiled=Compiled(planner))
     policy = policy.voting_with(underlying)
     path = tmp_path / "policy.safetensors"
     policy.save(path)

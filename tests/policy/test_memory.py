@@ -12,7 +12,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.exact.exact import exact_returns
 from mdpo_rddl.policy.file import load_policy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.transfer import transferred
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
@@ -35,7 +35,7 @@ def random_policy(problem, **arguments):
     params = jax.tree.map(
         lambda leaf: 0.03 * random.normal(size=leaf.shape).astype(leaf.dtype), params
     )
-    return Policy(problem, config, planner, params, {}, seed=7)
+    return Policy(problem, config, params, {}, seed=7, compiled=Compiled(planner))
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.policy.file import load_policy, save_policy
 from mdpo_rddl.policy.load import load_policy as load_alone
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.load import load_problem
 
 STATE = {"depth": np.array(450.0)}
@@ -30,7 +30,7 @@ def policy(tmp_path_factory):
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
     random = np.random.default_rng(0)
     params = jax.tree.map(lambda leaf: random.normal(size=leaf.shape).astype(leaf.dtype), params)
-    return Policy(problem, config, planner, params, {"pump": 1.0}, seed=7)
+    return Policy(problem, config, params, {"pump": 1.0}, seed=7, compiled=Compiled(planner))
 
 
 def test_what_is_saved_plays_the_same(policy, tmp_path):

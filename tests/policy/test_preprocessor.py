@@ -13,7 +13,7 @@ from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.start import initial_parameters, unit_hyperparams
 from mdpo_rddl.policy.file import load_policy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.trees import flatten, unflatten
 
 KEY = "preprocessor__"
@@ -40,7 +40,7 @@ def policy_of(problem, config):
     params = initial_parameters(planner, jax.random.PRNGKey(1))
     params = jax.tree.map(lambda leaf: np.asarray(leaf[0]), params)
     hyperparams = jax.tree.map(np.asarray, unit_hyperparams(planner))
-    return Policy(problem, config, planner, params, hyperparams, seed=7)
+    return Policy(problem, config, params, hyperparams, seed=7, compiled=Compiled(planner))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from helpers.toys import toy
 from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 
 KEY = jax.random.PRNGKey(3)
 FEEDBACK = auto_preset("").without_section("Search")
@@ -26,7 +26,7 @@ def policy_of(config):
     problem = toy("lever", **LEVER)
     planner = build_planner(problem, config).planner
     params = planner.plan.initializer(KEY, {}, None)
-    return Policy(problem, config, planner, params, {}, seed=0)
+    return Policy(problem, config, params, {}, seed=0, compiled=Compiled(planner))
 
 
 @pytest.fixture(scope="module")

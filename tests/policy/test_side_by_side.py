@@ -17,9 +17,10 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
-from mdpo_rddl.policy.side_by_side import BatchReplicas, DistinctStates, FormulaReplicas
+from mdpo_rddl.policy.formula import FormulaReplicas
+from mdpo_rddl.policy.side_by_side import BatchReplicas, DistinctStates
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
 
@@ -53,14 +54,15 @@ def feedback(problem, **arguments):
         lambda leaf: (0.03 * random.normal(size=np.shape(leaf))).astype(np.float32),
         planner.plan.noop(0),
     )
-    return Policy(problem, config, planner, params, {}, seed=7)
+    return Policy(problem, config, params, {}, seed=7, compiled=Compiled(planner))
 
 
 def straight_line(problem):
     planner = make_planner(MDPOPlanner, problem, make_plan("slp"))
     key, hyperparams = jax.random.PRNGKey(0), unit_hyperparams(planner)
     params = planner.plan.initializer(key, hyperparams, planner.test_compiled.init_values)
-    return Policy(problem, preset(1.0), planner, params, hyperparams, 0)
+    config = preset(1.0).with_values("Planner", method="JaxStraightLinePlan", method_kwargs={})
+    return Policy(problem, config, params, hyperparams, 0, compiled=Compiled(planner))
 
 
 def both(policy, episodes, few, seed=3):

@@ -17,7 +17,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.planner.start import unit_hyperparams
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.session import second_evaluator
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.requests import PlanRequest
@@ -70,7 +70,7 @@ def test_without_the_second_process_the_first_plays(
 
 def test_both_processes_find_the_same_returns(request_and_policy, monkeypatch):
     request, planner, params, hyperparams = request_and_policy
-    policy = Policy(request.problem, request.config, planner, params, hyperparams, request.seed)
+    policy = Policy(request.problem, request.config, params, hyperparams, request.seed, compiled=Compiled(planner))
     here = Evaluator(request, Silent()).run(policy)
     monkeypatch.setattr(second_evaluator, "evaluate", None)  # here, but not there
     with SecondEvaluator(request) as second:
@@ -143,7 +143,7 @@ COMMAND = """
 import sys
 from mdpo_rddl.cli import plan
 from mdpo_rddl.session import plan as session
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.session import second_evaluator
 
 second_evaluator.usable_cores = lambda: 2

@@ -17,7 +17,7 @@ from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.start import with_preprocessor
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.table import Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -129,10 +129,10 @@ def policy_of(candidate: Candidate, problem: Problem, seed: int) -> AnyPolicy:
         planner = build_planner(problem, config).planner
     if not candidate.uses_noise:
         config = config.without_noise()
-    params = jax.tree.map(np.asarray, candidate.params)
+    params = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), candidate.params)
     hyperparams = with_preprocessor(planner, candidate.policy_hyperparams)
     hyperparams = jax.tree.map(np.asarray, hyperparams)
-    return Policy(problem, config, params, hyperparams, seed).built_with(planner)
+    return Policy(problem, config, params, hyperparams, seed, compiled=Compiled(planner))
 
 
 def _lists(pairs: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:

@@ -242,7 +242,7 @@ class Feedback:
                     value = value + self.of_all(own[gain], name) * scaled[fluent]
             for fluent in self._pairs[name]:
                 if (gains := f"{PAIRS}{fluent}") in own:
-                    value = value + self._product(own[gains], scaled[fluent])
+                    value = value + self._product(own[gains], scaled[fluent], len(shape))
             if "lifted" in params:
                 value = value + self._lifted(name, params["lifted"][name], scaled, time)
             if "plan" in params:
@@ -342,12 +342,14 @@ class Feedback:
             hidden = self.xp.tanh(hidden @ layer["kernel"] + layer["bias"])
         return hidden
 
-    def _product(self, gains: Any, value: Any) -> Any:
-        """Gains of pairs [*shape, *fluent's] times a fluent's value, summed over its objects."""
+    def _product(self, gains: Any, value: Any, own: int) -> Any:
+        """Gains of pairs [*shape, *fluent's] times a fluent's value, summed over its objects.
+
+        `own` is the number of axes of the shape.
+        """
         axes = np.ndim(value) - self.is_replicated
-        if self.is_replicated and np.shape(gains)[-1:] == np.shape(value)[-1:]:
-            fluents = tuple(range(np.ndim(gains) - 1 - axes, np.ndim(gains) - 1))
-            return np.sum(gains * value, axis=fluents)
+        if np.ndim(gains) > own + axes:  # of each replica
+            return np.sum(gains * value, axis=tuple(range(own, own + axes)))
         if self.is_replicated or np.size(gains) > _FEW_PAIRS:
             return self.xp.tensordot(gains, value, axes)
         return self.xp.sum(gains * value, axis=tuple(range(-axes, 0)))

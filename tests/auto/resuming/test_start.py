@@ -22,7 +22,7 @@ from mdpo_rddl.auto.resuming.start import START, accepted_start, start_candidate
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 from mdpo_rddl.planner.plans.feedback_shape import FeedbackShape
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.session.configuration import load_preset
 
 TEXT = """
@@ -47,7 +47,7 @@ def policy_of(objects, plan=None):
     plan = plan or FeedbackPlan(FeedbackShape(topology=None, cosines=0, squares=False))
     planner = make_planner(MDPOPlanner, problem, plan)
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, planner.test_compiled.init_values)
-    return Policy(problem, load_preset("auto", "pushing"), planner, params, {}, 0)
+    return Policy(problem, load_preset("auto", "pushing"), params, {}, 0, compiled=Compiled(planner))
 
 
 @pytest.fixture(scope="module")

@@ -178,7 +178,7 @@ def test_changed_copies_leave_the_original_alone() -> None:
     config.section("Optimize")["epochs"] = 8
     assert config.section("Optimize")["epochs"] == 300
     with pytest.raises(InputError, match=r"^a\.cfg: \[Optimize\] epochs: "):
-        config.with_values("Optimize", epochs=0)
+        config.with_values("Optimize", epochs=0).checked()
 
 
 def test_the_keys_of_jaxplans_controllers_are_accepted_and_not_handed_to_optimize() -> None:
@@ -220,7 +220,7 @@ def test_arguments_of_policy_and_optimiser_are_changed_one_by_one() -> None:
     faster = config.with_optimizer_arguments(learning_rate=0.5)
     assert faster.optimizer_arguments == {**config.optimizer_arguments, "learning_rate": 0.5}
     with pytest.raises(InputError, match="unknown key 'topologi'"):
-        config.with_policy_arguments(topologi=[3])
+        config.with_policy_arguments(topologi=[3]).checked()
 
 
 def test_sizes_of_a_call() -> None:
