@@ -102,4 +102,6 @@ class _InCommon(Simulator):
         self._groups = groups
 
     def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
-        return super().step(state, actions, CommonNumbers(generator, self._groups))
+        count = next(iter(state.values())).shape[-1]
+        episodes = np.tile(np.arange(count // self._groups), self._groups)
+        return super().step(state, actions, CommonNumbers(generator, episodes))
