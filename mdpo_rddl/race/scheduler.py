@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.race.arm import Arm, Context, Judged, Turn
-from mdpo_rddl.race.board import Board
+from mdpo_rddl.race.arm import Arm, Context, Turn
+from mdpo_rddl.race.board import Board, is_proven
 from mdpo_rddl.race.outcome import ArmFigures
 
 logger = logging.getLogger(__name__)
@@ -81,7 +81,7 @@ def run(context: Context, arms: Sequence[Arm], board: Board) -> list[ArmFigures]
             if (state := arm.init(context)) is not None:
                 entries.append(_Entry(arm, state))
         number = 0
-        while context.budget.left > 0.0 and not _is_proven(board.leader):
+        while context.budget.left > 0.0 and not is_proven(board.leader):
             context.on_iteration()
             able = [one for one in entries if one.state.is_ready and not one.state.is_exhausted]
             if not able:
@@ -147,10 +147,6 @@ def _poll(context: Context, entries: Sequence[_Entry], board: Board) -> None:
         if not one.state.is_ready and not one.state.is_exhausted:
             now = context.budget.clock()
             one.state = one.arm.step(context, one.state, Turn(now, board.leader, board.feedback))
-
-
-def _is_proven(leader: Judged | None) -> bool:
-    return leader is not None and getattr(leader.candidate.policy, "optimum", None) is not None
 
 
 def _figures(one: _Entry, board: Board) -> ArmFigures:

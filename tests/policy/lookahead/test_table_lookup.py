@@ -104,7 +104,7 @@ def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     with enable_x64(has_64_bits):
         found = play(None, lookup.arrays, {}, steps, {"all": seen}, {})["number"]
     played = zip(steps.tolist(), seen, strict=True)
-    expected = [policy._actions(step, {"all": row[np.newaxis]})["number"][0] for step, row in played]
+    expected = [policy._actions(s, {"all": row[np.newaxis]})["number"][0] for s, row in played]
     np.testing.assert_array_equal(found, expected)
     assert 0 in expected
     assert len(set(expected)) > 20
