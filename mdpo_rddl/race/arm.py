@@ -22,6 +22,7 @@ class Candidate(NamedTuple):
       policy: plays, and can be saved.
       parents: names of the arms whose policies it was made from, the earliest first.
       uses_noise: whether it, or what it was made from, was trained with noise on the actions.
+      returns: what `Evaluator.more` has given for it already, elsewhere [N].
     """
 
     arm: str
@@ -29,6 +30,7 @@ class Candidate(NamedTuple):
     policy: AnyPolicy
     parents: tuple[str, ...] = ()
     uses_noise: bool = False
+    returns: np.ndarray = np.zeros(0)
 
 
 class Judged(NamedTuple):

@@ -41,15 +41,18 @@ class Board:
     def judge(self, candidate: Candidate) -> Judged:
         """Plays a candidate until it is clear whether it leads, or for enough episodes.
 
-        Ties go to whoever led before.
+        Ties go to whoever led before, but a proven optimum leads at once.
 
         Raises:
           DeadlineError: if the race's time is over before; only the first candidate is judged in
             any case.
         """
-        play, check = candidate.policy.replicated(), self._check
-        returns = self._context.evaluator.more(play, np.zeros(0), check)
-        judged, leads = self._compared(Judged(candidate, returns), play)
+        play, returns = candidate.policy.replicated(), candidate.returns
+        if not len(returns):
+            returns = self._context.evaluator.more(play, returns, self._check)
+        judged, leads = Judged(candidate, returns), True
+        if not is_proven(judged):
+            judged, leads = self._compared(judged, play)
         self.points.append(Point(candidate, judged.returns, self._context.budget.used, leads))
         if leads:
             self.leader = judged
@@ -71,7 +74,7 @@ class Board:
         """The best of the leading arms' candidates in episodes that none of them was chosen by.
 
         Episodes are doubled while there is time, at most to a thousand. The leader stays where
-        another one is not better by a standard error of the difference.
+        another one is not better by a standard error of the difference, or where it is proven.
 
         Args:
           budget: for it.
@@ -79,6 +82,7 @@ class Board:
         assert self.leader is not None
         rivals = sorted(self._best.values(), key=lambda each: -each.mean)
         rivals = [each for each in rivals if each.candidate is not self.leader.candidate]
+        rivals = [] if is_proven(self.leader) else rivals
         chosen = [self.leader, *rivals[: _RIVALS - 1]]
         plays = [each.candidate.policy.replicated() for each in chosen]
         found = [np.zeros(0) for _ in chosen]
@@ -126,3 +130,6 @@ class Board:
         return isinstance(policy, Policy) and policy.config is self._context.family.config
 
 
+def is_proven(judged: Judged | None) -> bool:
+    """Whether a candidate is the best that there can be."""
+    return judged is not None and getattr(judged.candidate.policy, "optimum", None) is not None

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.race.arm import Arm, Context, Judged, Turn
-from mdpo_rddl.race.board import Board
+from mdpo_rddl.race.arm import Arm, Context, Turn
+from mdpo_rddl.race.board import Board, is_proven
 from mdpo_rddl.race.budget import DeadlineError
 from mdpo_rddl.race.outcome import ArmFigures
 
@@ -92,7 +92,7 @@ def run(context: Context, arms: Sequence[Arm], board: Board) -> list[ArmFigures]
 
 def _take_turns(context: Context, entries: Sequence[_Entry], board: Board) -> None:
     number = 0
-    while not _is_proven(board.leader):
+    while not is_proven(board.leader):
         context.on_iteration()
         able = [one for one in entries if one.state.is_ready and not one.state.is_exhausted]
         if able:
@@ -155,10 +155,6 @@ def _poll(context: Context, entries: Sequence[_Entry], board: Board) -> None:
             one.state = one.arm.step(context, one.state, Turn(now, board.leader, board.feedback))
             for candidate in one.state.found:
                 board.judge(candidate)
-
-
-def _is_proven(leader: Judged | None) -> bool:
-    return leader is not None and getattr(leader.candidate.policy, "optimum", None) is not None
 
 
 def _figures(one: _Entry, board: Board) -> ArmFigures:

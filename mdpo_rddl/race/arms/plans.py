@@ -412,4 +412,6 @@ def _recorded(
     return genes.tidied(np.pad(plans, [(0, genes.horizon - len(plans)), (0, 0), (0, 0)])), known
 
 
-ARM = Arm(NAME, init, step)
+def plans() -> Arm:
+    """The arm; where plans are not too large to be evolved."""
+    return Arm(NAME, init, step)
