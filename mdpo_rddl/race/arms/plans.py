@@ -207,7 +207,7 @@ def play(
             parts.append(play(context, genes, plans[..., some], seed, episodes, begin, own, marks))
         return functools.reduce(Played.beside, parts)
     act, replicas = acting(context.family, simulator, genes), count * episodes
-    generator = CommonNumbers(np.random.default_rng(seed), count)
+    generator = CommonNumbers(np.random.default_rng(seed), np.tile(np.arange(episodes), count))
     if point is None:
         state = simulator.initial(replicas)
         point = Point(state, np.zeros(replicas), simulator.ended(state))
