@@ -378,12 +378,13 @@ class Policy(PolicyAgent):
         Args:
           seconds: for measuring what the return loses without each term; 0 measures nothing.
         """
-        from mdpo_rddl.policy.rule.explanation import Explanation, explain
+        from mdpo_rddl.policy.rule.explanation import NO_RULE, Explanation, explain
 
         if self.votes:
             return Explanation((), "the policy is a vote over a belief of the state, not a rule")
-        with self.planner.computing():
-            return explain(self.problem, self.planner, self.params, seconds)
+        if self.formula is None:
+            return Explanation((), NO_RULE)
+        return explain(self.formula, self.params, seconds)
 
     def __repr__(self) -> str:
         return f"<Policy for {self.problem.label}: {self._kind}, {self._size:,} parameters>"

@@ -1,17 +1,12 @@
-"""Find a policy: by one training, or by the race of the preset `auto`."""
+"""Find a policy by one training."""
 
-import dataclasses
-import functools
 import logging
 import time
-from typing import TYPE_CHECKING
 
 import jax
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
-from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import read_search
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.training.checkpoints import Checkpoints
 from mdpo_rddl.planner.training.training import Progress, TrainingResult, train
@@ -22,15 +17,7 @@ from mdpo_rddl.problem.functions import FunctionError
 from mdpo_rddl.session.preparation import preparing
 from mdpo_rddl.session.requests import FindTerms, Reporter
 
-if TYPE_CHECKING:
-    from mdpo_rddl.auto import RaceOptions, RaceOutcome
-
 logger = logging.getLogger(__name__)
-
-
-def is_race(config: PlannerConfig) -> bool:
-    """Whether a configuration is for the race; else it is for one training."""
-    return read_search(config.sections) is not None
 
 
 def find_by_training(
@@ -99,32 +86,3 @@ def find_by_training(
     own = params, hyperparams, seed, (best,)
     policy = Policy(terms.problem, terms.config, *own, compiled=Compiled(planner))
     return policy, result
-
-
-def find_by_race(
-    terms: FindTerms,
-    reporter: Reporter,
-    options: "RaceOptions | None" = None,
-) -> "RaceOutcome":
-    """The race of the preset `auto`.
-
-    Args:
-      terms: what to plan.
-      reporter: is told how it gets on; what it raises as `Cancelled` ends it.
-      options: of the race; without them those that follow from the other two.
-
-    Raises:
-      InputError: if the problem or the configuration cannot be used.
-    """
-    # the search's package takes long to import, which other presets need not wait for
-    from mdpo_rddl.auto import RaceOptions, plan_automatically
-    from mdpo_rddl.auto.resuming.start import accepted_start, start_candidates
-
-    options = options or RaceOptions(
-        terms.traced_cache, reporter.stage, reporter.training, reporter.judged
-    )
-    if terms.start_from is not None:
-        start = accepted_start(terms.start_from, terms.problem)
-        initial = functools.partial(start_candidates, policy=start)
-        options = dataclasses.replace(options, initial=initial)
-    return plan_automatically(terms.problem, terms.config, terms.seed, options)
