@@ -83,6 +83,11 @@ class FeedbackFormula:
         self._hidden = set(model.observ_fluents)
         self._initial, self._shapes = simulator.values, simulator.shapes
 
+    @property
+    def is_checked(self) -> bool:
+        """Whether proposals may be illegal, and another action is played then."""
+        return self._legal is not None
+
     def replicas(self, params: Params) -> "FormulaReplicas":
         """What decides for B episodes at once.
 
@@ -100,7 +105,7 @@ class FeedbackFormula:
           step: of the rollout, from 0.
         """
         with np.errstate(all="ignore"):  # as under JAX
-            proposal = self.actions.played(params, state, step, self._groups)
+            proposal = self._in_box(self.actions.played(params, state, step, self._groups))
             if self._legal is None:
                 return proposal
             memory = self.actions.feedback.empty_memory()
@@ -111,6 +116,15 @@ class FeedbackFormula:
                 return {name: likely[name] for name in self.actions.bools}
 
             return self._legal(proposal, preferences, known)
+
+    def _in_box(self, actions: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Reals in 64 bit, clipped to their box: one rounded to 32 bit can lie outside."""
+        clipped = {}
+        for name, value in actions.items():
+            if self._model.variable_ranges[name] == "real":
+                lower, upper = (each[..., np.newaxis] for each in self._bounds[name])
+                clipped[name] = np.clip(np.asarray(value, np.float64), lower, upper)
+        return {**actions, **clipped}
 
     def seen(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """What an environment shows of several episodes, as numbers [*shape, count].

@@ -280,11 +280,11 @@ class GreedyFormula:
           seed: of the samples.
         """
         count = next(iter(state.values())).shape[-1]
-        noop = np.repeat(self.changes.noop[:, np.newaxis], count, axis=1)
+        decided = np.repeat(self.changes.noop[:, np.newaxis], count, axis=1)
         if self.is_in_turn:
-            return self._gains_in_turn(params, state, step, (seed, noop))
-        alone = self._totals(params, state, step, (seed, noop, np.arange(self.changes.size)))
-        return np.nan_to_num(alone[1:] - alone[0], nan=0.0)
+            return self._gains_in_turn(params, state, step, (seed, decided))
+        every = np.arange(self.changes.size)
+        return self._gains(params, state, step, (seed, decided, every))
 
     def choose(self, gains: np.ndarray, state: State) -> dict[str, np.ndarray]:
         """A legal action of the changes that gain, per action fluent [*shape, B].
@@ -331,68 +331,77 @@ class GreedyFormula:
             own = row[row < self.changes.size]
             if not len(own):
                 continue
-            totals = self._totals(params, state, step, (seed, decided, own))
-            gains[own] = np.nan_to_num(totals[1:] - totals[0], nan=0.0)
+            gains[own] = self._gains(params, state, step, (seed, decided, own))
             best = own[np.argmax(gains[own], axis=0)]
             is_better = gains[best, everyone] > 0.0
             decided = decided.copy()
             decided[component] = np.where(is_better, self.changes.values[best], decided[component])
         return gains
 
-    def _totals(
+    def _gains(
         self, params: Params, state: State, step: int, given: tuple[Any, np.ndarray, np.ndarray]
     ) -> np.ndarray:
-        """What is expected with what is decided [C, B], and with each of some changes of it beside.
+        """What each of some changes gains beside what is decided [d, B].
 
         Args:
           params: of the value.
           state: of B replicas.
           step: of the rollout.
-          given: the seed, what is decided, and the changes [d].
-
-        Returns:
-          [1 + d, B].
+          given: the seed, what is decided [C, B], and the changes [d].
         """
         seed, decided, which = given
         count, block = decided.shape[1], self._simulator.block
-        level = self.values.level(params, step + 1)
-        totals = np.zeros((1 + len(which), count))
-        at_once = min(count, block)
-        changed = max(1, block // at_once)
+        # a change that a precondition forbids in a state is not tried there
+        tried = self._allowed(state)[self.changes.places[which]]
+        tried |= self.changes.values[which, np.newaxis] == 0.0
+        rows, replicas = np.nonzero(tried)
+        numbers = np.concatenate([np.full(count, -1), which[rows]])
+        replicas = np.concatenate([np.arange(count), replicas])
+        totals = np.zeros(len(numbers))
         for sample in range(self.samples):
-            for first in range(0, count, at_once):
-                replicas = slice(first, min(first + at_once, count))
-                some = {name: value[..., replicas] for name, value in state.items()}
-                for start in range(0, 1 + len(which), changed):
-                    # the no-op's row comes first
-                    rows = slice(start, min(start + changed, 1 + len(which)))
-                    numbers = [which[row - 1] if row else -1 for row in range(rows.start, rows.stop)]
-                    # the same numbers for all rows, whatever is simulated at once
-                    random = np.random.default_rng([*np.atleast_1d(seed), sample, first])
-                    totals[rows, replicas] += self._stepped(
-                        params, some, step, (random, decided[:, replicas], numbers, level)
-                    )
-        return totals / self.samples
+            for first in range(0, len(numbers), block):
+                some = slice(first, first + block)
+                # the same numbers for a replica and all its changes, whatever is simulated at once
+                random = np.random.default_rng([*np.atleast_1d(seed), sample])
+                own = decided, numbers[some], replicas[some], random
+                totals[some] += self._stepped(params, state, step, own)
+        gains = np.full(tried.shape, -np.inf)
+        gains[rows, replicas[count:]] = (totals[count:] - totals[replicas[count:]]) / self.samples
+        return np.nan_to_num(gains, nan=0.0, neginf=-np.inf)
+
+    def _allowed(self, state: State) -> np.ndarray:
+        """Whether preconditions on single bools let a component leave its no-op [C, B]."""
+        count = next(iter(state.values())).shape[-1]
+        allowed = self._legal.allowed(state)
+        parts = [
+            np.broadcast_to(
+                np.reshape(allowed.get(name, np.ones(1, bool)), (-1, count if name in allowed else 1)),
+                (self._simulator.noop[name].size, count),
+            )
+            for name in self.changes.names
+        ]
+        return np.concatenate(parts)
 
     def _stepped(
         self, params: Params, state: State, step: int, given: tuple[Any, ...]
     ) -> np.ndarray:
-        random, decided, numbers, level = given
-        groups, count = len(numbers), decided.shape[1]
-        actions = np.repeat(decided[:, np.newaxis], groups, axis=1)
-        for group, number in enumerate(numbers):
-            if number >= 0:
-                actions[self.changes.places[number], group] = self.changes.values[number]
-        flat = self._tree(actions.reshape(len(decided), -1))
-        whole = {name: np.tile(value, groups) for name, value in state.items()}
+        """What is expected of some replicas [b], each with a change, or none where it is -1."""
+        decided, numbers, replicas, random = given
+        actions = decided[:, replicas]
+        changed = np.flatnonzero(numbers >= 0)
+        chosen = numbers[changed]
+        actions[self.changes.places[chosen], changed] = self.changes.values[chosen]
+        whole = {name: value[..., replicas] for name, value in state.items()}
         chances: dict[str, np.ndarray] = {}
-        after = self._simulator.step(whole, flat, CommonNumbers(random, groups), chances)
+        common = CommonNumbers(random, replicas)
+        after = self._simulator.step(whole, self._tree(actions), common, chances)
         following = {name: after.state[name] for name in self._states} | chances
         worth = self.values.value(params, self.values.inputs(following), step + 1)
         ended = after.terminated | after.broken | after.errors
         # what is usual is the same for all that goes on
+        level = self.values.level(params, step + 1)
         total = after.rewards + self._discount * np.where(ended, -level, worth)
-        return np.where(after.errors, -np.inf, total).reshape(groups, count)
+        return np.where(after.errors, -np.inf, total)
 
     def _tree(self, flat: np.ndarray, kind: Any = None) -> dict[str, np.ndarray]:
         """Components [C, B] per action fluent [*shape, B]."""

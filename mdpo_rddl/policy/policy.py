@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.belief import BeliefPlay, BeliefReplicas, gaining, voting
 from mdpo_rddl.policy.file import (
     AnySaved,
     SavedPlanRule,
@@ -45,11 +47,12 @@ from mdpo_rddl.simulator.evaluation import Replicated
 
 if TYPE_CHECKING:  # who plays a feedback policy need not import JAX
     from mdpo_rddl.planner.planner import MDPOPlanner
+    from mdpo_rddl.policy.action_voting import ActionVoting
     from mdpo_rddl.policy.lookahead.base import Vote
     from mdpo_rddl.policy.rule.explanation import Explanation
 
 # properties that are computed once, and hang on nothing but what is played
-_COMPILED = ("_play", "underlying")
+_COMPILED = ("_play", "_voting", "underlying")
 
 
 class Compiled:
@@ -150,6 +153,11 @@ class Policy(PolicyAgent):
     def formula(self) -> FeedbackFormula | None:
         """What plays a feedback policy; None of another one."""
         return self.compiled.formula(self.problem, self.config)
+
+    @property
+    def greedy(self) -> GreedyFormula | None:
+        """What plays a greedy policy; None of another one."""
+        return self.compiled.greedy(self.problem, self.config)
 
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it: without the compiled planner, and without times.
@@ -314,28 +322,50 @@ class Policy(PolicyAgent):
 
     def replicated(self) -> Replicated | None:
         """See `PolicyAgent.replicated`; of a feedback policy its formula, without a compiler."""
-        if self.votes:
-            return None
+        if self.votes and self.underlying is not None:
+            return self._believing(self.underlying)
         if self.formula is not None:
             return self.formula.replicas(self.params)
-        greedy = self.compiled.greedy(self.problem, self.config)
-        if greedy is not None:
+        if (greedy := self.greedy) is not None:
             return greedy.replicas(self.params, self.seed)
         play = self._play
         return BatchReplicas(play.batch, play.were_played, self.problem.model)
 
     @property
     def vote(self) -> "Vote | None":
-        """How it is played, if `votes`."""
-        return self._play.vote if self.votes and self.saved_underlying is not None else None
+        """How it is played, if `votes`, in compiled code, for who thinks on from that."""
+        return None if self._voting is None else self._voting.vote
+
+    @cached_property
+    def _voting(self) -> "ActionVoting | None":
+        if not self.votes or self.underlying is None:
+            return None
+        from mdpo_rddl.policy.action_voting import ActionVoting
+
+        return ActionVoting(self, self.underlying)
+
+    def _believing(self, underlying: "Policy | TablePolicy | RelaxedPlanPolicy") -> BeliefReplicas:
+        """What votes for many episodes at once."""
+        simulator = self._exact_model
+        if simulator is None:
+            raise InputError(f"{self.problem.domain_path}: the simulator does not know it")
+        if isinstance(underlying, Policy) and (greedy := underlying.greedy) is not None:
+            elect = gaining(greedy, underlying.params, underlying.seed)
+        else:
+            play = underlying.replicated()
+            assert play is not None
+            elect = voting(simulator, play)
+        return BeliefReplicas(simulator, elect, self.seed)
 
     @cached_property
     def _play(self) -> Any:
-        """A `FormulaPlay`, a `Playable` or an `ActionVoting`, which are played alike."""
-        if self.votes and self.underlying is not None:
-            from mdpo_rddl.policy.action_voting import ActionVoting
-
-            return ActionVoting(self, self.underlying)
+        """A `BeliefPlay`, `FormulaPlay` or `Playable`, which are played alike."""
+        if self.votes and (underlying := self.underlying) is not None:
+            formula = self.formula
+            if formula is None:
+                plain = self.config.with_values("Planner", method=METHOD, method_kwargs={})
+                formula = FeedbackFormula(self.problem, plain)
+            return BeliefPlay(formula, lambda: self._believing(underlying))
         if self.formula is not None:
             return FormulaPlay(self.formula, self.params)
         from mdpo_rddl.policy.playable import playable

@@ -92,17 +92,23 @@ def _race(
     options.on_stage("probing")
     seen = probe(problem, simulator, seed)
     fitted = with_memory(scaled(config.without_section(SEARCH), seen), problem)
-    family = Family(problem, simulator, fitted, seed)
     confirming = _CONFIRMING_SHARE * budget.seconds
+    searching = Budget(budget.began, budget.deadline - confirming, budget.clock)
+
+    def on_iteration() -> None:
+        searching.check()
+        options.on_iteration()
+
+    family = Family(problem, simulator, fitted, seed, on_iteration)
     context = Context(
         problem=problem,
         simulator=simulator,
         evaluator=Evaluator(simulator, seed),
-        budget=Budget(budget.began, budget.deadline - confirming, budget.clock),
+        budget=searching,
         seed=seed,
         family=family,
         certain=seen.is_certain,
-        on_iteration=options.on_iteration,
+        on_iteration=on_iteration,
     )
     board = Board(context, options.on_judged)
     noop = board.judge(Candidate(SIMPLE, NOOP, family.policy(family.noop)))

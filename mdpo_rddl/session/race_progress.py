@@ -116,7 +116,7 @@ class RaceProgress:
             curve = [point for point in curve if point["became_incumbent"]]
         about = {
             "seconds": used,
-            "candidates": [one._replace(policy=None)._asdict() for one in candidates],
+            "candidates": [one._replace(policy=None, returns=())._asdict() for one in candidates],
             "curve": [dict(point) for point in curve],
         }
         self._kept.write(tensors, {"race": json.dumps(about)})

@@ -133,13 +133,18 @@ class Simulator:
             if model.variable_ranges[name] == "bool" and compiler.traits(expression).draws:
                 sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
                 chances.append((name, compiler.chance(expression, Scope().extended(sizes))))
+        for name in model.observ_fluents:
+            parameters, expression = model.cpfs[name]
+            if model.variable_ranges[name] == "bool":
+                sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
+                chances.append((name, compiler.chance(expression, Scope().extended(sizes))))
         reward = compiler.lower(model.reward, Scope())
         self._cpfs = [
             (name, DTYPES[compiler.kind(name)], compiler.link(node)) for name, node in nodes
         ]
         self._reward = compiler.link(reward)
         self._chances = [(name, compiler.link(node)) for name, node in chances if node is not None]
-        read = {self._next[name] for name, _ in self._chances}
+        read = {self._next.get(name, name) for name, _ in self._chances}
         others = [expression for name, (_, expression) in model.cpfs.items() if name not in read]
         self.draws_only_bools = not any(
             compiler.traits(each).draws for each in (*others, model.reward)
@@ -189,12 +194,12 @@ class Simulator:
           actions: per action fluent [*shape, B], or what broadcasts to it; the no-op where one is
             missing.
           generator: numpy's, makes all draws.
-          chances: of at most `block` replicas; is given how likely each bool is in the next state
-            [*shape, B], of the fluents for which the model states it.
+          chances: is given how likely each bool is in the next state, and of what is observed of
+            that, [*shape, B], of the fluents for which the model states it.
         """
         replicas = next(iter(state.values())).shape[-1]
         if replicas > self.block:
-            return self._in_blocks(state, actions, generator)
+            return self._in_blocks(state, actions, generator, chances)
         frame = self._frame(state, actions, generator, replicas)
         values = frame.values
         with np.errstate(all="ignore"):
@@ -314,12 +319,25 @@ class Simulator:
                 {name: value[..., which] for name, value in full.items()},
             )
 
-    def _in_blocks(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
-        parts = [self.step(*part, generator) for part in self._blocks(state, actions)]
-        names = parts[0].state
-        joined = {n: np.concatenate([each.state[n] for each in parts], axis=-1) for n in names}
+    def _in_blocks(
+        self,
+        state: State,
+        actions: Mapping[str, Any],
+        generator: Any,
+        chances: dict[str, np.ndarray] | None,
+    ) -> Step:
+        parts, known = [], []
+        for part in self._blocks(state, actions):
+            known.append(None if chances is None else dict[str, np.ndarray]())
+            parts.append(self.step(*part, generator, known[-1]))
+
+        def joined(trees: Sequence[Any]) -> dict[str, np.ndarray]:
+            return {n: np.concatenate([each[n] for each in trees], axis=-1) for n in trees[0]}
+
+        if chances is not None:
+            chances.update(joined(known))
         rest = (np.concatenate(each) for each in list(zip(*parts, strict=True))[1:])
-        return Step(joined, *rest)
+        return Step(joined([each.state for each in parts]), *rest)
 
     @staticmethod
     def _any(closures: list[Closure], frame: Frame) -> np.ndarray:

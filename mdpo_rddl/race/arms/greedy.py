@@ -15,13 +15,15 @@ import numpy as np
 from mdpo_rddl.planner.config.fitting import greedy as greedy_config
 from mdpo_rddl.policy.greedy import Changes, GreedyFormula, Params
 from mdpo_rddl.policy.policy import Compiled, Policy
+from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
 
 GREEDY = "greedy"
 
 # rollouts of an iteration, at first and at most, half of them the greedy policy's; they are doubled
-# while an iteration takes less than this share of the seconds so far
-_FEWEST, _MOST, _SHARE = 64, 256, 0.03
+# while an iteration takes less than this share of the seconds so far. At first they are so few that
+# a step tries no more actions than these in all
+_FEWEST, _MOST, _SHARE, _ACTIONS = 64, 128, 0.03, 4096
 # of the steps of the other half at which a change is decided at random; with which one goes on at
 # the next step, as what leads somewhere takes several; and leaves the no-op rather than staying
 _TRIED, _LASTS, _LEAVES = 0.1, 0.75, 0.75
@@ -35,6 +37,8 @@ _UPDATES, _FIRST, _MINIBATCH = 100, 4, 512
 _STEP, _LAST, _DECAYS = 3e-3, 0.05, (0.9, 0.999)
 # of the scale of the targets: what an iteration changes
 _NEWS = 0.2
+# standard errors below the leader at which a policy is still worth the evaluator's episodes
+_ERRORS = 2.0
 _TINY = 1e-6
 _LEVELS = "levels"
 
@@ -87,7 +91,7 @@ class GreedyState(NamedTuple):
     formula: GreedyFormula
     params: Params
     moments: tuple[Params, Params, int]
-    rollouts: int = _FEWEST
+    rollouts: int
     scale: float = 0.0
     kept: tuple[_Data, ...] = ()
     parents: tuple[str, ...] = ()
@@ -112,18 +116,22 @@ def _init(context: Context) -> GreedyState | None:
     formula = GreedyFormula(context.problem, config, context.simulator)
     params = formula.values.initial(context.generator(GREEDY))
     none = {name: np.zeros_like(value) for name, value in params.items() if name != _LEVELS}
-    return GreedyState(formula, params, (none, none, 0))
+    rollouts = _FEWEST
+    while rollouts > 2 and rollouts * formula.samples * formula.changes.size > _ACTIONS:
+        rollouts //= 2
+    return GreedyState(formula, params, (none, none, 0), rollouts)
 
 
 def _step(context: Context, state: GreedyState, turn: Turn) -> GreedyState:
     """Learns, and offers the policy of the slice whose rollouts have returned most."""
-    best: tuple[float, Params] | None = None
+    best: tuple[float, float, Params] | None = None
     while True:
         context.on_iteration()
         began, played = context.budget.used, _in_units(state)
-        state, mean = _iterated(context, state, turn)
+        state, returns = _iterated(context, state, turn)
+        mean, error = mean_and_error(returns) if len(returns) else (-np.inf, 0.0)
         if state.iterations > 1 and np.isfinite(mean) and (best is None or mean > best[0]):
-            best = mean, played
+            best = mean, error, played
         takes = context.budget.used - began
         if takes < _SHARE * context.budget.used and state.rollouts < _MOST:
             state = state._replace(rollouts=2 * state.rollouts)
@@ -133,10 +141,13 @@ def _step(context: Context, state: GreedyState, turn: Turn) -> GreedyState:
             break
     if best is None:
         return state._replace(found=())
-    policy = _policy(context, state, best[1])
+    mean, error, params = best
+    if not mean + _ERRORS * error > turn.leader.mean:
+        return state._replace(found=(), claim=mean)
+    policy = _policy(context, state, params)
     label = f"{GREEDY}, iteration {state.iterations:,}"
     candidate = Candidate(GREEDY, label, policy, state.parents)
-    return state._replace(found=(candidate,), claim=best[0])
+    return state._replace(found=(candidate,), claim=mean)
 
 
 def _policy(context: Context, state: GreedyState, params: Params) -> Policy:
@@ -152,8 +163,10 @@ def _in_units(state: GreedyState) -> Params:
     return {n: v * scale if n in heads else v for n, v in state.params.items()}
 
 
-def _iterated(context: Context, state: GreedyState, turn: Turn) -> tuple[GreedyState, float]:
-    """The state after an iteration, and the mean return of the policy before it."""
+def _iterated(
+    context: Context, state: GreedyState, turn: Turn
+) -> tuple[GreedyState, np.ndarray]:
+    """The state after an iteration, and the returns of the policy before it, if it was finite."""
     random = context.generator(GREEDY, state.iterations)
     is_first = not state.kept
     if is_first:
@@ -176,7 +189,7 @@ def _iterated(context: Context, state: GreedyState, turn: Turn) -> tuple[GreedyS
     targets = returns - levels[:, np.newaxis]
     spread = float(np.sqrt((counts * targets**2).sum() / (counts.sum() + _TINY))) + _TINY
     if not np.isfinite(spread) or not count.any():
-        return state._replace(iterations=state.iterations + 1), -np.inf
+        return state._replace(iterations=state.iterations + 1), np.zeros(0)
     scale = spread if is_first else (1.0 - _NEWS) * state.scale + _NEWS * spread
     steps, replicas = np.nonzero(counts)
     data = _Data(played.inputs[steps, :, replicas].T, steps, targets[steps, replicas])
@@ -188,7 +201,7 @@ def _iterated(context: Context, state: GreedyState, turn: Turn) -> tuple[GreedyS
     )
     updates = _UPDATES * (_FIRST if is_first else 1)
     pace = _STEP * max(_LAST, 1.0 - context.budget.used / context.budget.seconds)
-    return _fitted(context, state, random, (updates, pace)), float(own.mean())
+    return _fitted(context, state, random, (updates, pace)), own
 
 
 def _played(
