@@ -7,7 +7,6 @@ from typing import Any
 import jax
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.jax_setup import require_devices
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.bounds import too_large_for
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -46,7 +45,6 @@ def build_planner(
       InputError: if JaxPlan refuses the problem or the configuration, or the latter makes too
         large a planner of the former.
     """
-    require_devices()
     planner_args, optimize_args = _arguments(problem, config)
     try:
         with warnings.catch_warnings():

@@ -23,7 +23,6 @@ from mdpo_rddl.race.arm import Candidate
 from mdpo_rddl.race.budget import Budget
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.outcome import Curve, Outcome, Point
-from mdpo_rddl.race.race import GIVEN, RaceOptions, race
 from mdpo_rddl.session.requests import FindTerms, Incumbent, Reporter
 
 logger = logging.getLogger(__name__)
@@ -114,6 +113,8 @@ def find_by_race(
     Raises:
       InputError: if the problem or the configuration cannot be used.
     """
+    from mdpo_rddl.race.race import RaceOptions, race  # with all arms, which others do not need
+
     hooks = RaceHooks() if hooks is None else hooks
     began, whole = time.monotonic() - hooks.used, terms.config.budget().seconds
     budget, given = Budget(began, began + whole), _given(terms)
@@ -181,6 +182,8 @@ def _given(terms: FindTerms) -> Callable[[Family], list[Candidate]]:
     """
     if terms.start_from is None:
         return lambda family: []
+    from mdpo_rddl.race.race import GIVEN
+
     problem, policy = terms.problem, accepted(terms.start_from, terms.problem)
     is_same = _is_same(policy, problem)
 

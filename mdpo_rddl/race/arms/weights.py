@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.policy.formula import without_idle
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
-from mdpo_rddl.race.weights import Params, Weights, without_idle
+from mdpo_rddl.race.weights import Params, Weights
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of optional parts that are not installed
