@@ -4,9 +4,8 @@ from mdpo_rddl.auto.hidden.partially_observed import plan_partially_observed
 from mdpo_rddl.auto.outcome.outcome import RaceOutcome
 from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.auto.race.race import run_race
-from mdpo_rddl.planner.build import require_actions
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.problem.enumeration.model import require_legal_start
+from mdpo_rddl.problem.enumeration.model import require_actions, require_legal_start
 from mdpo_rddl.problem.load import Problem
 
 
