@@ -1,6 +1,6 @@
 """A feedback policy's formula on numpy: for many states at once, or for one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np

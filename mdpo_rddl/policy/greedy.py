@@ -375,7 +375,9 @@ class GreedyFormula:
         allowed = self._legal.allowed(state)
         parts = [
             np.broadcast_to(
-                np.reshape(allowed.get(name, np.ones(1, bool)), (-1, count if name in allowed else 1)),
+                np.reshape(
+                    allowed.get(name, np.ones(1, bool)), (-1, count if name in allowed else 1)
+                ),
                 (self._simulator.noop[name].size, count),
             )
             for name in self.changes.names

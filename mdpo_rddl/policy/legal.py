@@ -89,7 +89,10 @@ class LegalActions:
         self.is_needed = bool(self._integers or self._implications or self._is_checked)
 
     def __call__(
-        self, proposal: Mapping[str, Any], preferences: Callable[[], Mapping[str, Any]], state: State
+        self,
+        proposal: Mapping[str, Any],
+        preferences: Callable[[], Mapping[str, Any]],
+        state: State,
     ) -> Actions:
         """Legal actions.
 

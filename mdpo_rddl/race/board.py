@@ -120,7 +120,9 @@ class Board:
             is_clear = not abs(gain) <= _ERRORS * error or context.certain
             if is_clear or count >= _MOST:
                 return judged, bool(gain > 0.0)
-            judged = judged._replace(returns=context.evaluator.more(play, judged.returns, self._check))
+            judged = judged._replace(
+                returns=context.evaluator.more(play, judged.returns, self._check)
+            )
 
     def _check(self) -> None:
         if self.leader is not None:

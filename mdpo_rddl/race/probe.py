@@ -118,7 +118,9 @@ def played(
                 seen.append({name: value[..., places] for name, value in observation.items()})
             return {name: value[..., :count] for name, value in some.items()}
 
-        parts.append(worth(simulator, play, size, seed, _no_check, size // episodes).reshape(-1, episodes))
+        parts.append(
+            worth(simulator, play, size, seed, _no_check, size // episodes).reshape(-1, episodes)
+        )
     return np.concatenate(parts)
 
 

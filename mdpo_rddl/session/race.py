@@ -2,7 +2,6 @@
 
 import logging
 import math
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -104,11 +103,6 @@ class RaceHooks(NamedTuple):
 def is_race(config: PlannerConfig) -> bool:
     """Whether a configuration is for the race; else it is for one training."""
     return read_search(config.sections) is not None
-
-
-def is_new() -> bool:
-    """Whether the race on the simulator is asked for, which will take the other one's place."""
-    return os.environ.get("MDPO_RACE") == "new"
 
 
 def find_by_race(

@@ -20,19 +20,20 @@ state is a dead end.
 
 import logging
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mdpo_rddl.auto.common.timing import Clock
-from mdpo_rddl.auto.search.tables import Run, action_table
 from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
-from mdpo_rddl.problem.enumeration.grounded import Grounded
+from mdpo_rddl.problem.enumeration.irrelevance import Merge
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.model import GroundModel, ground_model
+from mdpo_rddl.problem.enumeration.packing import keys
 from mdpo_rddl.problem.enumeration.states import Enumeration, enumerate_states
-from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.load import Problem, make_environment
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +45,9 @@ _NO_RISK = 1e-12
 _GROUNDING_SHARE = 0.4
 # of the states at each step: more are not kept
 _MOST_VALUES = 2**24
+
+Run = tuple[int, np.ndarray, np.ndarray]
+"""A step, states, and the action played in each up to that step."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,7 @@ def find_optimum(
     problem: Problem,
     seconds: float,
     memory_gb: float = 4.0,
-    clock: Clock = time.monotonic,
-    grounded: Grounded | None = None,
+    clock: Callable[[], float] = time.monotonic,
     keeps_values: bool = False,
 ) -> Solution:
     """The optimum.
@@ -89,7 +92,6 @@ def find_optimum(
       seconds: limit of the time by the clock.
       memory_gb: limit of the memory that the enumeration takes, roughly.
       clock: what is asked for the time.
-      grounded: keeps the ground model, with which others may go on.
       keeps_values: whether the table has the states' values, unless they are too many.
 
     Raises:
@@ -99,7 +101,7 @@ def find_optimum(
     most = int(memory_gb * 2**30 / _BYTES_PER_TRANSITION)
     limits = EnumerationLimits(seconds=seconds, transitions=min(30_000_000, most), clock=clock)
     grounding = EnumerationLimits(seconds=_GROUNDING_SHARE * seconds, clock=clock)
-    model = (grounded or Grounded(problem)).ground(grounding)
+    model = ground_model(problem, grounding)
     try:
         enumeration = enumerate_factored(model, limits)
     except NotEnumerableError as error:
@@ -208,3 +210,72 @@ def _first_rows(
     rows = np.arange(ends[-1]) + np.repeat(starts - first, counts)
     found = np.where(q[rows] >= np.repeat(enough, counts), rows, len(q))
     return np.minimum.reduceat(found, first)
+
+
+def action_table(
+    problem: Problem,
+    model: GroundModel,
+    merges: Sequence[Merge],
+    states: np.ndarray,
+    runs: Sequence[Run],
+    values: np.ndarray | None = None,
+) -> ActionTable:
+    """The table.
+
+    Args:
+      problem: that it is of.
+      model: of the problem.
+      merges: how states were joined.
+      states: packed [S, words]; runs name them by their numbers.
+      runs: where actions change; a state without one is left out.
+      values: of the states at each step [H, S], if they are kept.
+    """
+    steps = np.repeat([step for step, _, _ in runs], [len(some) for _, some, _ in runs])
+    played_in, action = np.zeros((2, 0), np.int64)
+    if runs:
+        played_in = np.concatenate([some for _, some, _ in runs])
+        action = np.concatenate([played for _, _, played in runs])
+    used = np.unique(played_in)
+    order = used[np.argsort(keys(states[used]))]
+    rank = np.zeros(len(states), np.int64)
+    rank[order] = np.arange(len(order))
+    sequence = np.lexsort((steps, rank[played_in]))
+    counts = np.bincount(rank[played_in], minlength=len(order))
+    decided = int(steps.max(initial=-1)) + 1
+    names = [name for name, _ in model.variables]
+    return ActionTable(
+        merges=np.array(merges, np.uint64).reshape(len(merges), 3, states.shape[1]),
+        places=np.array(model.packing.places, np.int64).reshape(-1, 4),
+        states=states[order],
+        first_run=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        until_step=steps[sequence].astype(np.int32),
+        action=action[sequence].astype(np.int32),
+        actions=_action_values(problem, model),
+        fluents=tuple(dict.fromkeys(names)),
+        objects=_object_names(problem, names),
+        values=None if values is None else np.ascontiguousarray(values[:decided, order]),
+    )
+
+
+def _action_values(problem: Problem, model: GroundModel) -> dict[str, np.ndarray]:
+    """Per action fluent its values in every joint action [A, *shape]."""
+    noop = make_environment(problem).sampler.noop_actions
+    found = {}
+    for name, default in noop.items():
+        default = np.asarray(default)
+        values = np.repeat(default[np.newaxis], len(model.actions), axis=0)
+        for number, rules in enumerate(model.actions):
+            for (fluent, place), value in rules.assignment.items():
+                if fluent == name:
+                    values[(number, *place)] = value
+        found[name] = values
+    return found
+
+
+def _object_names(problem: Problem, names: list[str]) -> dict[str, tuple[str, ...]]:
+    rddl = problem.model
+    return {
+        name: tuple(rddl.type_to_objects[rddl.variable_ranges[name]])
+        for name in dict.fromkeys(names)
+        if rddl.variable_ranges[name] in rddl.type_to_objects
+    }

@@ -6,9 +6,9 @@ from helpers import toy_mdps as toys
 from helpers.tanks import DOMAIN, INSTANCE
 from helpers.toys import problem_from, toy, toy_text
 
-from mdpo_rddl.auto.search import optimum
-from mdpo_rddl.auto.search.optimum import find_optimum
+from mdpo_rddl.policy import optimum
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment
