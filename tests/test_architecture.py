@@ -27,7 +27,7 @@ ROOMS = {
     "planner": ("machine", "noise", "problem"),
     "policy": ("machine", "noise", "problem", "planner", "simulator"),
     "auto": ("machine", "noise", "problem", "planner", "policy"),
-    "session": ("machine", "noise", "problem", "planner", "policy", "auto"),
+    "session": ("machine", "noise", "problem", "simulator", "planner", "policy", "auto", "race"),
     "ipc": ("machine", "noise", "problem", "planner", "policy", "auto"),
 }
 # the command line imports from all of them
@@ -243,7 +243,6 @@ def test_pictures_are_drawn_into_memory_or_a_run_that_is_not_there_yet():
         "mdpo_rddl.ipc.figures",
         "mdpo_rddl.session.report.figures",
         "mdpo_rddl.session.report.race_figure",
-        "mdpo_rddl.session.report.page.style",
     }
     assert {module_name(path) for path in FILES if "savefig" in calls(path)} == drawing
 

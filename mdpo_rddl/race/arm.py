@@ -61,8 +61,9 @@ class Context(NamedTuple):
       seed: of the race; an arm's random numbers come from this and its name, see `generator`.
       family: the feedback policies of this problem, in its units and scales.
       certain: whether chance plays no part: one episode shows what a policy returns.
-      on_iteration: called between two iterations of whichever arm works; what it raises
-        (`Cancelled`, `KeyboardInterrupt`) passes through the arm.
+      on_iteration: called between two iterations of whichever arm works, and at each step of
+        rollouts; what it raises passes through the arm: `DeadlineError` when the time is over,
+        `Cancelled`, `KeyboardInterrupt`.
     """
 
     problem: Problem

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions
 from mdpo_rddl.policy.formula import FeedbackFormula
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.load import Problem
-from mdpo_rddl.race.evaluator import worth
+from mdpo_rddl.race.evaluator import Check, worth
 from mdpo_rddl.race.weights import Params, Weights, completed
 from mdpo_rddl.simulator.simulator import Simulator
 
@@ -24,7 +25,12 @@ class Family:
     """
 
     def __init__(
-        self, problem: Problem, simulator: Simulator, config: PlannerConfig, seed: int
+        self,
+        problem: Problem,
+        simulator: Simulator,
+        config: PlannerConfig,
+        seed: int,
+        check: Check,
     ) -> None:
         """Builds the formula.
 
@@ -33,8 +39,10 @@ class Family:
           simulator: of it.
           config: with a `FeedbackPlan`.
           seed: of hidden units, and of the policies.
+          check: called at each step of rollouts; what it raises passes through.
         """
         self.config, self._problem, self._simulator, self._seed = config, problem, simulator, seed
+        self._check = check
         self._formula = FeedbackFormula(problem, config, simulator)
         self.feedback = self._formula.actions.feedback
         self.noop: Params = self.feedback.initial(np.random.default_rng(seed))
@@ -44,6 +52,20 @@ class Family:
         full = completed(params, self.noop)
         compiled = Compiled(formula=self._formula)
         return Policy(self._problem, self.config, full, {}, self._seed, compiled=compiled)
+
+    @property
+    def actions(self) -> FeedbackActions:
+        """What raw actions mean."""
+        return self._formula.actions
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether what a policy plays may be another action than it proposes, a legal one."""
+        return self._formula.is_checked
+
+    def play(self, params: Params, state: Mapping[str, np.ndarray], step: int) -> dict[str, Any]:
+        """What policies do, see `FeedbackFormula.play`."""
+        return self._formula.play(params, state, step)
 
     def raw(self, actions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The raw actions that play actions, per fluent [*shape, ...]."""
@@ -58,7 +80,9 @@ class Family:
                 found[name] = (np.asarray(action, bool) ^ noop).astype(float)
         return found
 
-    def returns(self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any) -> np.ndarray:
+    def returns(
+        self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any
+    ) -> np.ndarray:
         """The worth of episodes [P, N] of policies, all of them with the same random numbers.
 
         Args:
@@ -72,6 +96,7 @@ class Family:
         for first in range(0, len(vectors), at_once):
             some = vectors[first : first + at_once]
             play = self._formula.replicas(weights.batch(some, episodes))
-            found = worth(self._simulator, play, len(some) * episodes, seed, groups=len(some))
+            count = len(some) * episodes
+            found = worth(self._simulator, play, count, seed, self._check, len(some))
             parts.append(found.reshape(len(some), episodes))
         return np.concatenate(parts)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from mdpo_rddl.planner.config.fitting import scaled, with_memory
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import SEARCH
+from mdpo_rddl.planner.config.fitting import scaled, with_memory
+from mdpo_rddl.planner.config.search_section import SEARCH, Search, read_search
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Arm, Candidate, Context
 from mdpo_rddl.race.arms import portfolio
@@ -91,18 +91,25 @@ def _race(
     simulator = Simulator(problem)
     options.on_stage("probing")
     seen = probe(problem, simulator, seed)
+    left_out = (read_search(config.sections) or Search()).without
     fitted = with_memory(scaled(config.without_section(SEARCH), seen), problem)
-    family = Family(problem, simulator, fitted, seed)
     confirming = _CONFIRMING_SHARE * budget.seconds
+    searching = Budget(budget.began, budget.deadline - confirming, budget.clock)
+
+    def on_iteration() -> None:
+        searching.check()
+        options.on_iteration()
+
+    family = Family(problem, simulator, fitted, seed, on_iteration)
     context = Context(
         problem=problem,
         simulator=simulator,
         evaluator=Evaluator(simulator, seed),
-        budget=Budget(budget.began, budget.deadline - confirming, budget.clock),
+        budget=searching,
         seed=seed,
         family=family,
         certain=seen.is_certain,
-        on_iteration=options.on_iteration,
+        on_iteration=on_iteration,
     )
     board = Board(context, options.on_judged)
     noop = board.judge(Candidate(SIMPLE, NOOP, family.policy(family.noop)))
@@ -112,7 +119,8 @@ def _race(
         for candidate in options.initial(family):
             board.judge(candidate)
         options.on_stage("searching")
-        arms = run(context, options.arms(), board)
+        every = [arm for arm in options.arms() if arm.name not in left_out]
+        arms = run(context, every, board)
         options.on_stage("confirming")
         chosen = board.confirm(budget)
     except (KeyboardInterrupt, Cancelled) as stop:

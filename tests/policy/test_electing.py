@@ -14,13 +14,13 @@ from helpers.umbrella import careless, pattering
 from mdpo_rddl import load_policy
 from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.hidden.underlying_optimum import underlying_optimum
-from mdpo_rddl.planner.config.fitting import greedy
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy import electing
 from mdpo_rddl.policy.electing import compiled_election, elected
 from mdpo_rddl.policy.lookahead.choice import RAISES, choose
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.underlying import underlying_mdp
 

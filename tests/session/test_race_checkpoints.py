@@ -16,8 +16,8 @@ from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.curve import candidate_figures
 from mdpo_rddl.auto.resuming.race_state import RaceState
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.policy.container import read_container, write_container
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.table import Estimate, table_tensors
 from mdpo_rddl.session import race_checkpoints

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.policy.formula import without_idle
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
-from mdpo_rddl.race.weights import Params, Weights, without_idle
+from mdpo_rddl.race.weights import Params, Weights
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of optional parts that are not installed
@@ -213,9 +214,7 @@ def _adaptation(
     )
 
 
-def _offered(
-    context: Context, state: WeightsState, name: str, params: Params
-) -> WeightsState:
+def _offered(context: Context, state: WeightsState, name: str, params: Params) -> WeightsState:
     """The state with a policy in it, if that is better than the best so far."""
     both = [Weights(each, {}) for each in (without_idle(params), without_idle(state.params))]
     seed = [state.iterations, 1, *name.encode()]
@@ -227,9 +226,7 @@ def _offered(
     parents = () if parent is None else tuple(dict.fromkeys((*parent.parents, parent.arm)))
     noisy = parent is not None and parent.uses_noise
     candidate = Candidate(name, name, context.family.policy(params), parents, noisy)
-    return state._replace(
-        params=params, found=(*state.found, candidate), claim=float(means[0])
-    )
+    return state._replace(params=params, found=(*state.found, candidate), claim=float(means[0]))
 
 
 def _drawn(

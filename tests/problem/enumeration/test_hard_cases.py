@@ -7,10 +7,10 @@ import pytest
 from helpers.clocks import Ticking
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.backward import annuity, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.joint_actions import joint_actions
 from mdpo_rddl.problem.enumeration.levels import Levels
