@@ -209,12 +209,13 @@ def _heard(context: Context, name: str, state: GradientState, seconds: float) ->
     if not has_gained:
         return state
     policy = context.family.policy(unpacked(reply["params"]))
-    mean = float(np.mean(context.evaluator.returns(policy.replicated(), _EPISODES)))
+    returns = context.evaluator.returns(policy.replicated(), _EPISODES)
     parent = state.parent
     parents = () if parent is None else tuple(dict.fromkeys((*parent.parents, parent.arm)))
     label = f"{name}, iteration {state.iterations:,}"
-    candidate = Candidate(name, label, policy, parents, uses_noise=True)
-    return state._replace(found=(candidate,), claim=max(state.claim, mean))
+    candidate = Candidate(name, label, policy, parents, uses_noise=True, returns=returns)
+    claim = max(state.claim, float(np.mean(returns)))
+    return state._replace(found=(candidate,), claim=claim)
 
 
 def _asked(

@@ -163,9 +163,7 @@ def _in_units(state: GreedyState) -> Params:
     return {n: v * scale if n in heads else v for n, v in state.params.items()}
 
 
-def _iterated(
-    context: Context, state: GreedyState, turn: Turn
-) -> tuple[GreedyState, np.ndarray]:
+def _iterated(context: Context, state: GreedyState, turn: Turn) -> tuple[GreedyState, np.ndarray]:
     """The state after an iteration, and the returns of the policy before it, if it was finite."""
     random = context.generator(GREEDY, state.iterations)
     is_first = not state.kept

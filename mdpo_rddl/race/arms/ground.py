@@ -24,6 +24,7 @@ one, by the whole range of returns.
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,6 +55,8 @@ DYNAMIC_PROGRAMMING, RELAXED_PLANS = "dynamic programming", "relaxed plans"
 # what a process may take: a share of the machine's memory, at most so many bytes; an enumeration
 # takes about as many for each transition
 _MEMORY_SHARE, _MOST_MEMORY, _BYTES_PER_TRANSITION = 0.25, 4 * 2**30, 60
+# numbers of values that are kept
+_MOST_VALUES = 2**24
 # a value or a risk that differs by less is the same: rounding
 _TIE = 1e-12
 # rules that are tried, the most different ones first
@@ -90,9 +93,13 @@ class GroundState(NamedTuple):
     plans: RelaxedPlans | None = None
 
 
-def dynamic_programming() -> Arm:
-    """The proven optimum, where the states that are reachable can be enumerated."""
-    return _arm(DYNAMIC_PROGRAMMING, _prove, _proven)
+def dynamic_programming(keeps_values: bool = False) -> Arm:
+    """The proven optimum, where the states that are reachable can be enumerated.
+
+    Args:
+      keeps_values: whether its table has the states' values, unless they are too many.
+    """
+    return _arm(DYNAMIC_PROGRAMMING, partial(_prove, keeps_values), _proven)
 
 
 def relaxed_plans() -> Arm:
@@ -246,7 +253,7 @@ class _Solved(NamedTuple):
     risk: float
 
 
-def _prove(context: Context, send: Send, clock: Clock) -> None:
+def _prove(keeps_values: bool, context: Context, send: Send, clock: Clock) -> None:
     """Sends the optimum."""
     problem, began = context.problem, clock()
     seconds = context.budget.deadline - began
@@ -258,7 +265,10 @@ def _prove(context: Context, send: Send, clock: Clock) -> None:
     except NotEnumerableError as error:
         logger.debug("not factored: %s", error)
         enumeration = enumerate_states(model, limits)
-    value, risk, runs = _induct(enumeration, limits)
+    kept = None
+    if keeps_values and len(enumeration.states) * model.horizon <= _MOST_VALUES:
+        kept = np.zeros((model.horizon, len(enumeration.states)), np.float32)
+    value, risk, runs = _induct(enumeration, limits, kept)
     optimum = Optimum(
         value=value,
         states=len(enumeration.states),
@@ -266,7 +276,7 @@ def _prove(context: Context, send: Send, clock: Clock) -> None:
         actions=len(model.actions),
         seconds=clock() - began,
     )
-    send(_Solved(optimum, _table(context, enumeration, runs), risk))
+    send(_Solved(optimum, _table(context, enumeration, runs, kept), risk))
 
 
 def _proven(context: Context, state: GroundState, news: _Solved) -> GroundState:
@@ -285,10 +295,13 @@ def _proven(context: Context, state: GroundState, news: _Solved) -> GroundState:
     )
 
 
-def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float, float, list[_Run]]:
+def _induct(
+    enumeration: Enumeration, limits: EnumerationLimits, kept: np.ndarray | None = None
+) -> tuple[float, float, list[_Run]]:
     """The initial state's value and risk, and where the best action changes, the last step first.
 
-    The risk is the probability of coming to a dead end.
+    The risk is the probability of coming to a dead end. All states' values at each step are written
+    into `kept` [H, S], if that is given.
     """
     model, first, dead = enumeration.model, enumeration.first_row, enumeration.dead
     if dead[0]:
@@ -326,6 +339,8 @@ def _induct(enumeration: Enumeration, limits: EnumerationLimits) -> tuple[float,
             values[dead] = _dead_end_value(enumeration, step)
             risk[decided] = np.where(risks[chosen] <= _TIE, 0.0, risks[chosen])
             risk[dead] = 1.0
+        if kept is not None:
+            kept[step] = values
         changed = enumeration.action[chosen] != enumeration.action[best_row]
         changed = (changed | (best_row < 0)) & (enumeration.depth[decided] <= step)
         runs.append((step, decided[changed], enumeration.action[chosen[changed]]))
@@ -366,8 +381,14 @@ def _first_rows(
     return np.minimum.reduceat(found, first)
 
 
-def _table(context: Context, enumeration: Enumeration, runs: Sequence[_Run]) -> ActionTable:
-    """The actions of the runs by state and step; a state without one is left out."""
+def _table(
+    context: Context,
+    enumeration: Enumeration,
+    runs: Sequence[_Run],
+    values: np.ndarray | None = None,
+) -> ActionTable:
+    """The actions of the runs by state and step, and values [H, S]; a state without an action is
+    left out."""
     model, states, problem = enumeration.model, enumeration.states, context.problem
     steps = np.repeat([step for step, _, _ in runs], [len(some) for _, some, _ in runs])
     nothing = np.zeros(0, np.int64)
@@ -391,6 +412,7 @@ def _table(context: Context, enumeration: Enumeration, runs: Sequence[_Run]) -> 
         actions=_action_values(context.simulator, model),
         fluents=fluents,
         objects={n: tuple(objects[ranges[n]]) for n in fluents if ranges[n] in objects},
+        values=None if values is None else values[:, order],
     )
 
 

@@ -273,7 +273,9 @@ def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
 def candidate(context: Context, genes: Genes, plan: np.ndarray) -> Candidate:
     """The policy that plays a plan [H, D]."""
     none = context.family.noop
-    return Candidate(NAME, NAME, context.family.policy({"own": none["own"], "plan": genes.tree(plan)}))
+    return Candidate(
+        NAME, NAME, context.family.policy({"own": none["own"], "plan": genes.tree(plan)})
+    )
 
 
 def _population(genes: Genes, episodes: int) -> int:
@@ -290,7 +292,9 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     count = _population(genes, episodes)
     marks: frozenset[int] = frozenset()
     if context.certain:
-        marks = frozenset(np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int).tolist())
+        marks = frozenset(
+            np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int).tolist()
+        )
     newcomers, leader = _recorded(context, state, turn.leader)
     state = state._replace(leader=leader)
     if marks and state.run is not None and state.elites is not None:
@@ -308,7 +312,11 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
         played = play(context, genes, plans, seed, episodes, marks=marks)
         if state.run is None:
             states = [point.state for point in played.points.values()]
-            archive = Archive(simulator, genes, acting(context.family, simulator, genes), states) if marks else None
+            archive = (
+                Archive(simulator, genes, acting(context.family, simulator, genes), states)
+                if marks
+                else None
+            )
             state = state._replace(archive=archive, noop=float(played.returns[-1]))
         return _selected(state, played, played.returns[:0], None, None)
     # one in two goes on where the one before began, so that what it gained can be added up
@@ -348,9 +356,7 @@ def _restarted(state: PlansState) -> PlansState:
     if elites is not None:
         first = float(elites.returns[0])
         run = run._replace(first=first, record=first)
-    return state._replace(
-        elites=elites, champions=champions, run=run, gains=state.gains[:, :, :0]
-    )
+    return state._replace(elites=elites, champions=champions, run=run, gains=state.gains[:, :, :0])
 
 
 def _selected(
@@ -383,7 +389,12 @@ def _selected(
     order = order[gained[order] > 0]
     old = played.plans[:, :, len(returns) - len(before) :]
     gains = played.plans[:, :, order] - old[:, :, parent[order]]
-    return state._replace(total=state.total+np.bincount(kinds[led], minlength=every),wins=wins, tries=tries, gains=gains)
+    return state._replace(
+        total=state.total + np.bincount(kinds[led], minlength=every),
+        wins=wins,
+        tries=tries,
+        gains=gains,
+    )
 
 
 def _best(returns: np.ndarray) -> np.ndarray:

@@ -213,9 +213,7 @@ def _adaptation(
     )
 
 
-def _offered(
-    context: Context, state: WeightsState, name: str, params: Params
-) -> WeightsState:
+def _offered(context: Context, state: WeightsState, name: str, params: Params) -> WeightsState:
     """The state with a policy in it, if that is better than the best so far."""
     both = [Weights(each, {}) for each in (without_idle(params), without_idle(state.params))]
     seed = [state.iterations, 1, *name.encode()]
@@ -227,9 +225,7 @@ def _offered(
     parents = () if parent is None else tuple(dict.fromkeys((*parent.parents, parent.arm)))
     noisy = parent is not None and parent.uses_noise
     candidate = Candidate(name, name, context.family.policy(params), parents, noisy)
-    return state._replace(
-        params=params, found=(*state.found, candidate), claim=float(means[0])
-    )
+    return state._replace(params=params, found=(*state.found, candidate), claim=float(means[0]))
 
 
 def _drawn(
