@@ -6,7 +6,7 @@ iterations in a thread that only works while this one waits for it.
 """
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -125,18 +125,6 @@ class VoteState(NamedTuple):
     details: Mapping[str, Any] = {"particles": PARTICLES}
 
 
-class _Watched:
-    """Plays as another one does, and can be interrupted at each step: votes take long."""
-
-    def __init__(self, play: Any, on_iteration: Callable[[], None]) -> None:
-        self._play, self._on_iteration = play, on_iteration
-        self.were_played = play.were_played
-
-    def __call__(self, step: int, observation: Any) -> Any:
-        self._on_iteration()
-        return self._play(step, observation)
-
-
 def belief_vote() -> Arm:
     """The arm; where the state is observed in part only."""
 
@@ -162,8 +150,7 @@ def belief_vote() -> Arm:
         if leader is None or leader is state.voted:
             return state
         policy = context.family.policy(context.family.noop).voting_with(leader.policy)
-        play = _Watched(policy.replicated(), context.on_iteration)
-        returns = context.evaluator.more(play, np.zeros(0))
+        returns = context.evaluator.more(policy.replicated(), np.zeros(0), context.on_iteration)
         label = f"{VOTE}, {leader.label} of the underlying MDP"
         parents = tuple(dict.fromkeys((*leader.parents, leader.arm)))
         candidate = Candidate(VOTE, label, policy, parents, leader.uses_noise, returns)
