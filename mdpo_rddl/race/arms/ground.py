@@ -45,8 +45,10 @@ _RULES = (
     PlanRule(others=0.2),
 )
 # episodes of the first rule at most, since few do not show a disaster that is rare, and as many of
-# others as seem better; the share of the race that those of a rule may take
-_EPISODES, _RULE_SHARE = 128, 0.2
+# others as seem better
+_EPISODES = 128
+# of what is left: a rule is given up after the first share, has more episodes till the second
+_RULE_SHARE, _MORE_SHARE = 0.5, 0.1
 
 Send = Callable[[Any], None]
 
@@ -161,18 +163,18 @@ def _tried(
 ) -> _Tried | None:
     """A rule that is better than the best one; None if it is not, or too slow.
 
-    Where there is none yet it is played as often as half of its time allows, else as often as the
-    best one, unless it is seen to be worse before.
+    Where there is none yet it is played as often as its time allows, else as often as the best one,
+    unless it is seen to be worse before.
     """
-    seconds, play = _RULE_SHARE * context.budget.seconds, policy.replicated()
-    limits = EnumerationLimits(seconds, clock=clock)
+    left, play = context.budget.deadline - clock(), policy.replicated()
+    limits = EnumerationLimits(_RULE_SHARE * left, clock=clock)
     most = 1 if context.certain else _EPISODES
     returns, gain, error = np.zeros(0), np.inf, 0.0
     with contextlib.suppress(OutOfTimeError):
         while len(returns) < most:
             returns = evaluator.more(play, returns, limits.check_time)
             if best is None:
-                most = most if limits.used < seconds / 2.0 else 0
+                most = most if limits.used < _MORE_SHARE * left else 0
             else:
                 gain, error = mean_and_error(returns - best.returns[: len(returns)])
                 most = len(best.returns) if gain > 0.0 else 0
