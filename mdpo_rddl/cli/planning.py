@@ -33,7 +33,6 @@ from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.load import evaluate_saved
 from mdpo_rddl.session.plan import plan
 from mdpo_rddl.session.progress_bar import ProgressBar
-from mdpo_rddl.session.race import is_new
 from mdpo_rddl.session.report.run_folder import free_name
 from mdpo_rddl.session.requests import LoadRequest, PlanRequest
 
@@ -85,7 +84,7 @@ def run(
 def _needs_jax(options: argparse.Namespace) -> bool:
     """Whether something is compiled in any case."""
     is_race = options.config is None and preset_name(options) == DEFAULT_PRESET
-    return options.load is None and (replans(options) or not (is_race and is_new()))
+    return options.load is None and (replans(options) or not is_race)
 
 
 def show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:

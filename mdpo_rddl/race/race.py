@@ -1,5 +1,6 @@
 """From a problem to the best policy that the arms find within a budget."""
 
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Arm, Candidate, Context
 from mdpo_rddl.race.arms import portfolio
 from mdpo_rddl.race.board import Board
-from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.budget import Budget, DeadlineError
 from mdpo_rddl.race.evaluator import Evaluator
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.outcome import Curve, Outcome, Point
@@ -78,6 +79,7 @@ def race(
 
     Raises:
       InputError: if the problem has something that the simulator does not know.
+      KeyboardInterrupt, Cancelled: if interrupted before there was any policy.
     """
     options = RaceOptions() if options is None else options
     # the arrays are small: threads of a linear algebra library would wait for each other
@@ -112,18 +114,22 @@ def _race(
         on_iteration=on_iteration,
     )
     board = Board(context, options.on_judged)
-    noop = board.judge(Candidate(SIMPLE, NOOP, family.policy(family.noop)))
+    noop = Candidate(SIMPLE, NOOP, family.policy(family.noop))
+    constant = Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen)))
     arms, interrupted, chosen = [], False, None
     try:
-        board.judge(Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen))))
-        for candidate in options.initial(family):
-            board.judge(candidate)
-        options.on_stage("searching")
-        every = [arm for arm in options.arms() if arm.name not in left_out]
-        arms = run(context, every, board)
+        with contextlib.suppress(DeadlineError):
+            # the first one is judged whatever time there is
+            for candidate in (*options.initial(family), noop, constant):
+                board.judge(candidate)
+            options.on_stage("searching")
+            every = [arm for arm in options.arms() if arm.name not in left_out]
+            arms = run(context, every, board)
         options.on_stage("confirming")
         chosen = board.confirm(budget)
     except (KeyboardInterrupt, Cancelled) as stop:
+        if board.leader is None:
+            raise
         note_heard(stop)
         logger.warning("interrupted: the best policy so far is kept")
         interrupted = True
@@ -138,7 +144,7 @@ def _race(
         units=seen.units,
         state_scales=seen.state_scales,
         lookup_scales=seen.lookup_scales,
-        noop_return=noop.mean,
+        noop_return=next((each.mean for each in board.points if each.candidate is noop), None),
         random_return=None,
         seconds=budget.used,
         interrupted=interrupted,

@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import read_search
+from mdpo_rddl.planner.config.search_section import SEARCH, read_search
+from mdpo_rddl.policy.formula import FeedbackFormula
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.transfer import transferred
+from mdpo_rddl.problem.enumeration.model import require_actions, require_legal_start
 from mdpo_rddl.problem.evaluation import Evaluation, mean_and_error
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Candidate
@@ -27,6 +29,9 @@ from mdpo_rddl.session.requests import FindTerms, Incumbent, Reporter
 
 logger = logging.getLogger(__name__)
 
+NOOP = "no-op"
+
+_LEAST_SECONDS = 1.0
 # of the difference's standard error, and of the return; fewer episodes do not tell their error
 _ERRORS, _SHARE, _FEWEST_EPISODES = 4.0, 0.01, 5
 
@@ -115,9 +120,13 @@ def find_by_race(
     """
     from mdpo_rddl.race.race import RaceOptions, race  # with all arms, which others do not need
 
+    require_actions(terms.problem)
+    require_legal_start(terms.problem)
     hooks = RaceHooks() if hooks is None else hooks
-    began, whole = time.monotonic() - hooks.used, terms.config.budget().seconds
-    budget, given = Budget(began, began + whole), _given(terms)
+    now, whole = time.monotonic(), terms.config.budget().seconds
+    # what an earlier process has found is judged even if that has used all the time
+    deadline = now + max(whole - hooks.used, min(_LEAST_SECONDS, whole))
+    budget, given = Budget(now - hooks.used, deadline), start_from(terms.start_from, terms.problem)
 
     def on_judged(point: Point) -> None:
         if point.became_incumbent:
@@ -135,7 +144,31 @@ def find_by_race(
         initial=lambda family: [*hooks.initial, *given(family)],
         earlier=hooks.earlier,
     )
-    return _result(race(terms.problem, terms.config, budget, terms.seed, options), terms)
+    try:
+        outcome = race(terms.problem, terms.config, budget, terms.seed, options)
+    except (KeyboardInterrupt, Cancelled) as stop:
+        note_heard(stop)
+        logger.warning("interrupted before anything was found: the no-op is kept")
+        return _noop(terms, budget.used)
+    return _result(outcome, terms)
+
+
+def _noop(terms: FindTerms, seconds: float) -> RaceResult:
+    """The result of a race that was ended before it has judged anything."""
+    problem, config = terms.problem, terms.config.without_section(SEARCH)
+    formula = FeedbackFormula(problem, config)
+    params = formula.actions.feedback.initial(np.random.default_rng(terms.seed))
+    nothing = {"parents": [], "noop_return": None, "random_return": None, "late_gain": None}
+    return RaceResult(
+        policy=Policy(problem, config, params, {}, terms.seed, compiled=Compiled(formula=formula)),
+        config=config,
+        seconds=seconds,
+        compile_seconds=0.0,
+        interrupted=True,
+        promised=None,
+        diagnostics={"chosen": NOOP, "arm": NOOP, **nothing, "arms": {}, "candidates": []},
+        uses_noise=False,
+    )
 
 
 def _result(outcome: Outcome, terms: FindTerms) -> RaceResult:
@@ -174,17 +207,17 @@ def less_than_promised(result: RaceResult, played: Evaluation) -> str:
     )
 
 
-def _given(terms: FindTerms) -> Callable[[Family], list[Candidate]]:
+def start_from(policy: AnyPolicy | None, problem: Problem) -> Callable[[Family], list[Candidate]]:
     """What makes candidates of the policy that a race is given, if any.
 
     Raises:
       InputError: if it is of another domain, or of another instance and no lifted rule.
     """
-    if terms.start_from is None:
+    if policy is None:
         return lambda family: []
     from mdpo_rddl.race.race import GIVEN
 
-    problem, policy = terms.problem, accepted(terms.start_from, terms.problem)
+    policy = accepted(policy, problem)
     is_same = _is_same(policy, problem)
 
     def carried(family: Family) -> list[Candidate]:

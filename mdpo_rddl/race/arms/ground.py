@@ -11,6 +11,7 @@ import contextlib
 import logging
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,9 +72,13 @@ class GroundState(NamedTuple):
     plans: RelaxedPlans | None = None
 
 
-def dynamic_programming() -> Arm:
-    """The proven optimum, where the states that are reachable can be enumerated."""
-    return _arm(DYNAMIC_PROGRAMMING, _prove, _proven)
+def dynamic_programming(keeps_values: bool = False) -> Arm:
+    """The proven optimum, where the states that are reachable can be enumerated.
+
+    Args:
+      keeps_values: whether its table has the states' values, unless they are too many.
+    """
+    return _arm(DYNAMIC_PROGRAMMING, partial(_prove, keeps_values), _proven)
 
 
 def relaxed_plans() -> Arm:
@@ -204,10 +209,12 @@ class _Solved(NamedTuple):
     table: ActionTable
 
 
-def _prove(context: Context, send: Send, clock: Clock) -> None:
+def _prove(keeps_values: bool, context: Context, send: Send, clock: Clock) -> None:
     """Sends the optimum."""
     seconds = context.budget.deadline - clock()
-    found = find_optimum(context.problem, seconds, _memory() / 2**30, clock)
+    found = find_optimum(
+        context.problem, seconds, _memory() / 2**30, clock, keeps_values=keeps_values
+    )
     send(_Solved(found.optimum, found.table))
 
 
