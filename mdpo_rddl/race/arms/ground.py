@@ -135,26 +135,26 @@ def _memory() -> int:
 
 
 class _Tried(NamedTuple):
-    """A rule and its returns in the evaluator's episodes [N]."""
+    """A rule, and its returns in the evaluator's episodes [N]; with the first one the plans."""
 
     rule: PlanRule
     returns: np.ndarray
+    plans: RelaxedPlans | None = None
 
 
 def _plan(context: Context, send: Send, clock: Clock) -> None:
-    """Sends relaxed plans, then each rule that is better than those before it."""
+    """Sends each rule that is better than those before it."""
     problem = context.problem
     limits = EnumerationLimits(context.budget.deadline - clock(), clock=clock)
     plans = RelaxedPlans(open_model(problem, limits), limits)
-    send(plans)
     # one's own, since there may be no process
     evaluator = Evaluator(Simulator(problem), context.seed)
     best: _Tried | None = None
     for rule in _RULES:
         policy = RelaxedPlanPolicy(problem, rule, _NOTHING, context.seed, plans)
         if (tried := _tried(context, evaluator, policy, best, clock)) is not None:
+            send(tried if best else tried._replace(plans=plans))
             best = tried
-            send(best)
     if best is None:
         raise OutOfTimeError("no rule's first episodes end in time")
 
@@ -186,14 +186,14 @@ def _tried(
     return _Tried(policy.plan_rule, returns) if len(returns) and gain > error else None
 
 
-def _planned(context: Context, state: GroundState, news: Any) -> GroundState:
-    if isinstance(news, RelaxedPlans):
-        return state._replace(plans=news)
+def _planned(context: Context, state: GroundState, news: _Tried) -> GroundState:
+    plans = news.plans or state.plans
     mean, error = mean_and_error(news.returns)
     claim = Simulated(mean, error, len(news.returns))
-    policy = RelaxedPlanPolicy(context.problem, news.rule, claim, context.seed, state.plans)
+    policy = RelaxedPlanPolicy(context.problem, news.rule, claim, context.seed, plans)
     candidate = Candidate(RELAXED_PLANS, RELAXED_PLANS, policy, returns=news.returns)
-    return state._replace(found=(candidate,), claim=mean, iterations=state.iterations + 1)
+    state = state._replace(plans=plans, iterations=state.iterations + 1)
+    return state._replace(found=(candidate,), claim=mean)
 
 
 _NOTHING = Simulated(0.0, 0.0, 1)
