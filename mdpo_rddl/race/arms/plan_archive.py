@@ -20,8 +20,8 @@ _MOST_BYTES = 2**28
 
 
 Act = Callable[[np.ndarray, State], tuple[Mapping[str, np.ndarray], np.ndarray]]
-"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and the
-raw actions [D, P] of that."""
+"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and
+the raw actions [D, P] of that."""
 
 
 class _Way(NamedTuple):

@@ -70,7 +70,7 @@ class Genes(NamedTuple):
         }
 
     def flat(self, raw: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Of one step per action fluent [*shape, P], or of several [T, *shape, P], as [.., D, P]."""
+        """Of a step per action fluent [*shape, P], or of several [T, *shape, P], as [.., D, P]."""
         columns = [
             each.reshape(*each.shape[: each.ndim - 1 - len(self.shapes[name])], -1, each.shape[-1])
             for name, each in ((name, raw[name]) for name in self.places)
@@ -244,7 +244,7 @@ def children(
     """Plans that each differ from a parent by changes of one kind.
 
     Most concern one place in a window of steps, of whatever length: its action is set to a value,
-    moved, jittered, not done, taken from another parent, or done some steps earlier or later. Others
+    moved, jittered, not done, taken from another parent, or done some steps earlier or later. Other
     concern all places: all actions are done earlier or later; those after a step, or of one object,
     are another parent's; the plan moves toward another parent or away from it; or some of the
     latest gains are added to it, once or more.
@@ -294,7 +294,7 @@ def _change(
     genes: Genes, parents: Parents, name: str, plans: np.ndarray, random: np.random.Generator
 ) -> None:
     """One change of one place in a window of each plan, written into."""
-    horizon, width, count = plans.shape
+    horizon, _, count = plans.shape
     # every fluent is as likely, however many objects it has
     slices = list(genes.places.values())
     starts, stops = np.array([(each.start, each.stop) for each in slices]).T

@@ -174,7 +174,7 @@ def acting(family: Family, simulator: Simulator, genes: Genes) -> Act:
     return act
 
 
-def play(
+def play(  # noqa: PLR0913
     context: Context,
     genes: Genes,
     plans: np.ndarray,
@@ -255,7 +255,8 @@ def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
         if context.budget.clock() >= turn.until:
             break
     elites = state.best
-    assert elites is not None and state.run is not None
+    assert elites is not None
+    assert state.run is not None
     best = elites.plans[:, :, 0]
     details = {"runs": state.run.number + 1}
     if before is not None and np.array_equal(best, before.plans[:, :, 0]):
@@ -345,7 +346,8 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
 
 def _restarted(state: PlansState) -> PlansState:
     """Begins another evolution: with random plans, or, in turn, with what the others have found."""
-    assert state.run is not None and state.elites is not None
+    assert state.run is not None
+    assert state.elites is not None
     number = state.run.number + 1
     champions = state.elites.of(np.arange(1))
     if state.champions is not None:
@@ -399,7 +401,7 @@ def _selected(
 
 def _best(returns: np.ndarray) -> np.ndarray:
     """Places of the best of some returns, the first of those that are equal."""
-    values, first = np.unique(-returns, return_index=True)
+    _, first = np.unique(-returns, return_index=True)
     return first[:_ELITES]
 
 
