@@ -62,6 +62,11 @@ class Genes(NamedTuple):
     part: np.ndarray
     limits: Sequence[Limit]
 
+    @property
+    def size(self) -> int:
+        """Bytes of a plan."""
+        return 4 * self.horizon * len(self.kind)
+
     def tree(self, plans: np.ndarray) -> dict[str, np.ndarray]:
         """Plans [H, D, ...] per action fluent [H, *shape, ...]."""
         return {
@@ -137,9 +142,7 @@ def genes_of(simulator: Simulator, family: Family) -> Genes:
     places, columns, start, parts = dict[str, slice](), [], 0, dict[tuple[str, int], int]()
     for name in simulator.actions:
         shape, noop = simulator.shapes[name], simulator.noop[name].astype(float)
-        kind = {"real": REAL, "int": INTEGER, "bool": BOOL}.get(
-            model.variable_ranges[name], CHOICE
-        )
+        kind = {"real": REAL, "int": INTEGER, "bool": BOOL}.get(model.variable_ranges[name], CHOICE)
         lower, upper, unit = np.zeros(shape), np.ones(shape), np.ones(shape)
         if kind != BOOL:
             unit = np.broadcast_to(actions.units[name], shape).astype(float)
@@ -160,9 +163,7 @@ def genes_of(simulator: Simulator, family: Family) -> Genes:
     return Genes(simulator.problem.horizon, places, shapes, kinds, *rest, limits)
 
 
-def _limits(
-    problem: Problem, places: Mapping[str, slice], is_true: np.ndarray
-) -> list[Limit]:
+def _limits(problem: Problem, places: Mapping[str, slice], is_true: np.ndarray) -> list[Limit]:
     """The limits of a problem, of whose places some are true at the no-op [D]."""
     model, count = problem.model, len(is_true)
     limits = []
