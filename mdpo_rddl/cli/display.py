@@ -106,8 +106,9 @@ def _add_race(table: Table, summary: Mapping[str, Any]) -> None:
     if race["late_gain"] is not None:
         table.add_row("gained in the last half", f"{race['late_gain']:.1%} of all gains")
     seconds = summary["train_seconds"] + summary["compile_seconds"]
-    compiling = f"{summary['compile_seconds']:.1f} s of it compilation"
-    table.add_row("in all", f"{seconds:.1f} s, {compiling} ({summary['status']})")
+    compiling = summary["compile_seconds"]
+    told = f", {compiling:.1f} s of it compilation" if compiling else ""
+    table.add_row("in all", f"{seconds:.1f} s{told} ({summary['status']})")
 
 
 def _add_thinking(table: Table, thinking: Mapping[str, Any]) -> None:

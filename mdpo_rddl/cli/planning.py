@@ -26,14 +26,13 @@ from mdpo_rddl.machine.jax_setup import (
     require_devices,
     use_all_cores,
 )
+from mdpo_rddl.planner.config.preset_names import DEFAULT_PRESET
 from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.load import evaluate_saved
-from mdpo_rddl.session.movie import check_movie
 from mdpo_rddl.session.plan import plan
 from mdpo_rddl.session.progress_bar import ProgressBar
-from mdpo_rddl.session.replan import replan
 from mdpo_rddl.session.report.run_folder import free_name
 from mdpo_rddl.session.requests import LoadRequest, PlanRequest
 
@@ -59,6 +58,8 @@ def run(
     if options.movie is not None:
         # the visualizers draw with pyplot, which shall open no window in this process
         os.environ["MPLBACKEND"] = "Agg"
+        from mdpo_rddl.session.movie import check_movie  # imports what draws
+
         check_movie(options.movie)
     traced_cache = None
     if options.no_cache:
@@ -67,13 +68,23 @@ def run(
         traced_cache = keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
-    require_devices()
+    if _needs_jax(options):
+        require_devices()
     with _silenced(options.quiet), ProgressBar(not options.quiet) as bar:
         if options.load is not None:
             return evaluate_saved(_load_request(options, command), bar), options.out
         request = replace(_plan_request(options, traced_cache), command=command)
-        do = replan if replans(options) else plan
-        return do(request, bar), request.out
+        if not replans(options):
+            return plan(request, bar), request.out
+        from mdpo_rddl.session.replan import replan  # imports JAX
+
+        return replan(request, bar), request.out
+
+
+def _needs_jax(options: argparse.Namespace) -> bool:
+    """Whether something is compiled in any case."""
+    is_race = options.config is None and preset_name(options) == DEFAULT_PRESET
+    return options.load is None and (replans(options) or not is_race)
 
 
 def show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:

@@ -1,13 +1,12 @@
 """Work in a process of its own, within a time and a memory: however it ends, we go on."""
 
-import base64
-import pickle
 import resource
 import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, NamedTuple
 
-from mdpo_rddl.machine.child import Child, ChildEndedError, Messages
+from mdpo_rddl.machine.child import Child, ChildEndedError
+from mdpo_rddl.machine.messages import Messages, packed, unpacked
 from mdpo_rddl.machine.process_tree import members, resident_bytes, shared_out_bytes
 
 _POLL_SECONDS = 0.1
@@ -107,7 +106,7 @@ class _Worker:
         started, peak = time.monotonic(), 0.0
         self._number += 1
         try:
-            self._child.ask([self._number, _packed(question)])
+            self._child.ask([self._number, packed(question)])
             while True:
                 if (answer := self._received()) is not None:
                     return answer
@@ -150,11 +149,11 @@ def serve(messages: Messages) -> None:
     """The child: reads the work, and then an item at a time, until it is ended."""
     _bound_files()
     number, packed = messages.receive()
-    work = _unpacked(packed)
+    work = unpacked(packed)
     messages.send([number, {}])
     while True:
         number, packed = messages.receive()
-        messages.send([number, work(_unpacked(packed))])
+        messages.send([number, work(unpacked(packed))])
 
 
 def _bound_files() -> None:
@@ -162,12 +161,3 @@ def _bound_files() -> None:
     given = resource.getrlimit(resource.RLIMIT_FSIZE)
     least = min((_MOST_FILE_BYTES, *(each for each in given if each != resource.RLIM_INFINITY)))
     resource.setrlimit(resource.RLIMIT_FSIZE, (least, least))
-
-
-# from this process to its own child, which sends no such thing back
-def _packed(value: Any) -> str:
-    return base64.b64encode(pickle.dumps(value)).decode()
-
-
-def _unpacked(text: str) -> Any:
-    return pickle.loads(base64.b64decode(text))

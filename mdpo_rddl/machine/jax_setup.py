@@ -1,12 +1,12 @@
-"""What a command sets up in JAX before it computes anything."""
+"""What a command sets up in JAX before it computes anything: most of it without importing JAX."""
 
 import atexit
 import contextlib
 import gc
 import os
+import sys
 from pathlib import Path
-
-import jax
+from typing import Any
 
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.cache import TRACED, bound_cache, cache_folder, grammar_tables
@@ -20,9 +20,9 @@ def keep_compiled_programs() -> Path:
       A folder for traced programs.
     """
     bound_cache(cache_folder())
-    jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    _set("jax_compilation_cache_dir", str(cache_folder()))
     # the many small programs too, which together take as long as a large one
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    _set("jax_persistent_cache_min_compile_time_secs", 0.0)
     return cache_folder() / TRACED
 
 
@@ -33,8 +33,10 @@ def require_devices() -> None:
       InputError: if it cannot, such as on the platform that JAX_PLATFORMS names.
     """
     try:
+        import jax
+
         jax.devices()
-    except (RuntimeError, AssertionError) as error:
+    except (RuntimeError, AssertionError, ValueError) as error:
         # JAX asserts that a platform was found, without a word, where the one that was named is
         # known but has no device
         named = os.environ.get("JAX_PLATFORMS", "")
@@ -45,12 +47,14 @@ def require_devices() -> None:
 
 def keep_no_programs() -> None:
     """Has JAX neither read nor write compiled programs, whatever its variables say."""
-    jax.config.update("jax_compilation_cache_dir", None)
+    _set("jax_compilation_cache_dir", None)
 
 
 def kept_tables() -> Path | None:
     """`grammar_tables` if this process keeps compiled programs, as a child is told to or not."""
-    folder: str | None = jax.config.values["jax_compilation_cache_dir"]
+    name = "jax_compilation_cache_dir"
+    jax = sys.modules.get("jax")
+    folder = os.environ.get(name.upper()) if jax is None else jax.config.values[name]
     return None if folder is None else grammar_tables()
 
 
@@ -75,5 +79,15 @@ def use_all_cores() -> None:
     given = os.environ.get("JAX_NUM_CPU_DEVICES", "") + os.environ.get("XLA_FLAGS", "")
     if not given:
         with contextlib.suppress(RuntimeError):
-            jax.config.update("jax_num_cpu_devices", usable_cores())
+            _set("jax_num_cpu_devices", usable_cores())
     require_devices()
+
+
+def _set(name: str, value: Any) -> None:
+    """Sets an option of JAX's: in JAX if it is imported, else where it looks when it is."""
+    if (jax := sys.modules.get("jax")) is not None:
+        jax.config.update(name, value)
+    elif value is None:
+        os.environ.pop(name.upper(), None)
+    else:
+        os.environ[name.upper()] = str(value)

@@ -167,6 +167,26 @@ def save_policy(path: Path, policy: AnySaved) -> None:
     write_container(path, *_contents(policy))
 
 
+def packed_policy(policy: AnySaved) -> bytes:
+    """A policy as its file holds it."""
+    return packed(*_contents(policy))
+
+
+def unpacked_policy(content: bytes, source: str) -> AnySaved:
+    """What `packed_policy` has packed.
+
+    Args:
+      content: of the file.
+      source: where it came from, for error messages.
+
+    Raises:
+      InputError: if it is damaged or not such a policy.
+      ValueError, LookupError, TypeError: likewise.
+    """
+    metadata, tensors = unpacked(content, source, _READERS)
+    return _READERS[metadata["format"]](metadata, tensors)
+
+
 def _contents(policy: AnySaved) -> tuple[Tensors, Metadata]:
     """A policy as tensors and text."""
     common = {"problem": json.dumps(policy.problem), "seed": str(policy.seed)}
@@ -186,7 +206,7 @@ def _contents(policy: AnySaved) -> tuple[Tensors, Metadata]:
     if policy.candidates:
         common["candidates"] = json.dumps(policy.candidates)
     if policy.underlying is not None:
-        content = packed(*_contents(policy.underlying))
+        content = packed_policy(policy.underlying)
         tensors[_UNDERLYING] = np.frombuffer(content, np.uint8)
     if policy.votes:
         common[_VOTES] = "true"

@@ -1,6 +1,6 @@
 """A feedback policy's formula on numpy: for many states at once, or for one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from mdpo_rddl.simulator.simulator import Simulator
 
 Arrays = Mapping[str, np.ndarray]
 
+
 def require_count(known: int, count: int, step: int) -> None:
     """Raises `InputError` unless as many episodes are played at a step as at the one before."""
     if known != count:
@@ -38,6 +39,7 @@ class FeedbackFormula:
     """The feedback policies of a configuration, as functions of their parameters.
 
     Attributes:
+      simulator: of the problem.
       actions: on numpy, before anything is made legal.
     """
 
@@ -55,7 +57,7 @@ class FeedbackFormula:
           InputError: if the configuration does not fit the problem, or the simulator does not know
             an expression of it.
         """
-        simulator = Simulator(problem) if simulator is None else simulator
+        self.simulator = simulator = Simulator(problem) if simulator is None else simulator
         model, arguments = problem.model, config.policy_arguments
         units = arguments.pop("units", None) or {}
         try:
@@ -69,9 +71,7 @@ class FeedbackFormula:
                 ends = np.zeros(simulator.shapes[name]), len(model.type_to_objects[kind]) - 1.0
                 bounds[name] = np.broadcast_arrays(*ends)
         kinds = np.float32, np.int32
-        self.actions = FeedbackActions.of(
-            feedback, model, simulator.values, units, bounds, kinds
-        )
+        self.actions = FeedbackActions.of(feedback, model, simulator.values, units, bounds, kinds)
         keeps = config.section("MDPO").get("keep_group_limits", True)
         self._groups = group_limits(model)[0] if keeps else []
         concurrency = self.actions.limits
@@ -182,6 +182,23 @@ class FeedbackFormula:
         return found
 
 
+def without_idle(params: Params) -> Params:
+    """The parameters without those parts that have no effect; the others play the same."""
+    kept = {"shared": params["shared"]} if "shared" in params else {}
+    kept["own"] = {
+        name: {entry: v for entry, v in entries.items() if entry == "bias" or np.any(v)}
+        for name, entries in params["own"].items()
+    }
+    if any(np.any(each) for each in params.get("plan", {}).values()):
+        kept["plan"] = params["plan"]
+    if any(np.any(each["output"]) for each in params.get("lifted", {}).values()):
+        kept["lifted"] = params["lifted"]
+    net = params.get("net", {})
+    if any(np.any(each) for name, each in net.items() if name.startswith("output_")):
+        kept["net"] = net
+    return kept
+
+
 class FormulaPlay:
     """A policy of a formula as environments play it: step by step, one episode or several.
 
@@ -191,7 +208,7 @@ class FormulaPlay:
 
     def __init__(self, formula: FeedbackFormula, params: Params) -> None:
         """Remembers nothing yet."""
-        self._formula, self._params = formula, params
+        self._formula, self._params = formula, without_idle(params)
         self._one, self._many = (_Episodes(formula) for _ in range(2))
 
     def __call__(self, step: int, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -280,31 +297,35 @@ class _Episodes:
 
 
 class FormulaReplicas:
-    """A feedback policy for B episodes at once, with its memory."""
+    """A feedback policy for B episodes at once.
+
+    Attributes:
+      memory: before the latest step, per entry [*shape, B].
+    """
 
     def __init__(self, formula: FeedbackFormula, params: Params) -> None:
         """Remembers nothing yet."""
-        self._formula, self._params = formula, params
+        self._formula, self._params = formula, without_idle(params)
         self._step = 0
-        self._memory: dict[str, Any] = {}
+        self.memory: dict[str, Any] = {}
         self._seen: Arrays = {}
 
     def __call__(self, step: int, observation: Arrays) -> dict[str, np.ndarray]:
         """Per action fluent [*shape, B]."""
         if step == 0:
             count = next(iter(observation.values())).shape[-1]
-            self._memory = {
+            self.memory = {
                 name: np.broadcast_to(value[..., np.newaxis], (*value.shape, count))
                 for name, value in self._formula.actions.feedback.empty_memory().items()
             }
         self._step, self._seen = step, dict(observation)
-        return self._formula.play(self._params, {**observation, **self._memory}, step)
+        return self._formula.play(self._params, {**observation, **self.memory}, step)
 
     def were_played(self, actions: Arrays) -> None:
         """Brings the memory up to date."""
-        if self._memory:
-            given = self._memory, self._step, self._seen, actions
-            self._memory = self._formula.actions.remembered(*given)
+        if self.memory:
+            given = self.memory, self._step, self._seen, actions
+            self.memory = self._formula.actions.remembered(*given)
 
 
 def require_formula_params(saved: SavedPolicy, formula: FeedbackFormula, source: str) -> None:

@@ -89,7 +89,10 @@ class LegalActions:
         self.is_needed = bool(self._integers or self._implications or self._is_checked)
 
     def __call__(
-        self, proposal: Mapping[str, Any], preferences: Callable[[], Mapping[str, Any]], state: State
+        self,
+        proposal: Mapping[str, Any],
+        preferences: Callable[[], Mapping[str, Any]],
+        state: State,
     ) -> Actions:
         """Legal actions.
 
@@ -110,6 +113,21 @@ class LegalActions:
             parts.append(self._made(_of(proposal, which), lambda s=some: s, _of(state, which)))
         return {n: np.concatenate([part[n] for part in parts], axis=-1) for n in parts[0]}
 
+    def allowed(self, state: State) -> Actions:
+        """Which bools implications let be true, per action fluent [*shape, B] where they say it.
+
+        Args:
+          state: all fluents [*shape, B].
+        """
+        allowed: Actions = {}
+        if self._conditions is None:
+            return allowed
+        parts = iter(self._conditions(state))
+        for rule in self._implications:
+            mask = _holds(rule, parts)
+            allowed[rule.action] = allowed[rule.action] & mask if rule.action in allowed else mask
+        return allowed
+
     def _made(
         self, actions: Actions, preferences: Callable[[], Mapping[str, Any]], state: State
     ) -> Actions:
@@ -121,7 +139,7 @@ class LegalActions:
         replicas = next(iter(actions.values())).shape[-1]
         state = {**self._simulator.initial(replicas), **state}
         if self._conditions is not None:
-            actions = self._masked(actions, preferences, self._conditions(state))
+            actions = self._masked(actions, preferences, self.allowed(state))
         if not self._is_checked:
             return actions
         bad = np.flatnonzero(~self._simulator.legal(state, actions))
@@ -137,14 +155,9 @@ class LegalActions:
         self,
         actions: Actions,
         preferences: Callable[[], Mapping[str, Any]],
-        values: list[np.ndarray],
+        allowed: Actions,
     ) -> Actions:
         """The actions without the bools that implications forbid."""
-        allowed: Actions = {}
-        parts = iter(values)
-        for rule in self._implications:
-            mask = _holds(rule, parts)
-            allowed[rule.action] = allowed[rule.action] & mask if rule.action in allowed else mask
         actions |= {name: actions[name] & mask for name, mask in allowed.items()}
         grouped = {name for limit in self._limits for name in limit.groups}
         if grouped & set(allowed):

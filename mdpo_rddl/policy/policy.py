@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.belief import BeliefPlay, BeliefReplicas, gaining, voting, worth_most
 from mdpo_rddl.policy.file import (
     AnySaved,
     SavedPlanRule,
@@ -24,6 +26,8 @@ from mdpo_rddl.policy.file import (
     save_policy,
 )
 from mdpo_rddl.policy.formula import METHOD, FeedbackFormula, FormulaPlay, require_formula_params
+from mdpo_rddl.policy.greedy import METHOD as GREEDY_METHOD
+from mdpo_rddl.policy.greedy import GreedyFormula
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.side_by_side import BatchReplicas
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -43,21 +47,25 @@ from mdpo_rddl.simulator.evaluation import Replicated
 
 if TYPE_CHECKING:  # who plays a feedback policy need not import JAX
     from mdpo_rddl.planner.planner import MDPOPlanner
+    from mdpo_rddl.policy.action_voting import ActionVoting
     from mdpo_rddl.policy.lookahead.base import Vote
     from mdpo_rddl.policy.rule.explanation import Explanation
 
 # properties that are computed once, and hang on nothing but what is played
-_COMPILED = ("_play", "underlying")
+_COMPILED = ("_play", "_voting", "underlying")
 
 
 class Compiled:
     """What plays the policies of one problem and configuration, made when it is first asked for."""
 
     def __init__(
-        self, planner: "MDPOPlanner | None" = None, formula: FeedbackFormula | None = None
+        self,
+        planner: "MDPOPlanner | None" = None,
+        formula: FeedbackFormula | None = None,
+        greedy: GreedyFormula | None = None,
     ) -> None:
         """Takes what is there already."""
-        self._planner, self._formula = planner, formula
+        self._planner, self._formula, self._greedy = planner, formula, greedy
 
     def planner(self, problem: Problem, config: PlannerConfig) -> "MDPOPlanner":
         """The compiled planner."""
@@ -75,6 +83,12 @@ class Compiled:
         if self._formula is None and config.policy_method == METHOD:
             self._formula = FeedbackFormula(problem, config)
         return self._formula
+
+    def greedy(self, problem: Problem, config: PlannerConfig) -> GreedyFormula | None:
+        """The greedy policies' formula; None unless the configuration is one of them."""
+        if self._greedy is None and config.policy_method == GREEDY_METHOD:
+            self._greedy = GreedyFormula(problem, config)
+        return self._greedy
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +153,11 @@ class Policy(PolicyAgent):
     def formula(self) -> FeedbackFormula | None:
         """What plays a feedback policy; None of another one."""
         return self.compiled.formula(self.problem, self.config)
+
+    @property
+    def greedy(self) -> GreedyFormula | None:
+        """What plays a greedy policy; None of another one."""
+        return self.compiled.greedy(self.problem, self.config)
 
     def to_saved(self) -> SavedPolicy:
         """The policy as a file holds it: without the compiled planner, and without times.
@@ -303,25 +322,52 @@ class Policy(PolicyAgent):
 
     def replicated(self) -> Replicated | None:
         """See `PolicyAgent.replicated`; of a feedback policy its formula, without a compiler."""
-        if self.votes:
-            return None
+        if self.votes and self.underlying is not None:
+            return self._believing(self.underlying)
         if self.formula is not None:
             return self.formula.replicas(self.params)
+        if (greedy := self.greedy) is not None:
+            return greedy.replicas(self.params, self.seed)
         play = self._play
         return BatchReplicas(play.batch, play.were_played, self.problem.model)
 
     @property
     def vote(self) -> "Vote | None":
-        """How it is played, if `votes`."""
-        return self._play.vote if self.votes and self.saved_underlying is not None else None
+        """How it is played, if `votes`, in compiled code, for who thinks on from that."""
+        return None if self._voting is None else self._voting.vote
+
+    @cached_property
+    def _voting(self) -> "ActionVoting | None":
+        if not self.votes or self.underlying is None:
+            return None
+        from mdpo_rddl.policy.action_voting import ActionVoting
+
+        return ActionVoting(self, self.underlying)
+
+    def _believing(self, underlying: "Policy | TablePolicy | RelaxedPlanPolicy") -> BeliefReplicas:
+        """What votes for many episodes at once."""
+        simulator = self._exact_model
+        if simulator is None:
+            raise InputError(f"{self.problem.domain_path}: the simulator does not know it")
+        if isinstance(underlying, Policy) and (greedy := underlying.greedy) is not None:
+            elect = gaining(greedy, underlying.params, underlying.seed)
+        elif isinstance(underlying, TablePolicy) and underlying.table.values is not None:
+            elect = worth_most(simulator, underlying, underlying.seed)
+        else:
+            play = underlying.replicated()
+            assert play is not None
+            elect = voting(simulator, play)
+        return BeliefReplicas(simulator, elect, self.seed)
 
     @cached_property
     def _play(self) -> Any:
-        """A `FormulaPlay`, a `Playable` or an `ActionVoting`, which are played alike."""
-        if self.votes and self.underlying is not None:
-            from mdpo_rddl.policy.action_voting import ActionVoting
-
-            return ActionVoting(self, self.underlying)
+        """A `BeliefPlay`, `FormulaPlay` or `Playable`, which are played alike."""
+        if self.votes and (underlying := self.underlying) is not None:
+            formula = self.formula
+            if formula is None:
+                plain = self.config.with_values("Planner", method=METHOD, method_kwargs={})
+                formula = FeedbackFormula(self.problem, plain)
+            return BeliefPlay(formula, lambda: self._believing(underlying))
         if self.formula is not None:
             return FormulaPlay(self.formula, self.params)
         from mdpo_rddl.policy.playable import playable
@@ -334,12 +380,13 @@ class Policy(PolicyAgent):
         Args:
           seconds: for measuring what the return loses without each term; 0 measures nothing.
         """
-        from mdpo_rddl.policy.rule.explanation import Explanation, explain
+        from mdpo_rddl.policy.rule.explanation import NO_RULE, Explanation, explain
 
         if self.votes:
             return Explanation((), "the policy is a vote over a belief of the state, not a rule")
-        with self.planner.computing():
-            return explain(self.problem, self.planner, self.params, seconds)
+        if self.formula is None:
+            return Explanation((), NO_RULE)
+        return explain(self.formula, self.params, seconds)
 
     def __repr__(self) -> str:
         return f"<Policy for {self.problem.label}: {self._kind}, {self._size:,} parameters>"

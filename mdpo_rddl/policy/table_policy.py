@@ -1,6 +1,7 @@
 """A policy that looks its action up by step and state."""
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from mdpo_rddl.policy.plannerless import PlannerlessPolicy, numbers_of
 from mdpo_rddl.policy.table import ActionTable, Claim, Optimum
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
 from mdpo_rddl.problem.enumeration.packing import Packing, Place, keys
+from mdpo_rddl.problem.grounding import require_batch
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.source import ProblemSource
 
@@ -126,44 +128,90 @@ class TablePolicy(PlannerlessPolicy):
         }
         return html_table(f"Policy for {self.problem.label}", rows)
 
-    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
-        number = self._number(step, observation)
-        return {
-            name: values[number].copy() if values.ndim > 1 else values[number].item()
-            for name, values in self.table.actions.items()
-        }
+    def batch(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """As `PolicyAgent.batch`, with the states looked up together."""
+        require_batch(self.problem.model, step, observations)
+        return self._actions(step, observations)
+
+    def numbers(self, step: int, observations: Mapping[str, Any]) -> np.ndarray:
+        """The numbers of the actions for N states of a step [N]; 0, the no-op's, if not known."""
+        table, places = self.table, self._places(observations)
+        is_known = places >= 0
+        known = places[is_known]
+        self.misses += len(places) - len(known)
+        until, steps = self._until
+        # the runs of a state are in order: the first one that lasts till this step, or the last
+        runs = np.searchsorted(until, known * steps + min(step, steps - 1))
+        numbers = np.zeros(len(places), np.int64)
+        numbers[is_known] = table.action[np.minimum(runs, table.first_run[known + 1] - 1)]
+        return numbers
+
+    def values(self, step: int, observations: Mapping[str, Any]) -> np.ndarray:
+        """What the best policy returns from N states of a step on [N], of a table that knows it.
+
+        A state that is not in the table, as no policy comes to it, counts as the worst one. Nor are
+        those in the table in which an episode has ended: whoever asks must tell these.
+        """
+        kept, places = self.table.values, self._places(observations)
+        assert kept is not None
+        if step >= len(kept):
+            return np.zeros(len(places))
+        now = kept[step].astype(float)
+        return np.where(places >= 0, now[places], now.min())
 
     def knows(self, observation: Mapping[str, Any]) -> bool:
         """Whether a state, as the vectorized environment shows it, is in the table."""
-        return self._place(observation) is not None
+        return bool(self._places(_alone(observation))[0] >= 0)
 
-    def _number(self, step: int, observation: Mapping[str, Any]) -> int:
-        """The number of the action; 0, the no-op's, for an unknown state."""
-        table, place = self.table, self._place(observation)
-        if place is None:
-            self.misses += 1
-            return 0
-        start, stop = table.first_run[place : place + 2]
-        run = start + np.searchsorted(table.until_step[start:stop], step)
-        return int(table.action[min(run, stop - 1)])
+    def _act(self, step: int, observation: Mapping[str, Any]) -> dict[str, Any]:
+        actions = self._actions(step, _alone(observation))
+        return {n: v[0] if v.ndim > 1 else v[0].item() for n, v in actions.items()}
 
-    def _place(self, observation: Mapping[str, Any]) -> int | None:
-        """The place of a state in the table; None if it is not there."""
+    def _actions(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Per action fluent [N, *shape] for N states of a step; the no-op in those not known."""
+        numbers = self.numbers(step, observations)
+        return {name: values[numbers] for name, values in self.table.actions.items()}
+
+    @cached_property
+    def _until(self) -> tuple[np.ndarray, int]:
+        """One number for the place and the last step of each run; how many steps there are."""
         table = self.table
-        values = [
-            numbers_of(observation[name], table.objects.get(name, ())) for name in table.fluents
+        steps = int(table.until_step.max(initial=0)) + 1
+        place = np.repeat(np.arange(len(table.states)), np.diff(table.first_run))
+        return place * steps + table.until_step, steps
+
+    def _places(self, observations: Mapping[str, Any]) -> np.ndarray:
+        """The places of N states in the table [N]; -1 for one that is not there."""
+        table = self.table
+        count = len(next(iter(observations.values()), _NO_STATE))
+        rows = [
+            numbers_of(observations[name], table.objects.get(name, ())).reshape(count, -1)
+            for name in table.fluents
         ]
-        try:
-            packed = self._packing.encode_all(np.concatenate([*values, _NONE]).tolist())
-        except OverflowError:
-            return None
-        (state,) = merged(packed[np.newaxis], self._merges)
-        place = int(np.searchsorted(self._keys, keys(state[np.newaxis])[0]))
-        is_known = place < len(self._keys) and np.array_equal(table.states[place], state)
-        return place if is_known else None
+        states = np.zeros((count, self._packing.words), np.uint64)
+        is_known = np.ones(count, bool)
+        for values, place in zip(
+            np.concatenate([*rows, np.zeros((count, 0), np.int64)], axis=1).T,
+            self._packing.places,
+            strict=True,
+        ):
+            shifted = values + place.offset
+            is_known &= shifted >> place.bits == 0
+            states[:, place.word] |= shifted.astype(np.uint64) << np.uint64(place.shift)
+        states = merged(states, self._merges)
+        if not len(self._keys):
+            return np.full(count, -1)
+        places = np.minimum(np.searchsorted(self._keys, keys(states)), len(self._keys) - 1)
+        is_known &= (table.states[places] == states).all(axis=1)
+        return np.where(is_known, places, -1)
 
 
-_NONE = np.zeros(0, np.int64)
+_NO_STATE = np.zeros(1)
+
+
+def _alone(observation: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """A state as a batch of one."""
+    return {name: np.asarray(values)[np.newaxis] for name, values in observation.items()}
 
 
 def _fluents(table: ActionTable) -> Any:

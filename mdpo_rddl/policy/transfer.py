@@ -1,17 +1,26 @@
 """A lifted rule on another instance of its domain: the shared weights fit any number of objects."""
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.planner.plans.feedback import GAIN, PAIRS, Feedback, Params
-from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.policy.trees import flatten
 
 _ONE = "1"
+
+
+class Plan(Protocol):
+    """What a transfer must know of a feedback policy."""
+
+    @property
+    def feedback(self) -> Feedback:
+        """The raw actions."""
+
+    @property
+    def units(self) -> Mapping[str, Any]:
+        """Per real or integer action fluent what a raw value of 1 means [*shape]."""
 
 
 class Transfer(NamedTuple):
@@ -29,7 +38,7 @@ class Transfer(NamedTuple):
 class _Side(NamedTuple):
     """A plan and one of its action fluents."""
 
-    plan: FeedbackPlan
+    plan: Plan
     feedback: Feedback
     action: str
 
@@ -54,7 +63,7 @@ class _Side(NamedTuple):
 
 
 def transferred(
-    source: FeedbackPlan, params: Params, target: FeedbackPlan, base: Params, is_same: bool
+    source: Plan, params: Params, target: Plan, base: Params, is_same: bool
 ) -> Transfer:
     """Parameters of another plan that play the same rule, as far as that can be.
 
@@ -83,7 +92,7 @@ def transferred(
             left_out.append(f"{action}: what each object has of its own, but for its mean")
         dtype = base["shared"][action].dtype
         vector = [weights.get(name, 0.0) for name in new.names(action)]
-        result["shared"] = {**result["shared"], action: jnp.asarray(vector, dtype)}
+        result["shared"] = {**result["shared"], action: np.asarray(vector, dtype)}
         if is_same:
             own = _own(here, there, params, base)
             known = params["own"][action]
@@ -163,7 +172,7 @@ def _lifted(
             hidden[places[other]] += factor * row
     output = (here.unit / there.unit) * np.asarray(layer["output"], float)
     dtype = like["hidden"].dtype
-    return {"hidden": jnp.asarray(hidden, dtype), "output": jnp.asarray(output, dtype)}, lost
+    return {"hidden": np.asarray(hidden, dtype), "output": np.asarray(output, dtype)}, lost
 
 
 def _converted(here: _Side, there: _Side, name: str) -> dict[str, float] | None:
@@ -202,10 +211,10 @@ def _own(here: _Side, there: _Side, params: Params, base: Params) -> dict[str, A
             continue
         fluent = name.removeprefix(GAIN).removeprefix(PAIRS)
         stretch, shift = _change(here.scale(fluent), there.scale(fluent))
-        own[name] = jnp.asarray(ratio * stretch * np.asarray(values), own[name].dtype)
+        own[name] = np.asarray(ratio * stretch * np.asarray(values), own[name].dtype)
         each = tuple(range(bias.ndim, np.ndim(values)))
         bias += shift * np.sum(np.asarray(values, float), axis=each)
-    own["bias"] = jnp.asarray(ratio * bias, own["bias"].dtype)
+    own["bias"] = np.asarray(ratio * bias, own["bias"].dtype)
     return own
 
 
@@ -215,11 +224,10 @@ def _outputs(params: Params, part: str) -> list[Any]:
     return [leaf for name, leaf in entries.items() if part == "plan" or name.startswith("output_")]
 
 
-def _part(
-    part: str, source: FeedbackPlan, target: FeedbackPlan, params: Params, base: Params
-) -> Any | None:
+def _part(part: str, source: Plan, target: Plan, params: Params, base: Params) -> Any | None:
     """The open-loop plan, or the net, of the same problem; None if it does not fit."""
-    shapes = [jax.tree.map(np.shape, each.get(part)) for each in (params, base)]
+    trees = [flatten(each.get(part, {}), part) for each in (params, base)]
+    shapes = [{name: leaf.shape for name, leaf in tree.items()} for tree in trees]
     if shapes[0] != shapes[1]:
         return None
     old, new = source.feedback, target.feedback
@@ -236,5 +244,12 @@ def _part(
         is_output = action in old.action_shapes
         sides = [_Side(plan, plan.feedback, action) for plan in (source, target) if is_output]
         ratio = sides[0].unit / sides[1].unit if sides else 1.0
-        carried[name] = jax.tree.map(partial(jnp.multiply, ratio), entry)
+        carried[name] = _times(entry, ratio)
     return carried
+
+
+def _times(tree: Any, ratio: float) -> Any:
+    """A tree of arrays, each of them multiplied."""
+    if isinstance(tree, Mapping):
+        return {name: _times(each, ratio) for name, each in tree.items()}
+    return (ratio * np.asarray(tree)).astype(np.asarray(tree).dtype)

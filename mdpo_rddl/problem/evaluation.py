@@ -1,5 +1,6 @@
 """Returns of a policy on the exact pyRDDLGym environment, never on the relaxed model."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,6 +23,9 @@ def lost_worth(share: Any) -> Any:
     """What an episode is worth of which so large a share of the steps cannot be played."""
     return LOST * (1.0 + share)
 
+
+# 97.5% quantiles: of the normal law, which Student's is with many degrees of freedom, and with one
+_NORMAL_QUANTILE, _CAUCHY_QUANTILE, _MANY_DEGREES = 1.959963984540054, 12.7062047361747, 1e9
 
 # what pyRDDLGym's agents tell of an evaluation; its deviation divides by n
 _STATISTICS: Mapping[str, Callable[[np.ndarray], np.floating]] = {
@@ -118,14 +122,52 @@ def mean_interval(values: np.ndarray) -> tuple[float, float] | None:
     Args:
       values: independent ones [n].
     """
-    n = len(values)
-    if n < 2:
+    if len(values) < 2:
         return None
-    from scipy import special  # takes long to import, and can be while training goes on
+    mean, error = mean_and_error(values)
+    return _student(mean, error, len(values) - 1)
 
-    error = float(np.std(values, ddof=1)) / np.sqrt(n)
-    half, mean = float(special.stdtrit(n - 1, 0.975) * error), float(np.mean(values))
-    return mean - half, mean + half
+
+def difference(one: np.ndarray, other: np.ndarray) -> tuple[float, float] | None:
+    """Welch's 95% interval of the mean of one less that of another; None if one has one value.
+
+    Args:
+      one, other: independent values [n], [m].
+    """
+    if min(len(one), len(other)) < 2:
+        return None
+    parts = [np.var(each, ddof=1) / len(each) for each in (one, other)]
+    squares = sum(part**2 / (len(each) - 1) for part, each in zip(parts, (one, other), strict=True))
+    degrees = sum(parts) ** 2 / squares if squares else np.inf
+    return _student(float(np.mean(one) - np.mean(other)), float(np.sqrt(sum(parts))), degrees)
+
+
+def _student(middle: float, error: float, degrees: float) -> tuple[float, float]:
+    half = student_quantile(degrees) * error
+    return middle - half, middle + half
+
+
+def student_quantile(degrees: float) -> float:
+    """The 97.5% quantile of Student's law with so many degrees of freedom, at least 1.
+
+    With t = sqrt(n) tan(x), P(0 < T < t) is the integral of cos(x)^(n - 1) from 0 to x, times
+    Gamma((n + 1) / 2) / (sqrt(pi) Gamma(n / 2)). To import scipy would take longer.
+    """
+    if degrees > _MANY_DEGREES:
+        return _NORMAL_QUANTILE
+    log_factor = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees)
+    factor = math.exp(log_factor) / math.sqrt(math.pi)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    low, high = _NORMAL_QUANTILE, _CAUCHY_QUANTILE
+    while high - low > 1e-12 * high:
+        middle = 0.5 * (low + high)
+        angle = math.atan(middle / math.sqrt(degrees))
+        values = np.cos(0.5 * angle * (nodes + 1.0)) ** (degrees - 1.0)
+        if factor * 0.5 * angle * float(weights @ values) < 0.475:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def episode_seeds(seed: int | Sequence[int], episodes: int) -> list[int]:

@@ -11,8 +11,6 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
 from pyRDDLGym import RDDLEnv
 
 from mdpo_rddl.problem.implications import Comparison, comparisons, fluents_of, is_box
@@ -136,11 +134,13 @@ class LinearPreconditions:
           slopes: of each row by each number [R, D].
           actions: the others.
         """
+        from scipy import linalg, optimize  # take long to import, and few problems need them
+
         rows = self._rows(numbers, actions)
         asked = rows.is_asked & np.any(slopes, axis=1) & np.isfinite(rows.excess)
         equal, limited = asked & self._is_exact, asked & ~self._is_exact
         first = np.linalg.lstsq(slopes[equal], -rows.excess[equal], rcond=None)[0]
-        free = scipy.linalg.null_space(slopes[equal]) if np.any(equal) else np.eye(len(numbers))
+        free = linalg.null_space(slopes[equal]) if np.any(equal) else np.eye(len(numbers))
         limits = np.concatenate([-slopes[limited], np.eye(len(numbers)), -np.eye(len(numbers))])
         least = np.concatenate(
             [
@@ -156,7 +156,7 @@ class LinearPreconditions:
             return self._at_ends(numbers + first)
         system = np.concatenate([(limits @ free).T, least[np.newaxis] / scale])
         wanted = np.eye(len(system))[-1]
-        *residual, last = wanted - system @ scipy.optimize.nnls(system, wanted)[0]
+        *residual, last = wanted - system @ optimize.nnls(system, wanted)[0]
         if last <= _LEAST:
             return numbers
         change = first - scale / last * (free @ np.array(residual))
@@ -172,6 +172,8 @@ class LinearPreconditions:
         self, numbers: np.ndarray, slopes: np.ndarray, actions: Mapping[str, Any]
     ) -> np.ndarray:
         """The numbers [D], of which as many as rows are kept or broken take the rest."""
+        from scipy import linalg  # as above
+
         was_broken = np.zeros(len(self._is_exact), bool)
         for _ in range(_STEPS):
             rows = self._rows(numbers, actions)
@@ -184,7 +186,7 @@ class LinearPreconditions:
             own = slopes[active]
             room = np.minimum(numbers - self._lower, self._upper - numbers)
             weighted = own * np.clip(room, _LEAST, 1.0)
-            _, triangle, order = scipy.linalg.qr(weighted, mode="economic", pivoting=True)
+            _, triangle, order = linalg.qr(weighted, mode="economic", pivoting=True)
             diagonal = np.abs(np.diag(triangle))
             taken = order[: np.count_nonzero(diagonal > _LEAST * np.max(diagonal, initial=0.0))]
             change = np.linalg.lstsq(own[:, taken], -errors[active], rcond=None)[0]

@@ -10,9 +10,11 @@ from mdpo_rddl.problem.legality import action_box
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
 from mdpo_rddl.problem.load import Problem
 
+DRAWS = 20
+"""After so many that are not legal the last one is replaced."""
+
 # how far a draw goes from the bound of a box that has but one
 _WIDTH = 10.0
-_DRAWS = 20
 
 
 class RandomActions:
@@ -40,69 +42,98 @@ class RandomActions:
           state: per fluent its value [*shape], in which the action must be legal.
           rng: draws.
         """
-        for _ in range(_DRAWS):
-            verdict = self._moves.rule(self._draw(rng), state)
+        for _ in range(DRAWS):
+            drawn = {name: value[..., 0] for name, value in self.draws(1, rng).items()}
+            verdict = self._moves.rule(drawn, state)
             if not verdict.illegal:
                 break
         return verdict.actions
 
-    def _draw_number(self, name: str, rng: np.random.Generator, half: float) -> np.ndarray:
+    def draws(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        """Draws that need not be legal, per action fluent [*shape, count].
+
+        Args:
+          count: how many.
+          rng: draws.
+        """
+        actions = {name: self._draw_fluent(name, count, rng) for name in self._defaults}
+        for limit in self._limits:
+            _draw_groups(limit, actions, rng)
+        return self._within_count(actions, rng)
+
+    def _draw_fluent(self, name: str, count: int, rng: np.random.Generator) -> np.ndarray:
+        kind, shape = self._model.action_ranges[name], (*np.shape(self._defaults[name]), count)
+        if kind == "bool":
+            return rng.random(shape) < 0.5
+        if kind == "real":
+            return self._draw_number(name, shape, rng, half=0.0)
+        if kind == "int":
+            return np.rint(self._draw_number(name, shape, rng, half=0.5)).astype(int)
+        return rng.integers(len(self._model.type_to_objects[kind]), size=shape)
+
+    def _draw_number(
+        self, name: str, shape: tuple[int, ...], rng: np.random.Generator, half: float
+    ) -> np.ndarray:
         """Real numbers, which reach `half` beyond what bounds them."""
         default, (lower, upper) = np.asarray(self._defaults[name], float), self._box[name]
         if half:
             # of "above 0" pyRDDLGym makes 1e-5
             lower, upper = np.ceil(lower), np.floor(upper)
-        lower, upper, default = np.broadcast_arrays(lower, upper, default)
+        lower, upper, default = (
+            each[..., np.newaxis] for each in np.broadcast_arrays(lower, upper, default)
+        )
         is_low, is_high = np.isfinite(lower), np.isfinite(upper)
         low = np.where(is_low, lower, np.where(is_high, upper - _WIDTH, 0.0))
         high = np.where(is_high, upper, low + _WIDTH)
-        within, around = rng.uniform(low - half, high + half), rng.normal(default)
-        return np.asarray(np.where(is_low | is_high, within, around))
+        within = rng.uniform(low - half, high + half, shape)
+        return np.where(is_low | is_high, within, rng.normal(default, size=shape))
 
-    def _draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        actions = {name: self._draw_fluent(name, rng) for name in self._defaults}
-        for limit in self._limits:
-            _draw_groups(limit, actions, rng)
-        return self._within_count(actions, rng)
-
-    def _draw_fluent(self, name: str, rng: np.random.Generator) -> Any:
-        kind, shape = self._model.action_ranges[name], np.shape(self._defaults[name])
-        if kind == "bool":
-            return rng.random(shape) < 0.5
-        if kind == "real":
-            return self._draw_number(name, rng, half=0.0)
-        if kind == "int":
-            return np.rint(self._draw_number(name, rng, half=0.5)).astype(int)
-        return rng.integers(len(self._model.type_to_objects[kind]), size=shape or None)
-
-    def _within_count(self, actions: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-        arrays = {name: np.array(value) for name, value in actions.items()}
-        changed = [
-            (name, place)
-            for name, value in arrays.items()
-            for place in map(tuple, np.argwhere(value != self._defaults[name]))
-        ]
-        excess = len(changed) - self._model.max_allowed_actions
-        if excess > 0:
-            for index in rng.choice(len(changed), int(excess), replace=False):
-                name, place = changed[index]
-                arrays[name][place] = np.asarray(self._defaults[name])[place]
-        return arrays
+    def _within_count(
+        self, actions: dict[str, np.ndarray], rng: np.random.Generator
+    ) -> dict[str, np.ndarray]:
+        """Puts back to their defaults as many fluents as are too many."""
+        most = self._model.max_allowed_actions
+        if not actions:
+            return actions
+        defaults = {name: np.asarray(v)[..., np.newaxis] for name, v in self._defaults.items()}
+        changed = {name: value != defaults[name] for name, value in actions.items()}
+        flat = np.concatenate([each.reshape(-1, each.shape[-1]) for each in changed.values()])
+        if not np.any(flat.sum(axis=0) > most):
+            return actions
+        stays = _some(flat, np.full(flat.shape[-1], most), rng)
+        kept = _split(stays, list(changed.values()))
+        return {
+            name: np.where(kept[place], actions[name], defaults[name])
+            for place, name in enumerate(actions)
+        }
 
 
-def _draw_groups(limit: GroupLimit, actions: dict[str, Any], rng: np.random.Generator) -> None:
+def _draw_groups(
+    limit: GroupLimit, actions: dict[str, np.ndarray], rng: np.random.Generator
+) -> None:
     """Replaces the bools of each group by a legal draw."""
     names = list(limit.groups)
     group = np.concatenate([np.ravel(limit.groups[name]) for name in names])
-    values = np.concatenate([np.ravel(actions[name]) for name in names])
-    values[group >= 0] = False
+    values = np.concatenate([actions[name].reshape(-1, actions[name].shape[-1]) for name in names])
+    count = values.shape[-1]
     for number, most in enumerate(limit.limits):
-        wanted = int(most) if limit.exact else min(int(most), int(rng.random() < 0.5))
-        members = np.flatnonzero(group == number)
-        values[rng.choice(members, min(wanted, len(members)), replace=False)] = True
-    start = 0
-    for name in names:
-        shape = np.shape(actions[name])
-        size = int(np.prod(shape))
-        actions[name] = values[start : start + size].reshape(shape)
-        start += size
+        wanted = np.full(count, int(most))
+        if not limit.exact:
+            wanted = np.minimum(wanted, rng.random(count) < 0.5)
+        members = group == number
+        values[members] = _some(np.ones((int(members.sum()), count), bool), wanted, rng)
+    for name, part in zip(names, _split(values, [actions[n] for n in names]), strict=True):
+        actions[name] = part
+
+
+def _some(of: np.ndarray, most: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Of the true values [N, B] of each column at most so many [B], all as likely."""
+    keys = np.where(of, rng.random(of.shape), np.inf)
+    places = np.argsort(np.argsort(keys, axis=0), axis=0)
+    return of & (places < most)
+
+
+def _split(rows: np.ndarray, like: list[np.ndarray]) -> list[np.ndarray]:
+    """Rows [N, B] as arrays of these shapes [*shape, B]."""
+    ends = np.cumsum([each.size // each.shape[-1] for each in like])[:-1]
+    return [part.reshape(each.shape) for part, each in zip(np.split(rows, ends), like, strict=True)]

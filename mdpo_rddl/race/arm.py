@@ -22,6 +22,7 @@ class Candidate(NamedTuple):
       policy: plays, and can be saved.
       parents: names of the arms whose policies it was made from, the earliest first.
       uses_noise: whether it, or what it was made from, was trained with noise on the actions.
+      returns: what `Evaluator.more` has given for it already, elsewhere [N].
     """
 
     arm: str
@@ -29,6 +30,7 @@ class Candidate(NamedTuple):
     policy: AnyPolicy
     parents: tuple[str, ...] = ()
     uses_noise: bool = False
+    returns: np.ndarray = np.zeros(0)
 
 
 class Judged(NamedTuple):
@@ -59,8 +61,9 @@ class Context(NamedTuple):
       seed: of the race; an arm's random numbers come from this and its name, see `generator`.
       family: the feedback policies of this problem, in its units and scales.
       certain: whether chance plays no part: one episode shows what a policy returns.
-      on_iteration: called between two iterations of whichever arm works; what it raises
-        (`Cancelled`, `KeyboardInterrupt`) passes through the arm.
+      on_iteration: called between two iterations of whichever arm works, and at each step of
+        rollouts; what it raises passes through the arm: `DeadlineError` when the time is over,
+        `Cancelled`, `KeyboardInterrupt`.
     """
 
     problem: Problem

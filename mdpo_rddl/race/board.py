@@ -1,5 +1,6 @@
 """Who leads: candidates, judged by the same episodes."""
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.race.arm import Candidate, Context, Judged
-from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.budget import Budget, DeadlineError
 from mdpo_rddl.race.evaluator import CONFIRMATION
 from mdpo_rddl.race.outcome import Point
 
@@ -40,12 +41,18 @@ class Board:
     def judge(self, candidate: Candidate) -> Judged:
         """Plays a candidate until it is clear whether it leads, or for enough episodes.
 
-        Ties go to whoever led before. Nothing is played beyond the deadline, but the first episodes
-        of the first candidate.
+        Ties go to whoever led before, but a proven optimum leads at once.
+
+        Raises:
+          DeadlineError: if the race's time is over before; only the first candidate is judged in
+            any case.
         """
-        play = candidate.policy.replicated()
-        returns = self._context.evaluator.more(play, np.zeros(0))
-        judged, leads = self._compared(Judged(candidate, returns), play)
+        play, returns = candidate.policy.replicated(), candidate.returns
+        if not len(returns):
+            returns = self._context.evaluator.more(play, returns, self._check)
+        judged, leads = Judged(candidate, returns), True
+        if not is_proven(judged):
+            judged, leads = self._compared(judged, play)
         self.points.append(Point(candidate, judged.returns, self._context.budget.used, leads))
         if leads:
             self.leader = judged
@@ -67,27 +74,29 @@ class Board:
         """The best of the leading arms' candidates in episodes that none of them was chosen by.
 
         Episodes are doubled while there is time, at most to a thousand. The leader stays where
-        another one is not better by a standard error of the difference.
+        another one is not better by a standard error of the difference, or where it is proven.
 
         Args:
-          budget: for it; the first episodes are played in any case.
+          budget: for it.
         """
         assert self.leader is not None
         rivals = sorted(self._best.values(), key=lambda each: -each.mean)
         rivals = [each for each in rivals if each.candidate is not self.leader.candidate]
+        rivals = [] if is_proven(self.leader) else rivals
         chosen = [self.leader, *rivals[: _RIVALS - 1]]
         plays = [each.candidate.policy.replicated() for each in chosen]
         found = [np.zeros(0) for _ in chosen]
         evaluator = self._context.evaluator
-        while len(found[0]) < _CONFIRMED:
-            began = budget.used
-            found = [
-                evaluator.more(play, returns, CONFIRMATION)
-                for play, returns in zip(plays, found, strict=True)
-            ]
-            takes = budget.used - began
-            if budget.left < 2.0 * takes or self._context.certain:
-                break
+        with contextlib.suppress(DeadlineError):
+            while len(found[0]) < _CONFIRMED:
+                found = [
+                    evaluator.more(play, returns, budget.check, CONFIRMATION)
+                    for play, returns in zip(plays, found, strict=True)
+                ]
+                if self._context.certain:
+                    break
+        if not len(found[0]):
+            return self.leader
         best = 0
         for number in range(1, len(chosen)):
             gain, error = mean_and_error(found[number] - found[best])
@@ -103,17 +112,27 @@ class Board:
         rival = leader.candidate.policy.replicated()
         while True:
             count = len(judged.returns)
-            if len(leader.returns) < count:
-                more = context.evaluator.more(rival, leader.returns)
+            while len(leader.returns) < count:
+                more = context.evaluator.more(rival, leader.returns, self._check)
                 leader = self.leader = leader._replace(returns=more)
             with np.errstate(invalid="ignore"):
                 gain, error = mean_and_error(judged.returns - leader.returns[:count])
             is_clear = not abs(gain) <= _ERRORS * error or context.certain
-            if is_clear or count >= _MOST or context.budget.left <= 0.0:
+            if is_clear or count >= _MOST:
                 return judged, bool(gain > 0.0)
-            judged = judged._replace(returns=context.evaluator.more(play, judged.returns))
+            judged = judged._replace(
+                returns=context.evaluator.more(play, judged.returns, self._check)
+            )
+
+    def _check(self) -> None:
+        if self.leader is not None:
+            self._context.on_iteration()
 
     def _is_of_family(self, policy: Any) -> bool:
-        return isinstance(policy, Policy) and policy.config is self._context.family.config
+        is_formula = isinstance(policy, Policy) and not policy.votes
+        return is_formula and policy.config is self._context.family.config
 
 
+def is_proven(judged: Judged | None) -> bool:
+    """Whether a candidate is the best that there can be."""
+    return judged is not None and getattr(judged.candidate.policy, "optimum", None) is not None

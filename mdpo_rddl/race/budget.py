@@ -5,6 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 
+class DeadlineError(Exception):
+    """A budget is spent in the midst of something that is not worth finishing."""
+
+
 @dataclass(frozen=True)
 class Budget:
     """A span of time.
@@ -39,6 +43,11 @@ class Budget:
     def left(self) -> float:
         """Seconds until it ends; below 0 after that."""
         return self.deadline - self.clock()
+
+    def check(self) -> None:
+        """Raises `DeadlineError` once it is spent."""
+        if self.left <= 0.0:
+            raise DeadlineError
 
     def share(self, part: float) -> "Budget":
         """From now on, a part of what is left."""

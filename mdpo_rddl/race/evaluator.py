@@ -1,6 +1,6 @@
 """What a policy returns: episodes on the simulator that are the same for all policies."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,9 @@ from mdpo_rddl.problem.evaluation import lost_worth
 from mdpo_rddl.simulator.common import CommonNumbers
 from mdpo_rddl.simulator.rollouts import rollout
 from mdpo_rddl.simulator.simulator import Simulator, State, Step
+
+Check = Callable[[], None]
+"""Called now and then to raise what ends the work."""
 
 FEWEST = 16
 """Episodes that are played first; then as many again as there are, each time."""
@@ -34,12 +37,15 @@ class Evaluator:
         """
         self._simulator, self._seed = simulator, seed
 
-    def more(self, policy: Any, returns: np.ndarray, stream: int = RACE) -> np.ndarray:
+    def more(
+        self, policy: Any, returns: np.ndarray, check: Check, stream: int = RACE
+    ) -> np.ndarray:
         """What a policy is known to return, and that of as many more episodes.
 
         Args:
           policy: decides for many episodes at once, see `mdpo_rddl.simulator.evaluation.Replicated`.
           returns: what this has given before [N]; empty at first.
+          check: called at each step; what it raises passes through.
           stream: of episodes.
 
         Returns:
@@ -47,18 +53,17 @@ class Evaluator:
         """
         done = len(returns)
         seed = [self._seed, stream, done]
-        return np.concatenate([returns, worth(self._simulator, policy, done or FEWEST, seed)])
-
-    def returns(self, policy: Any, episodes: int, stream: int = RACE) -> np.ndarray:
-        """The worth of so many episodes at least."""
-        found = np.zeros(0)
-        while len(found) < episodes:
-            found = self.more(policy, found, stream)
-        return found
+        new = worth(self._simulator, policy, done or FEWEST, seed, check)
+        return np.concatenate([returns, new])
 
 
 def worth(
-    simulator: Simulator, policy: Any, episodes: int | State, seed: Any, groups: int = 1
+    simulator: Simulator,
+    policy: Any,
+    episodes: int | State,
+    seed: Any,
+    check: Check,
+    groups: int = 1,
 ) -> np.ndarray:
     """The worth of episodes [B]; see `Evaluator`.
 
@@ -67,12 +72,14 @@ def worth(
       policy: a `Replicated`.
       episodes: how many; or a state [*shape, B].
       seed: of all draws, whatever `numpy.random.SeedSequence` takes.
+      check: called at each step; what it raises passes through.
       groups: of episodes side by side that have the same random numbers; all of them are played at
         once then, and must not be more than `simulator.block`.
     """
     told = getattr(policy, "were_played", None)
 
     def play(step: int, observation: Mapping[str, np.ndarray]) -> Any:
+        check()
         actions = policy(step, observation)
         if told is not None:
             told(actions)
@@ -95,4 +102,6 @@ class _InCommon(Simulator):
         self._groups = groups
 
     def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
-        return super().step(state, actions, CommonNumbers(generator, self._groups))
+        count = next(iter(state.values())).shape[-1]
+        episodes = np.tile(np.arange(count // self._groups), self._groups)
+        return super().step(state, actions, CommonNumbers(generator, episodes))

@@ -10,7 +10,7 @@ from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions
 from mdpo_rddl.policy.formula import FeedbackFormula
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.load import Problem
-from mdpo_rddl.race.evaluator import worth
+from mdpo_rddl.race.evaluator import Check, worth
 from mdpo_rddl.race.weights import Params, Weights, completed
 from mdpo_rddl.simulator.simulator import Simulator
 
@@ -25,7 +25,12 @@ class Family:
     """
 
     def __init__(
-        self, problem: Problem, simulator: Simulator, config: PlannerConfig, seed: int
+        self,
+        problem: Problem,
+        simulator: Simulator,
+        config: PlannerConfig,
+        seed: int,
+        check: Check,
     ) -> None:
         """Builds the formula.
 
@@ -34,8 +39,10 @@ class Family:
           simulator: of it.
           config: with a `FeedbackPlan`.
           seed: of hidden units, and of the policies.
+          check: called at each step of rollouts; what it raises passes through.
         """
         self.config, self._problem, self._simulator, self._seed = config, problem, simulator, seed
+        self._check = check
         self._formula = FeedbackFormula(problem, config, simulator)
         self.feedback = self._formula.actions.feedback
         self.noop: Params = self.feedback.initial(np.random.default_rng(seed))
@@ -73,7 +80,9 @@ class Family:
                 found[name] = (np.asarray(action, bool) ^ noop).astype(float)
         return found
 
-    def returns(self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any) -> np.ndarray:
+    def returns(
+        self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any
+    ) -> np.ndarray:
         """The worth of episodes [P, N] of policies, all of them with the same random numbers.
 
         Args:
@@ -87,6 +96,7 @@ class Family:
         for first in range(0, len(vectors), at_once):
             some = vectors[first : first + at_once]
             play = self._formula.replicas(weights.batch(some, episodes))
-            found = worth(self._simulator, play, len(some) * episodes, seed, groups=len(some))
+            count = len(some) * episodes
+            found = worth(self._simulator, play, count, seed, self._check, len(some))
             parts.append(found.reshape(len(some), episodes))
         return np.concatenate(parts)

@@ -109,15 +109,23 @@ def played(
             for name, value in constants.items()
         }
         size = next(iter(some.values())).shape[-1]
-        places = np.linspace(0, size - 1, min(size, _SEEN)).astype(int)
 
-        def play(step: int, observation: Any, some: Any = some, places: Any = places) -> Any:
+        def play(step: int, observation: Any, some: Any = some) -> Any:
+            # of one constant fewer may be played at once than episodes were asked for
+            count = next(iter(observation.values())).shape[-1]
             if seen is not None:
+                places = np.linspace(0, count - 1, min(count, _SEEN)).astype(int)
                 seen.append({name: value[..., places] for name, value in observation.items()})
-            return some
+            return {name: value[..., :count] for name, value in some.items()}
 
-        parts.append(worth(simulator, play, size, seed, size // episodes).reshape(-1, episodes))
+        parts.append(
+            worth(simulator, play, size, seed, _no_check, size // episodes).reshape(-1, episodes)
+        )
     return np.concatenate(parts)
+
+
+def _no_check() -> None:
+    """Constants take no time to speak of."""
 
 
 def _is_certain(

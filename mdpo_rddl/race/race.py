@@ -1,5 +1,6 @@
 """From a problem to the best policy that the arms find within a budget."""
 
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,15 +9,15 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from mdpo_rddl.planner.config.fitting import scaled, with_memory
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import SEARCH
+from mdpo_rddl.planner.config.fitting import scaled, with_memory
+from mdpo_rddl.planner.config.search_section import SEARCH, Search, read_search
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Arm, Candidate, Context
 from mdpo_rddl.race.arms import portfolio
 from mdpo_rddl.race.board import Board
-from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.budget import Budget, DeadlineError
 from mdpo_rddl.race.evaluator import Evaluator
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.outcome import Curve, Outcome, Point
@@ -78,6 +79,7 @@ def race(
 
     Raises:
       InputError: if the problem has something that the simulator does not know.
+      KeyboardInterrupt, Cancelled: if interrupted before there was any policy.
     """
     options = RaceOptions() if options is None else options
     # the arrays are small: threads of a linear algebra library would wait for each other
@@ -91,31 +93,43 @@ def _race(
     simulator = Simulator(problem)
     options.on_stage("probing")
     seen = probe(problem, simulator, seed)
+    left_out = (read_search(config.sections) or Search()).without
     fitted = with_memory(scaled(config.without_section(SEARCH), seen), problem)
-    family = Family(problem, simulator, fitted, seed)
     confirming = _CONFIRMING_SHARE * budget.seconds
+    searching = Budget(budget.began, budget.deadline - confirming, budget.clock)
+
+    def on_iteration() -> None:
+        searching.check()
+        options.on_iteration()
+
+    family = Family(problem, simulator, fitted, seed, on_iteration)
     context = Context(
         problem=problem,
         simulator=simulator,
         evaluator=Evaluator(simulator, seed),
-        budget=Budget(budget.began, budget.deadline - confirming, budget.clock),
+        budget=searching,
         seed=seed,
         family=family,
         certain=seen.is_certain,
-        on_iteration=options.on_iteration,
+        on_iteration=on_iteration,
     )
     board = Board(context, options.on_judged)
-    noop = board.judge(Candidate(SIMPLE, NOOP, family.policy(family.noop)))
+    noop = Candidate(SIMPLE, NOOP, family.policy(family.noop))
+    constant = Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen)))
     arms, interrupted, chosen = [], False, None
     try:
-        board.judge(Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen))))
-        for candidate in options.initial(family):
-            board.judge(candidate)
-        options.on_stage("searching")
-        arms = run(context, options.arms(), board)
+        with contextlib.suppress(DeadlineError):
+            # the first one is judged whatever time there is
+            for candidate in (*options.initial(family), noop, constant):
+                board.judge(candidate)
+            options.on_stage("searching")
+            every = [arm for arm in options.arms() if arm.name not in left_out]
+            arms = run(context, every, board)
         options.on_stage("confirming")
         chosen = board.confirm(budget)
     except (KeyboardInterrupt, Cancelled) as stop:
+        if board.leader is None:
+            raise
         note_heard(stop)
         logger.warning("interrupted: the best policy so far is kept")
         interrupted = True
@@ -130,7 +144,7 @@ def _race(
         units=seen.units,
         state_scales=seen.state_scales,
         lookup_scales=seen.lookup_scales,
-        noop_return=noop.mean,
+        noop_return=next((each.mean for each in board.points if each.candidate is noop), None),
         random_return=None,
         seconds=budget.used,
         interrupted=interrupted,

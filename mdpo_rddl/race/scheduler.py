@@ -6,6 +6,7 @@ to whoever can make the leader better. What is compiled or solved beside the oth
 and again whether it is ready; nobody waits for it.
 """
 
+import contextlib
 import logging
 import time
 from collections.abc import Sequence
@@ -15,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.errors import InputError, one_line_cause
-from mdpo_rddl.race.arm import Arm, Context, Judged, Turn
-from mdpo_rddl.race.board import Board
+from mdpo_rddl.race.arm import Arm, Context, Turn
+from mdpo_rddl.race.board import Board, is_proven
+from mdpo_rddl.race.budget import DeadlineError
 from mdpo_rddl.race.outcome import ArmFigures
 
 logger = logging.getLogger(__name__)
@@ -80,23 +82,27 @@ def run(context: Context, arms: Sequence[Arm], board: Board) -> list[ArmFigures]
         for arm in arms:
             if (state := arm.init(context)) is not None:
                 entries.append(_Entry(arm, state))
-        number = 0
-        while context.budget.left > 0.0 and not _is_proven(board.leader):
-            context.on_iteration()
-            able = [one for one in entries if one.state.is_ready and not one.state.is_exhausted]
-            if not able:
-                if all(one.state.is_exhausted for one in entries):
-                    break
-                time.sleep(_PAUSE)
-                _poll(context, entries, board)
-                continue
-            _work(context, _next(context, able, board, number), board)
-            _poll(context, entries, board)
-            number += 1
+        with contextlib.suppress(DeadlineError):
+            _take_turns(context, entries, board)
     finally:
         for one in entries:
             one.arm.close(one.state)
     return [_figures(one, board) for one in entries]
+
+
+def _take_turns(context: Context, entries: Sequence[_Entry], board: Board) -> None:
+    number = 0
+    while not is_proven(board.leader):
+        context.on_iteration()
+        able = [one for one in entries if one.state.is_ready and not one.state.is_exhausted]
+        if able:
+            _work(context, _next(context, able, board, number), board)
+            number += 1
+        elif all(one.state.is_exhausted for one in entries):
+            return
+        else:
+            time.sleep(_PAUSE)
+        _poll(context, entries, board)
 
 
 def _next(context: Context, able: Sequence[_Entry], board: Board, number: int) -> _Entry:
@@ -141,16 +147,14 @@ def _work(context: Context, one: _Entry, board: Board) -> None:
 
 
 def _poll(context: Context, entries: Sequence[_Entry], board: Board) -> None:
-    """Looks after what goes on beside."""
+    """Looks after what goes on beside, and judges what it has found."""
     assert board.leader is not None
     for one in entries:
         if not one.state.is_ready and not one.state.is_exhausted:
             now = context.budget.clock()
             one.state = one.arm.step(context, one.state, Turn(now, board.leader, board.feedback))
-
-
-def _is_proven(leader: Judged | None) -> bool:
-    return leader is not None and getattr(leader.candidate.policy, "optimum", None) is not None
+            for candidate in one.state.found:
+                board.judge(candidate)
 
 
 def _figures(one: _Entry, board: Board) -> ArmFigures:

@@ -5,7 +5,6 @@ from pathlib import Path
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
-from mdpo_rddl.planner.config.presets.by_domain import METHODS, config_for_domain
 
 
 def load_preset(preset: str = DEFAULT_PRESET, domain_name: str = "") -> PlannerConfig:
@@ -38,6 +37,9 @@ def config_of_file(given: str | Path, domain: str, domain_name: str) -> tuple[st
     Raises:
       InputError: if the file cannot be read or used.
     """
+    # imports JAX
+    from mdpo_rddl.planner.config.presets.by_domain import METHODS, config_for_domain
+
     if str(given) in METHODS:
         # as JaxPlan's third argument: the domain's own configuration
         config = config_for_domain(domain, domain_name, str(given))

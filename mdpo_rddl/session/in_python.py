@@ -2,36 +2,38 @@
 
 import contextlib
 import math
+import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import jax
+from typing import TYPE_CHECKING, Any, Union
 
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.jax_setup import kept_tables
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET
 from mdpo_rddl.policy.kinds import AnyPolicy
-from mdpo_rddl.policy.lookahead.choice import choose
-from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
 from mdpo_rddl.problem.functions import FunctionsGiven
 from mdpo_rddl.problem.load import Problem, load_problem
 from mdpo_rddl.problem.of_environment import problem_of
 from mdpo_rddl.session.configuration import config_of_file, load_preset
-from mdpo_rddl.session.find import find_by_race, find_by_training, is_race
 from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.observed import warn_of, warn_of_exploits
 from mdpo_rddl.session.progress_bar import ProgressBar
-from mdpo_rddl.session.thinking import choice_seconds, costing_nothing, with_leftover
+from mdpo_rddl.session.race import find_by_race, is_race
 from mdpo_rddl.session.watch import PlanProgress, Watch
 
-PlannedPolicy = AnyPolicy | LookaheadPolicy
+if TYPE_CHECKING:  # which imports JAX
+    from mdpo_rddl.policy.lookahead.driver import LookaheadPolicy
+
+PlannedPolicy = Union[AnyPolicy, "LookaheadPolicy"]
 """What `plan` returns: the last one where the policy thinks at its decisions."""
 
 _MOST_SEEDS = 2**31
+# of JAX's variables
+_TRUE = ("y", "yes", "t", "true", "on", "1")
 # what is left of a time that loading has used up
 _LEAST_SECONDS = 1e-3
 
@@ -153,21 +155,22 @@ def plan(
             left = max(seconds - watch.elapsed, _LEAST_SECONDS)
             config = config.with_values("Optimize", train_seconds=left)
         watch.seconds = whole = config.budget().seconds
-        kept = choice_seconds(problem, whole, chosen.decision_seconds)
-        if kept > 0.0:
+        kept = 0.0
+        if chosen.decision_seconds > 0.0:
+            from mdpo_rddl.session.thinking import choice_seconds  # imports JAX
+
+            kept = choice_seconds(problem, whole, chosen.decision_seconds)
             config = config.with_values("Optimize", train_seconds=whole - kept)
         key = config.key if seed is None else seed
         terms = _Terms(problem, config, key, start_from=chosen.start_from)
-        thinks, began = kept > 0.0, watch.elapsed
+        began = watch.elapsed
         found, was_interrupted = _find(terms, watch, seconds is not None)
         policy: PlannedPolicy = found
         if watch.error is not None:
             raise watch.error
-        if thinks and not (watch.is_cancelled or was_interrupted):
+        if kept > 0.0 and not (watch.is_cancelled or was_interrupted):
             left = whole - (watch.elapsed - began)
-            within = with_leftover(kept, left, chosen.decision_seconds)
-            with costing_nothing():
-                policy = choose(found, chosen.decision_seconds, within).policy or found
+            policy = _thinking(found, chosen.decision_seconds, kept, left)
         # compiled now, the first decision need not wait for it
         policy.reset()
         first = policy.sample_action()
@@ -176,21 +179,34 @@ def plan(
     return policy
 
 
+def _thinking(policy: AnyPolicy, seconds: float, kept: float, left: float) -> PlannedPolicy:
+    """The policy with so much time for a decision, if that pays.
+
+    Args:
+      policy: to be played.
+      seconds: of a decision.
+      kept: seconds to find out whether it pays.
+      left: of all the time.
+    """
+    # import JAX
+    from mdpo_rddl.policy.lookahead.choice import choose
+    from mdpo_rddl.session.thinking import costing_nothing, with_leftover
+
+    with costing_nothing():
+        within = with_leftover(kept, left, seconds)
+        return choose(policy, seconds, within).policy or policy
+    return policy
+
+
 def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> tuple[AnyPolicy, bool]:
     """The policy, and whether it was found until somebody interrupted that."""
     if not is_race(terms.config):
-        policy, result = find_by_training(terms, watch, counts_compilation)
-        return policy, result.status == "interrupted"
-    from mdpo_rddl.auto import RaceOptions
+        from mdpo_rddl.session.training import find_by_training  # imports JAX
 
-    options = RaceOptions(
-        on_stage=watch.stage,
-        on_progress=watch.training,
-        on_judged=watch.judged,
-        clock=watch.clock,
-    )
-    outcome = find_by_race(terms, watch, options)
-    return outcome.policy, outcome.interrupted
+        policy, trained = find_by_training(terms, watch, counts_compilation)
+        return policy, trained.status == "interrupted"
+    found = find_by_race(terms, watch)
+    return found.policy, found.interrupted
 
 
 def _check(seconds: Any, seed: Any) -> None:
@@ -230,8 +246,12 @@ def _config(options: PlanOptions, domain: Any, problem: Problem) -> PlannerConfi
 @contextlib.contextmanager
 def _precision_kept() -> Iterator[None]:
     """Undoes JaxPlan's choice of JAX's precision, which it makes for the whole process."""
-    before = jax.config.values["jax_enable_x64"]
+    if (jax := sys.modules.get("jax")) is not None:
+        before = jax.config.values["jax_enable_x64"]
+    else:  # as it will begin
+        before = os.environ.get("JAX_ENABLE_X64", "").lower() in _TRUE
     try:
         yield
     finally:
-        jax.config.update("jax_enable_x64", before)
+        if (jax := sys.modules.get("jax")) is not None:
+            jax.config.update("jax_enable_x64", before)

@@ -10,10 +10,8 @@ from mdpo_rddl.machine.logs import kept_warnings
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.policy.file import AnySaved, load_policy
 from mdpo_rddl.policy.kinds import restored
-from mdpo_rddl.policy.lookahead.choice import longest_choice
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 from mdpo_rddl.session.evaluator import Evaluator
-from mdpo_rddl.session.movie import draw_movie
 from mdpo_rddl.session.observed import Observed, warn_of
 from mdpo_rddl.session.report.page.write import add_page
 from mdpo_rddl.session.report.run_folder import POLICY, SUMMARY, RunFolder, write_json
@@ -25,7 +23,6 @@ from mdpo_rddl.session.report.summary import (
     warn_of_unplayable,
 )
 from mdpo_rddl.session.requests import LoadRequest, Reporter, Terms
-from mdpo_rddl.session.thinking import think
 
 logger = logging.getLogger(__name__)
 
@@ -64,6 +61,10 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
         warn_of_unplayable(plain)
         figures = return_figures(plain)
         if request.decision_seconds > 0.0:
+            # import JAX
+            from mdpo_rddl.policy.lookahead.choice import longest_choice
+            from mdpo_rddl.session.thinking import think
+
             seconds = request.decision_seconds
             times = seconds, longest_choice(seconds)
             figures = think(policy, plain, times, terms, reporter, observed)
@@ -81,13 +82,19 @@ def evaluate_saved(request: LoadRequest, reporter: Reporter) -> dict[str, Any]:
             "versions": package_versions(),
         }
         if folder is not None and observed is not None:
-            summary |= {**observed.figures(), "warnings": warnings, "command": request.command}
+            summary |= {
+                **observed.figures(figures["returns"]),
+                "warnings": warnings,
+                "command": request.command,
+            }
             with folder.writing():
                 write_json(folder.staging / SUMMARY, summary)
                 observed.write(folder.staging)
             add_page(folder)
             folder.commit()
         if request.movie is not None:
+            from mdpo_rddl.session.movie import draw_movie
+
             reporter.stage("drawing")
             draw_movie(request.movie, policy, problem, seed)
     return summary

@@ -4,40 +4,47 @@ import contextlib
 import copy
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pyRDDLGym.core.simulator import RDDLSimulator
 
-from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.problem.episode import Policy, WatchedPolicy
-from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.evaluation import Evaluation, difference
 from mdpo_rddl.problem.load import Problem, make_environment
 from mdpo_rddl.problem.played import NotPlayedError
 from mdpo_rddl.problem.trajectories import Trajectories, TrajectoriesRecorder
-from mdpo_rddl.session.references import noop_evaluation, random_evaluation
+from mdpo_rddl.session.references import (
+    MOST_EPISODES,
+    many_episodes,
+    noop_evaluation,
+    random_evaluation,
+    recorded,
+)
 from mdpo_rddl.session.report.page.record import write_play
 from mdpo_rddl.session.report.summary import return_figures
 from mdpo_rddl.session.requests import EvaluationTerms
+from mdpo_rddl.simulator.evaluation import SideBySide, evaluate_side_by_side
+from mdpo_rddl.simulator.simulator import Simulator
 
 logger = logging.getLogger(__name__)
 
-# the no-op may take half as long as the policy did, within limits; random actions half of that
-_SHORTEST, _LONGEST, _SHARE, _RANDOM_SHARE = 0.5, 2.0, 0.5, 0.5
-LONGEST_EPISODE_SECONDS = 2.0
-"""With longer ones nothing is played only to be shown."""
+# seconds: with longer ones nothing is played only to be shown
+_LONGEST_EPISODE = 2.0
 # a played value that asks for a bound, and how much further one looks for that bound
 _HUGE, _FURTHER = 1e6, 1e3
 _INTS = -(2**31), 2**31 - 1
 _LARGEST = float(np.finfo(np.float32).max)
 _NEAR_LARGEST = 1e-8 * _LARGEST
 _OF_A_REFERENCE = ("mean_return", "std_return", "ci95", "returns", "steps", "illegal_actions")
-# of the simulator, so many at first, to see how long they take
-_FIRST_EPISODES, _MOST_EPISODES = 16, 1_000
+# of the simulator's trajectories
 _MOST_NUMBERS = 1_000_000
+_NAMES = {"noop": "the no-op", "random": "random actions"}
 
 
 class Observed:
@@ -45,20 +52,24 @@ class Observed:
 
     Attributes:
       recorder: of its episodes.
+      episodes: how many of them were played to their ends.
     """
 
-    def __init__(self, terms: EvaluationTerms) -> None:
+    def __init__(self, terms: EvaluationTerms, longest: float = _LONGEST_EPISODE) -> None:
         """Keeps nothing yet.
 
         Args:
           terms: how policies are evaluated.
+          longest: seconds that an episode of the policy's may take on average for more to be played
+            only to be shown.
         """
-        self._terms = terms
+        self._terms, self._longest = terms, longest
         self._seconds: list[float] = []
         self._began = self._ended = 0.0
         self.recorder = TrajectoriesRecorder(terms.problem.model, terms.episodes)
+        self.episodes = 0
         self._simulated: Trajectories | None = None
-        self._noop = TrajectoriesRecorder(terms.problem.model, terms.episodes)
+        self._noop: Trajectories | None = None
 
     def watch(self, policy: Policy) -> Policy:
         """The same policy, whose decisions are timed; what was kept of another one is forgotten."""
@@ -83,29 +94,34 @@ class Observed:
         Args:
           policy: whose play is kept.
         """
-        seed, model = self._terms.seed, self._terms.problem.model
-        recorder = TrajectoriesRecorder(model, _MOST_EPISODES, _MOST_NUMBERS)
+        replicated, simulator, recorder = policy.replicated(), self._simulator, self._many()
+        if replicated is None or simulator is None:
+            return
+
+        def play(count: int) -> SideBySide:
+            return evaluate_side_by_side(simulator, replicated, count, self._terms.seed, keep=True)
+
         try:
-            count = 0
-            for _ in range(2):  # the first time more is made than played
-                began = time.perf_counter()
-                if policy.side_by_side(_FIRST_EPISODES, seed) is None:
-                    return
-                took = time.perf_counter() - began
-                if took > _LONGEST:
-                    return
-                count = min(recorder.kept, int(_FIRST_EPISODES * _LONGEST / took))
-            if count <= self._terms.episodes:
-                return
-            played = policy.side_by_side(count, seed, keep=True)
+            played = many_episodes(play, recorder.kept)
         except NotPlayedError as error:  # the evaluation has met no such episode
             logger.warning("trajectories: %s", one_line_cause(error))
             return
-        if played is not None and (found := played.trajectories) is not None:
-            lengths = played.evaluation.lengths
-            self._simulated = recorder.of_replicas(
-                found.states, found.actions, found.rewards, lengths
-            )
+        if len(played.evaluation.returns) > self._terms.episodes:
+            self._simulated = recorded(played, recorder)
+
+    @cached_property
+    def _simulator(self) -> Simulator | None:
+        """Of the problem; None if there is something that it does not know, or no state."""
+        try:
+            found = Simulator(self._terms.problem)
+        except InputError as error:
+            logger.info("no simulator: %s", one_line_cause(error))
+            return None
+        return found if found.observed else None
+
+    def _many(self) -> TrajectoriesRecorder:
+        """A recorder of many episodes."""
+        return TrajectoriesRecorder(self._terms.problem.model, MOST_EPISODES, _MOST_NUMBERS)
 
     @contextlib.contextmanager
     def replaced(self) -> Iterator["Observed"]:
@@ -114,22 +130,17 @@ class Observed:
         yield other
         vars(self).update(vars(other))
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self, returns: Sequence[float | None]) -> dict[str, Any]:
         """Plays the no-op and random actions; JSON of their returns and of the decision times.
 
         Also how many episodes of the simulator the trajectories are of; None if they are those of
         the evaluation.
+
+        Args:
+          returns: of the evaluation, None where one is not finite.
         """
         self._warn_of_exploits()
-        references: dict[str, Any] = {"noop": None, "random": None}
-        if self.episode_seconds <= LONGEST_EPISODE_SECONDS:
-            most = min(max(_SHARE * (self._ended - self._began), _SHORTEST), _LONGEST)
-            references["noop"] = _reference(lambda: noop_evaluation(self._terms, most, self._noop))
-            if references["noop"] is None:  # half an episode is none
-                self._noop = TrajectoriesRecorder(self._terms.problem.model, self._terms.episodes)
-            references["random"] = _reference(
-                lambda: random_evaluation(self._terms, _RANDOM_SHARE * most)
-            )
+        references = dict.fromkeys(_NAMES) | self._references(np.array(returns, float))
         simulated = None if self._simulated is None else len(self._simulated.rewards)
         return {
             "references": references,
@@ -137,17 +148,29 @@ class Observed:
             "simulated_episodes": simulated,
         }
 
+    def _references(self, returns: np.ndarray) -> dict[str, Any]:
+        simulator = self._simulator
+        if simulator is None or not self.is_quick:
+            return {}
+
+        def noop() -> Evaluation:
+            found, self._noop = noop_evaluation(simulator, self._terms, self._many())
+            return found
+
+        plays = {"noop": noop, "random": lambda: random_evaluation(simulator, self._terms)}
+        return {name: _reference(name, play, returns) for name, play in plays.items()}
+
     @property
-    def episode_seconds(self) -> float:
-        """That an episode of the policy took, on average."""
-        return (self._ended - self._began) / self._terms.episodes
+    def is_quick(self) -> bool:
+        """Whether episodes of the policy were so quick that more may be played to be shown."""
+        return 0.0 <= self._ended - self._began <= self._longest * self.episodes
 
     def write(self, folder: Path) -> None:
         """Writes the trajectories and the decision times."""
         own = self.recorder.result() if self._simulated is None else self._simulated
-        plays = {"policy": own, "noop": self._noop.result()}
+        plays = {"policy": own, "noop": self._noop}
         # the no-op was not played where an episode takes too long
-        plays = {name: play for name, play in plays.items() if len(play.rewards)}
+        plays = {name: play for name, play in plays.items() if play and len(play.rewards)}
         write_play(folder, plays, np.array(self._seconds))
 
     def _warn_of_exploits(self) -> None:
@@ -215,10 +238,19 @@ def _is_legal(sampler: RDDLSimulator, name: str, value: float) -> bool:
         return False
 
 
-def _reference(play: Callable[[], Evaluation]) -> dict[str, Any] | None:
+def _reference(
+    name: str, play: Callable[[], Evaluation], returns: np.ndarray
+) -> dict[str, Any] | None:
+    """The figures of a reference; a warning where it returns more than the policy."""
     try:
-        figures = return_figures(play())
+        found = play()
     except Exception as error:  # the environment's, which must not cost the run
         logger.warning("a reference: %s: %s", type(error).__name__, one_line_cause(error))
         return None
-    return {name: figures[name] for name in _OF_A_REFERENCE}
+    gain = difference(returns, found.returns)
+    if gain is not None and gain[1] < 0.0:
+        mean, count = np.mean(returns), len(found.returns)
+        told = f"{found.mean:z,.2f} in {count:,} episodes on the simulator, the policy {mean:z,.2f}"
+        logger.warning("%s returned more than the policy: %s", _NAMES[name], told)
+    figures = return_figures(found)
+    return {key: figures[key] for key in _OF_A_REFERENCE} | {"simulated": True}

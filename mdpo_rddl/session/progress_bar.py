@@ -1,6 +1,7 @@
 """How a session gets on: as a bar in a terminal, else as a line now and then."""
 
 import sys
+import time
 from threading import Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -8,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from mdpo_rddl.planner.training.training import Progress as TrainingProgress
 from mdpo_rddl.problem.evaluation import LOST
+from mdpo_rddl.session.requests import Incumbent
 
 TRAINING = "training"
 
@@ -18,8 +19,11 @@ TRAINING = "training"
 _FIRST_LINE_AFTER = 1.0
 _SECONDS_OF_A_LINE = 30.0
 
-if TYPE_CHECKING:
-    from mdpo_rddl.auto.common.candidate import Judged
+# between two looks of a race's bar
+_RACING_SECONDS = 0.1
+
+if TYPE_CHECKING:  # which imports JAX
+    from mdpo_rddl.planner.training.training import Progress as TrainingProgress
 
 
 class ProgressBar:
@@ -54,6 +58,7 @@ class ProgressBar:
         self._task: Any = None
         self._stage = ""
         self._incumbent: str | None = None
+        self._moved_at = -float("inf")
 
     def __enter__(self) -> "ProgressBar":
         self._bar.start()
@@ -96,7 +101,7 @@ class ProgressBar:
         while not self._is_over.wait(seconds):
             seconds = _SECONDS_OF_A_LINE if self.say() else _FIRST_LINE_AFTER
 
-    def training(self, progress: TrainingProgress) -> None:
+    def training(self, progress: "TrainingProgress") -> None:
         """Moves the bar of the training stage, which follows compilation by itself."""
         if self._incumbent is not None:  # one of several arms; the stage is the race's
             self._bar.update(self._task, total=1.0, completed=progress.fraction)
@@ -112,15 +117,19 @@ class ProgressBar:
             f"  best {progress.best_return:z,.0f}",
         )
 
-    def judged(self, judged: "Judged") -> None:
-        """Shows the incumbent of a race, and which arm leads."""
-        if judged.became_incumbent:
-            candidate = judged.candidate
-            best = candidate.known_mean
-            told = "lost" if best <= LOST else f"{best:z,.0f}"
-            self._incumbent = f"best {told} by {candidate.arm}"
-            if self._task is not None:  # else the first stage shows it
-                self._bar.update(self._task, note=self._incumbent)
+    def racing(self, fraction: float) -> None:
+        """Moves the bar of a race."""
+        now = time.monotonic()
+        if self._task is not None and now - self._moved_at >= _RACING_SECONDS:
+            self._moved_at = now
+            self._bar.update(self._task, total=1.0, completed=fraction)
+
+    def incumbent(self, found: Incumbent) -> None:
+        """Shows the best policy of a race, and which arm leads."""
+        told = "lost" if found.mean <= LOST else f"{found.mean:z,.0f}"
+        self._incumbent = f"best {told} by {found.arm}"
+        if self._task is not None:  # else the first stage shows it
+            self._bar.update(self._task, note=self._incumbent)
 
     def episode(self, done: int, of: int) -> None:
         """Moves the bar of the evaluation stage."""

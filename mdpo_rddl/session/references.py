@@ -1,53 +1,79 @@
-"""The no-op and random actions on the episodes that a policy is played on."""
+"""The no-op and random actions, which a policy is compared with: many episodes on the simulator."""
 
 import time
 from collections.abc import Callable
 
 import numpy as np
 
-from mdpo_rddl.problem.episode import EpisodesRecorder, Policy
-from mdpo_rddl.problem.evaluation import Evaluation, evaluate
-from mdpo_rddl.problem.load import make_environment
-from mdpo_rddl.problem.random_actions import RandomActions
+from mdpo_rddl.problem.evaluation import Evaluation
+from mdpo_rddl.problem.trajectories import Trajectories, TrajectoriesRecorder
 from mdpo_rddl.session.requests import EvaluationTerms
+from mdpo_rddl.simulator.evaluation import (
+    NoopReplicas,
+    RandomReplicas,
+    SideBySide,
+    evaluate_side_by_side,
+)
+from mdpo_rddl.simulator.simulator import Simulator
+
+MOST_EPISODES = 1_000
+"""Of one policy."""
+
+_FIRST, _TIMES = 16, 8
+# a few that took longer are all, since the report is waited for; so many more take hardly longer
+# where the interpreter takes most of the time, and as many times as long at most
+_SECONDS = 0.12
+
+
+def many_episodes(play: Callable[[int], SideBySide], most: int = MOST_EPISODES) -> SideBySide:
+    """Plays a few episodes, and then more as long as these take no time to speak of.
+
+    Args:
+      play: plays so many.
+      most: that are played.
+    """
+    count = min(_FIRST, most)
+    while True:
+        began = time.perf_counter()
+        found = play(count)
+        if count == most or time.perf_counter() - began > _SECONDS:
+            return found
+        count = min(_TIMES * count, most)
 
 
 def noop_evaluation(
-    terms: EvaluationTerms,
-    seconds: float,
-    recorder: EpisodesRecorder | None = None,
-    clock: Callable[[], float] = time.monotonic,
-) -> Evaluation:
-    """Plays the no-op: the first of the evaluation's episodes, as many as the time allows.
+    simulator: Simulator, terms: EvaluationTerms, recorder: TrajectoriesRecorder
+) -> tuple[Evaluation, Trajectories]:
+    """Plays the no-op.
 
     Args:
+      simulator: of the problem.
       terms: of the policy's evaluation.
-      seconds: after which no further episode begins.
-      recorder: keeps the episodes.
-      clock: tells the seconds.
+      recorder: of the problem; says how many episodes are kept at most.
+
+    Raises:
+      NotPlayedError: if the environment would have raised an error in an episode.
     """
-    return _played(terms, lambda step, state: {}, seconds, recorder, clock)
+    policy = NoopReplicas()
+    found = many_episodes(
+        lambda count: evaluate_side_by_side(simulator, policy, count, terms.seed, keep=True),
+        recorder.kept,
+    )
+    return found.evaluation, recorded(found, recorder)
 
 
-def random_evaluation(
-    terms: EvaluationTerms, seconds: float, clock: Callable[[], float] = time.monotonic
-) -> Evaluation:
-    """Plays random legal actions: the first of the evaluation's episodes, as `noop_evaluation`."""
-    actions, rng = RandomActions(terms.problem), np.random.default_rng(terms.seed)
-    return _played(terms, lambda step, state: actions.draw(state, rng), seconds, None, clock)
+def random_evaluation(simulator: Simulator, terms: EvaluationTerms) -> Evaluation:
+    """Plays random legal actions, as `noop_evaluation`."""
+
+    def play(count: int) -> SideBySide:
+        policy = RandomReplicas(simulator, np.random.default_rng(terms.seed))
+        return evaluate_side_by_side(simulator, policy, count, terms.seed)
+
+    return many_episodes(play).evaluation
 
 
-def _played(
-    terms: EvaluationTerms,
-    policy: Policy,
-    seconds: float,
-    recorder: EpisodesRecorder | None,
-    clock: Callable[[], float],
-) -> Evaluation:
-    env = make_environment(terms.problem)
-    until = clock() + seconds
-
-    def has_time() -> bool:
-        return clock() < until
-
-    return evaluate(env, policy, terms.episodes, terms.seed, has_time, recorder)
+def recorded(found: SideBySide, recorder: TrajectoriesRecorder) -> Trajectories:
+    """Episodes whose trajectories were kept, as the recorder keeps them."""
+    kept = found.trajectories
+    assert kept is not None
+    return recorder.of_replicas(kept.states, kept.actions, kept.rewards, found.evaluation.lengths)

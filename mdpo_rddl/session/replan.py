@@ -82,15 +82,16 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
         reporter.stage("replanning")
         observed, evaluator = Observed(request), Evaluator(request, reporter)
         end = _played(evaluator, policy, observed)
+        figures = _returns(evaluator, end)
         summary = {
             **identity(
                 request.problem,
-                planner_figures(request.config, planner),
+                planner_figures(request.config),
                 config_name=request.config_name,
                 seed=request.seed,
                 episodes=request.episodes if end is None else evaluator.ended,
             ),
-            **_returns(evaluator, end),
+            **figures,
             "mode": "replan",
             "lookahead": planner.horizon,
             "decision_seconds": budget.seconds,
@@ -102,7 +103,7 @@ def replan(request: PlanRequest, reporter: Reporter) -> dict[str, Any]:
             "compile_seconds": compile_seconds,
             "device": str(current_device()),
             "versions": package_versions(),
-            **(observed.figures() if end is None else {}),
+            **(observed.figures(figures["returns"]) if end is None else {}),
             "warnings": warnings,
             "command": request.command,
         }

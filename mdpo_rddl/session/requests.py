@@ -2,17 +2,28 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.problem.load import Problem
 
-if TYPE_CHECKING:
-    from mdpo_rddl.auto.common.candidate import Judged
+if TYPE_CHECKING:  # which imports JAX
+    from mdpo_rddl.planner.training.training import Progress
 
 CHECKPOINT_SECONDS = 60.0
+
+
+class Incumbent(NamedTuple):
+    """The best policy of a race so far.
+
+    Attributes:
+      arm: that found it.
+      mean: of its returns on the exact model.
+    """
+
+    arm: str
+    mean: float
 
 
 class Reporter(Protocol):
@@ -21,11 +32,14 @@ class Reporter(Protocol):
     def stage(self, name: str) -> None:
         """A new stage begins."""
 
-    def training(self, progress: Progress) -> None:
+    def training(self, progress: "Progress") -> None:
         """An iteration is done."""
 
-    def judged(self, judged: "Judged") -> None:
-        """A race's judge has played a candidate."""
+    def racing(self, fraction: float) -> None:
+        """A race goes on, of whose time so large a part is over."""
+
+    def incumbent(self, found: Incumbent) -> None:
+        """A race has a better policy than before."""
 
     def episode(self, done: int, of: int) -> None:
         """An evaluation episode is done."""

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.machine.html import html_table
-from mdpo_rddl.planner.training.training import Progress
-from mdpo_rddl.session.requests import Reporter
+from mdpo_rddl.session.requests import Incumbent, Reporter
 
-if TYPE_CHECKING:
-    from mdpo_rddl.auto.common.candidate import Judged
+if TYPE_CHECKING:  # which imports JAX
+    from mdpo_rddl.planner.training.training import Progress
 
 _TELL_SECONDS = 0.25
 
@@ -115,7 +114,7 @@ class Watch:
         self._reporter.stage(name)
         self._tell(at_once=True)
 
-    def training(self, progress: Progress) -> None:
+    def training(self, progress: "Progress") -> None:
         """An iteration is done.
 
         Raises:
@@ -129,11 +128,22 @@ class Watch:
         if self.is_cancelled:
             raise Cancelled
 
-    def judged(self, judged: "Judged") -> None:
-        """A candidate was judged."""
-        if judged.became_incumbent:
-            self._best, self._leader = judged.candidate.mean, judged.candidate.arm
-        self._reporter.judged(judged)
+    def racing(self, fraction: float) -> None:
+        """A race goes on, of whose time so large a part is over.
+
+        Raises:
+          Cancelled: if planning should end.
+        """
+        self._fraction = fraction
+        self._reporter.racing(fraction)
+        self._tell()
+        if self.is_cancelled:
+            raise Cancelled
+
+    def incumbent(self, found: Incumbent) -> None:
+        """A race has a better policy than before."""
+        self._best, self._leader = found.mean, found.arm
+        self._reporter.incumbent(found)
 
     def episode(self, done: int, of: int) -> None:
         """An evaluation episode is done."""

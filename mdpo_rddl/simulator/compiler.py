@@ -18,6 +18,7 @@ Draws are made there, too, which changes no law.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -830,6 +831,41 @@ class Compiler:
         return e.is_constant_expression() and e.args == value
 
     # --- distributions -------------------------------------------------------------------
+
+    def chance(self, e: Any, scope: Scope) -> Node | None:
+        """How likely a bool expression is true, given all that is drawn before it.
+
+        Read are Bernoulli and certain laws, choices between them by what is certain, and what is
+        made of these by "not", "and" and "or", whose draws are independent. None for others.
+        """
+        if not self.traits(e).draws:
+            return self._number(self.lower(e, scope))
+        (kind, name), args = e.etype, e.args
+        if name == "Bernoulli" and not self.traits(args[0]).draws:
+            node = self._number(self.lower(args[0], scope))
+            return self._elementwise(lambda p: np.clip(p, 0.0, 1.0), "f", node)
+        if name == "KronDelta":
+            return self.chance(args[0], scope)
+        if (kind, name) == ("control", "if") and not self.traits(args[0]).draws:
+            condition = self._bool(self.lower(args[0], scope))
+            branches = [self.chance(branch, scope) for branch in args[1:]]
+            if any(branch is None for branch in branches):
+                return None
+            return self._choice(condition, *branches)  # type: ignore[arg-type]
+        if kind != "boolean" or name not in ("~", "^", "&", "|"):
+            return None
+        parts = [self.chance(arg, scope) for arg in args]
+        if any(part is None for part in parts) or (name == "~" and len(parts) != 1):
+            return None
+        if name == "~":
+            return self._elementwise(lambda p: 1.0 - p, "f", *parts)  # type: ignore[arg-type]
+        if name == "|":
+            return self._elementwise(
+                lambda *ps: 1.0 - reduce(np.multiply, [1.0 - p for p in ps]),
+                "f",
+                *parts,  # type: ignore[arg-type]
+            )
+        return self._elementwise(lambda *ps: reduce(np.multiply, ps), "f", *parts)  # type: ignore[arg-type]
 
     def _randomvar(self, e: Any, scope: Scope) -> Node:
         _, name = e.etype

@@ -9,6 +9,7 @@ from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.legality import Referee, action_box
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.played import NotPlayedError
+from mdpo_rddl.problem.random_actions import DRAWS, RandomActions
 from mdpo_rddl.simulator.rollouts import Trajectories, rollout
 from mdpo_rddl.simulator.simulator import Simulator, State, Step
 
@@ -24,6 +25,47 @@ class Replicated(Protocol):
 
     def were_played(self, actions: Arrays) -> None:
         """What was played at that step, per action fluent [*shape, B]."""
+
+
+class NoopReplicas:
+    """Plays the no-op."""
+
+    def __call__(self, step: int, observation: Arrays) -> dict[str, np.ndarray]:
+        """Nothing: every fluent is at its default."""
+        return {}
+
+    def were_played(self, actions: Arrays) -> None:
+        """It remembers nothing."""
+
+
+class RandomReplicas:
+    """Plays random actions that are legal as far as the observation tells; see `RandomActions`."""
+
+    def __init__(self, simulator: Simulator, rng: np.random.Generator) -> None:
+        """Takes them.
+
+        Args:
+          simulator: of the problem.
+          rng: draws.
+        """
+        self._simulator, self._rng = simulator, rng
+        self._random = RandomActions(simulator.problem)
+
+    def __call__(self, step: int, observation: Arrays) -> dict[str, np.ndarray]:
+        """Per action fluent [*shape, B]."""
+        count = next(iter(observation.values())).shape[-1]
+        state = {**self._simulator.initial(count), **observation}
+        actions = self._random.draws(count, self._rng)
+        for _ in range(DRAWS - 1):
+            is_legal = self._simulator.legal(state, actions)
+            if is_legal.all():
+                break
+            again = self._random.draws(count, self._rng)
+            actions = {n: np.where(is_legal, value, again[n]) for n, value in actions.items()}
+        return actions
+
+    def were_played(self, actions: Arrays) -> None:
+        """It remembers nothing."""
 
 
 class SideBySide(NamedTuple):

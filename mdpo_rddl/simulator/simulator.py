@@ -62,6 +62,8 @@ class Simulator:
       noop: per action fluent its default [*shape].
       values: per fluent and non-fluent its value before the first step [*shape].
       block: so many replicas are simulated at once, the others after them.
+      draws_only_bools: whether all that a step draws is bools of the next state whose chances
+        `step` can tell.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -125,11 +127,28 @@ class Simulator:
             nodes.append((name, node))
             if name in unprimed:
                 compiler.fix(name, node)
+        chances = []
+        for name, following in self._next.items():
+            parameters, expression = model.cpfs[following]
+            if model.variable_ranges[name] == "bool" and compiler.traits(expression).draws:
+                sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
+                chances.append((name, compiler.chance(expression, Scope().extended(sizes))))
+        for name in model.observ_fluents:
+            parameters, expression = model.cpfs[name]
+            if model.variable_ranges[name] == "bool":
+                sizes = [(p, model.object_counts([kind])[0]) for p, kind in parameters]
+                chances.append((name, compiler.chance(expression, Scope().extended(sizes))))
         reward = compiler.lower(model.reward, Scope())
         self._cpfs = [
             (name, DTYPES[compiler.kind(name)], compiler.link(node)) for name, node in nodes
         ]
         self._reward = compiler.link(reward)
+        self._chances = [(name, compiler.link(node)) for name, node in chances if node is not None]
+        read = {self._next.get(name, name) for name, _ in self._chances}
+        others = [expression for name, (_, expression) in model.cpfs.items() if name not in read]
+        self.draws_only_bools = not any(
+            compiler.traits(each).draws for each in (*others, model.reward)
+        )
         # conditions are looked at before the first step, too, where no fluent is derived yet
         of_states = Compiler(model, constants, self.shapes, functions)
         masks = {
@@ -161,7 +180,13 @@ class Simulator:
         observed problem the fluents' defaults."""
         return {name: state[name] for name in self.observed}
 
-    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+    def step(
+        self,
+        state: State,
+        actions: Mapping[str, Any],
+        generator: Any,
+        chances: dict[str, np.ndarray] | None = None,
+    ) -> Step:
         """Simulates one step of all replicas.
 
         Args:
@@ -169,16 +194,22 @@ class Simulator:
           actions: per action fluent [*shape, B], or what broadcasts to it; the no-op where one is
             missing.
           generator: numpy's, makes all draws.
+          chances: is given how likely each bool is in the next state, and of what is observed of
+            that, [*shape, B], of the fluents for which the model states it.
         """
         replicas = next(iter(state.values())).shape[-1]
         if replicas > self.block:
-            return self._in_blocks(state, actions, generator)
+            return self._in_blocks(state, actions, generator, chances)
         frame = self._frame(state, actions, generator, replicas)
         values = frame.values
         with np.errstate(all="ignore"):
             for name, dtype, closure in self._cpfs:
                 values[name] = self._assigned(closure(frame), name, dtype, replicas)
             rewards = self._reward(frame)[0]
+            if chances is not None:
+                for name, closure in self._chances:
+                    full = np.broadcast_to(closure(frame), (self._rows[name], replicas))
+                    chances[name] = full.reshape(self._kept[name])
             for name, following in self._next.items():
                 values[name] = values[following]
             frame.forget()
@@ -288,12 +319,25 @@ class Simulator:
                 {name: value[..., which] for name, value in full.items()},
             )
 
-    def _in_blocks(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
-        parts = [self.step(*part, generator) for part in self._blocks(state, actions)]
-        names = parts[0].state
-        joined = {n: np.concatenate([each.state[n] for each in parts], axis=-1) for n in names}
+    def _in_blocks(
+        self,
+        state: State,
+        actions: Mapping[str, Any],
+        generator: Any,
+        chances: dict[str, np.ndarray] | None,
+    ) -> Step:
+        parts, known = [], []
+        for part in self._blocks(state, actions):
+            known.append(None if chances is None else dict[str, np.ndarray]())
+            parts.append(self.step(*part, generator, known[-1]))
+
+        def joined(trees: Sequence[Any]) -> dict[str, np.ndarray]:
+            return {n: np.concatenate([each[n] for each in trees], axis=-1) for n in trees[0]}
+
+        if chances is not None:
+            chances.update(joined(known))
         rest = (np.concatenate(each) for each in list(zip(*parts, strict=True))[1:])
-        return Step(joined, *rest)
+        return Step(joined([each.state for each in parts]), *rest)
 
     @staticmethod
     def _any(closures: list[Closure], frame: Frame) -> np.ndarray:

@@ -15,7 +15,7 @@ from helpers.problems import ROOT
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.training import training
-from mdpo_rddl.session import find
+from mdpo_rddl.session import training as session_training
 
 OPTIONS = ["--settings", "powergen7", "--seeds", "2", "--iterations", "3", "--episodes", "2"]
 SETTINGS = ["powergen7"]
@@ -35,7 +35,7 @@ def compiled_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
-        for module in (noise_sweep, paper_preset, find):
+        for module in (noise_sweep, paper_preset, session_training):
             patch.setattr(module, "build_planner", build)
         yield
 

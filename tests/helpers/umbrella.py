@@ -8,8 +8,8 @@ import numpy as np
 
 from helpers.lakes import preset
 from helpers.toys import toy
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.underlying import underlying_mdp
 

@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 from helpers.toys import problem_from, toy, toy_text
 from pyRDDLGym import RDDLEnv
+from scipy import stats
 
-from mdpo_rddl.problem.evaluation import Evaluation, episode_seeds, evaluate, lost_worth
+from mdpo_rddl.problem.evaluation import (
+    Evaluation,
+    difference,
+    episode_seeds,
+    evaluate,
+    lost_worth,
+    student_quantile,
+)
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -391,3 +399,18 @@ def test_an_episode_without_such_steps_is_worth_what_it_returns():
     found = evaluate(make_environment(toy("pit", **PIT)), flat, 1, 0)
     assert found.worth.tolist() == found.returns.tolist() == [8.0]
     assert found.unmet == ()
+
+
+@pytest.mark.parametrize("degrees", [1, 1.5, 2, 7.3, 19, 127, 1e4, 1e6, 1e8, 1e12, math.inf])
+def test_the_quantile_of_students_law(degrees):
+    expected = stats.norm.ppf(0.975) if math.isinf(degrees) else stats.t.ppf(0.975, degrees)
+    assert student_quantile(degrees) == pytest.approx(expected, rel=1e-7)
+
+
+def test_the_difference_of_means_has_welchs_interval():
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(1.0, 2.0, 20), rng.normal(0.0, 5.0, 300)
+    expected = stats.ttest_ind(one, other, equal_var=False).confidence_interval(0.95)
+    assert difference(one, other) == pytest.approx(tuple(expected), rel=1e-7)
+    assert difference(one, np.zeros(1)) is None
+    assert difference(np.ones(3), np.zeros(2)) == (1.0, 1.0)

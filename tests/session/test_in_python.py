@@ -19,9 +19,8 @@ import mdpo_rddl
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.policy.lookahead.choice import Choice
-from mdpo_rddl.session import in_python
 from mdpo_rddl.session.configuration import load_preset
-from mdpo_rddl.session.find import find_by_training
+from mdpo_rddl.session.training import find_by_training
 from mdpo_rddl.session.watch import PlanProgress
 
 CONFIG = """
@@ -121,7 +120,7 @@ def test_a_race_cancelled_from_the_first_has_a_policy_all_the_same(files, monkey
     cancel = threading.Event()
     cancel.set()
     # nobody waits for the choice of how to think
-    monkeypatch.setattr(in_python, "choose", None)
+    monkeypatch.setattr("mdpo_rddl.policy.lookahead.choice.choose", None)
     policy = mdpo_rddl.plan(*files, seconds=300, cancel=cancel, decision_seconds=1.0)
     assert policy.candidates
     assert policy.evaluate(episodes=1).returns.shape == (1,)
@@ -195,7 +194,7 @@ def test_time_to_think_is_a_part_of_the_runs_time(files, quick, monkeypatch):
         asked.append((seconds, within))
         return Choice(None, [], "", 0.0)
 
-    monkeypatch.setattr(in_python, "choose", choose)
+    monkeypatch.setattr("mdpo_rddl.policy.lookahead.choice.choose", choose)
     assert isinstance(quick(*files), mdpo_rddl.Policy)
     assert asked == []
     # the plain policy is returned where thinking was not chosen
@@ -214,7 +213,7 @@ def test_what_ends_the_choice_loses_no_policy(files, quick, monkeypatch, error):
     def choose(policy, seconds, within):
         raise error
 
-    monkeypatch.setattr(in_python, "choose", choose)
+    monkeypatch.setattr("mdpo_rddl.policy.lookahead.choice.choose", choose)
     assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)
 
 
@@ -223,6 +222,6 @@ def test_nothing_is_chosen_after_a_stop(files, quick, monkeypatch):
         policy, result = find_by_training(terms, watch, counts_compilation)
         return policy, replace(result, status="interrupted")
 
-    monkeypatch.setattr(in_python, "find_by_training", interrupted)
-    monkeypatch.setattr(in_python, "choose", None)
+    monkeypatch.setattr("mdpo_rddl.session.training.find_by_training", interrupted)
+    monkeypatch.setattr("mdpo_rddl.policy.lookahead.choice.choose", None)
     assert isinstance(quick(*files, seconds=40, decision_seconds=0.5), mdpo_rddl.Policy)

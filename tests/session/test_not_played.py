@@ -10,7 +10,6 @@ from helpers.mistakes import one_line
 from helpers.plan_command import TANKS, run
 from helpers.tanks import DOMAIN, INSTANCE
 from helpers.toys import problem_from
-from pyRDDLGym.core.simulator import RDDLSimulator
 
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
@@ -63,27 +62,18 @@ def test_the_returns_are_those_of_the_plain_simulator():
     np.testing.assert_array_equal(found, evaluate(make_environment(problem), fill, 3, 5).returns)
 
 
-def test_a_reference_that_the_environment_refuses_is_left_out():
-    problem = failing_problem()
-    observed = Observed(Terms(problem, seed=5, episodes=20))
-    assert set(observed.figures()["references"]) == {"noop", "random"}
-    assert observed.figures()["references"]["random"] is None
-
-
-def test_half_an_episode_of_a_reference_is_not_kept(tmp_path, monkeypatch):
-    step, steps = RDDLSimulator.step, []
-
-    def fails_once(self, actions):
-        steps.append(actions)
-        if len(steps) == 14:  # the policy's three episodes are four steps each
-            raise ArithmeticError
-        return step(self, actions)
-
-    monkeypatch.setattr(RDDLSimulator, "step", fails_once)
+def test_a_reference_that_the_environment_refuses_is_left_out(tmp_path, monkeypatch):
     terms = Terms(problem_from(DOMAIN + INSTANCE, horizon=4), seed=5, episodes=3)
     observed = Observed(terms)
-    Evaluator(terms, Silent()).run(fill, observed)
-    assert observed.figures()["references"]["noop"] is None
+    found = Evaluator(terms, Silent()).run(fill, observed)
+
+    def fail(*given):
+        raise NotPlayedError("the environment fails")
+
+    monkeypatch.setattr("mdpo_rddl.session.observed.noop_evaluation", fail)
+    references = observed.figures(found.returns)["references"]
+    assert references["noop"] is None
+    assert references["random"]["simulated"]
     observed.write(tmp_path)
     assert set(read_play(tmp_path / "trajectories.npz")[0]) == {"policy"}
 

@@ -7,11 +7,11 @@ from helpers.toys import problem_from
 
 from mdpo_rddl.policy.agent import PolicyAgent
 from mdpo_rddl.policy.side_by_side import BatchReplicas
-from mdpo_rddl.problem.evaluation import evaluate
+from mdpo_rddl.problem.evaluation import difference, evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.session.evaluator import Evaluator
 from mdpo_rddl.session.observed import Observed
-from mdpo_rddl.session.references import noop_evaluation
+from mdpo_rddl.session.references import many_episodes
 from mdpo_rddl.session.report.page.record import read_play
 from mdpo_rddl.session.requests import Terms
 
@@ -28,16 +28,20 @@ def fill(step, state):
     return {"fill": np.full(2, 0.1)}
 
 
-def test_the_policy_that_played_last_is_kept_and_the_references_meet_its_episodes(tmp_path):
+def test_the_policy_that_played_last_is_kept_and_the_references_are_played_beside_it(tmp_path):
     problem = problem_from(DOMAIN + INSTANCE, horizon=4)
     terms = Terms(problem, seed=5, episodes=3)
     observed = Observed(terms)
     Evaluator(terms, Silent()).run(lambda step, state: {}, observed)
     found = Evaluator(terms, Silent()).run(fill, observed)
-    figures = observed.figures()
-    noop = evaluate(make_environment(problem), lambda step, state: {}, 3, 5)
-    assert figures["references"]["noop"]["returns"] == noop.returns.tolist()
-    assert len(figures["references"]["random"]["returns"]) == 3
+    figures = observed.figures(found.returns)
+    noop = evaluate(make_environment(problem), lambda step, state: {}, 100, 5)
+    references = figures["references"]
+    gain = difference(noop.returns, np.array(references["noop"]["returns"]))
+    assert gain[0] < 0.0 < gain[1]
+    assert len(references["noop"]["returns"]) > 3
+    assert len(set(references["random"]["returns"])) > 3
+    assert all(each["simulated"] for each in references.values())
     times = figures["decision_times"]
     assert 0.0 < times["mean"] <= times["max"]
     observed.write(tmp_path)
@@ -69,12 +73,12 @@ def test_trajectories_are_of_many_episodes_on_the_simulator(tmp_path):
     observed = Observed(terms)
     Evaluator(terms, Silent()).run(policy, observed)
     observed.play_side_by_side(policy)
-    figures = observed.figures()
+    figures = observed.figures(np.zeros(3))
     observed.write(tmp_path)
     plays, seconds = read_play(tmp_path / "trajectories.npz")
     episodes = figures["simulated_episodes"]
     assert len(plays["policy"].rewards) == episodes > 3
-    assert len(plays["noop"].rewards) == 3
+    assert len(plays["noop"].rewards) > 3
     assert seconds.shape == (12,)
     kept = policy.side_by_side(episodes, 5, keep=True)
     np.testing.assert_allclose(
@@ -93,15 +97,28 @@ def test_trajectories_of_one_episode_at_a_time_are_those_of_the_evaluation():
     observed = Observed(terms)
     Evaluator(terms, Silent()).run(policy, observed)
     observed.play_side_by_side(policy)
-    assert observed.figures()["simulated_episodes"] is None
+    assert observed.figures(np.zeros(3))["simulated_episodes"] is None
     assert len(observed.recorder.result().rewards) == 3
 
 
-def test_a_reference_ends_with_its_time():
-    terms = Terms(problem_from(DOMAIN + INSTANCE, horizon=2), seed=0, episodes=9)
-    times = iter(range(100))
-    found = noop_evaluation(terms, 3.0, clock=lambda: float(next(times)))
-    assert len(found.returns) == 3
+def test_many_episodes_are_a_few_where_these_take_long(monkeypatch):
+    times = iter([0.0, 0.2, 0.0, 0.1, 0.0, 0.1, 0.0, 0.9])
+    monkeypatch.setattr("mdpo_rddl.session.references.time.perf_counter", lambda: next(times))
+    asked = []
+    many_episodes(asked.append)
+    assert asked == [16]
+    many_episodes(asked.append)
+    assert asked == [16, 16, 128, 1000]
+
+
+def test_a_policy_that_returns_less_than_random_actions_is_told(caplog):
+    problem = problem_from(PUMPED.replace("flow >= 0.0;", "flow >= -1.0; flow <= 1.0;"))
+    observed = Observed(Terms(problem, seed=0, episodes=2))
+    observed.figures([-9.0, -8.0])
+    noop, random = caplog.messages
+    assert noop.startswith("the no-op returned more than the policy: 15.00 in ")
+    assert noop.endswith(" episodes on the simulator, the policy -8.50")
+    assert random.startswith("random actions returned more than the policy: ")
 
 
 def test_a_play_that_fails_replaces_nothing(tmp_path):
@@ -143,7 +160,7 @@ def warned(problem, actions, caplog):
     terms = Terms(problem, seed=0, episodes=2)
     observed = Observed(terms)
     Evaluator(terms, Silent()).run(lambda step, state: actions, observed)
-    observed.figures()
+    observed.figures([1e38, 1e38])  # more than the references
     return caplog.messages
 
 

@@ -1,6 +1,5 @@
 """The page `report.html`: what it holds, alone and in a browser."""
 
-import base64
 import json
 import re
 import shutil
@@ -22,7 +21,7 @@ from mdpo_rddl.session.report.page.write import write_comparison, write_page
 
 
 class Page(HTMLParser):
-    """Pictures, addresses and text of a page."""
+    """What its pictures show, addresses and text of a page."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -34,8 +33,8 @@ class Page(HTMLParser):
         attributes = dict(attrs)
         self.opened.append(tag)
         self.addresses += [attributes[name] for name in ("src", "href") if name in attributes]
-        if tag == "img":
-            self.images.append(attributes)
+        if tag == "img" or attributes.get("role") == "img":
+            self.images.append(attributes.get("alt") or attributes["aria-label"])
 
     def handle_data(self, data):
         self.text += f" {data}"
@@ -54,10 +53,7 @@ def test_everything_is_in_the_file(page):
     assert "script" not in page.opened
     # results, returns of the policy, five panels, decision times
     assert len(page.images) == 8
-    for image in page.images:
-        png = base64.b64decode(image["src"].removeprefix("data:image/png;base64,"))
-        assert png.startswith(b"\x89PNG")
-        assert image["alt"]
+    assert all(page.images)
 
 
 def test_the_figures_are_those_of_the_run(page):
@@ -79,9 +75,8 @@ def test_the_figures_are_those_of_the_run(page):
         "1 smaller terms",
     ):
         assert said in text, said
-    alts = [image["alt"] for image in page.images]
     # the second tank moves more
-    levels = [alt.split()[0] for alt in alts if alt.startswith("level")]
+    levels = [text.split()[0] for text in page.images if text.startswith("level")]
     assert levels == ["level(t2)", "level(t1)"]
 
 
@@ -108,8 +103,8 @@ def test_an_earlier_run_has_the_page_without_what_it_lacks(tmp_path):
     (folder / "summary.json").write_text(json.dumps(summary))
     text = " ".join(Page(write_page(folder, tmp_path / "new" / "page.html")).text.split())
     assert "None were recorded in this run." in text
-    assert "Neither the no-op nor random actions were played on these episodes ." not in text
-    assert "Neither the no-op nor random actions were played on these episodes." in text
+    assert "Neither the no-op nor random actions were played ." not in text
+    assert "Neither the no-op nor random actions were played." in text
     assert not (folder / "report.html").exists()
 
 
@@ -125,9 +120,10 @@ def test_of_long_names_a_picture_has_the_beginning_and_its_description_all():
     values = {("state", "level"): np.zeros((1, 3, 2))}
     play = Trajectories((fluent,), np.arange(3), values, np.zeros((1, 3)))
     one, other = draw_panels([Series("policy", "#000000", False, play)])[0].panels
-    assert one.png == other.png
     assert names[0] in one.text
     assert names[1] in other.text
+    assert one.markup.replace(names[0], names[1]) == other.markup
+    assert one.markup.count(names[0]) == 1
 
 
 def test_a_run_of_an_earlier_version_is_shown_without_what_has_gone(tmp_path):
@@ -155,7 +151,7 @@ def test_returns_that_are_not_finite(tmp_path):
 def test_returns_that_are_all_the_same_have_no_distribution(tmp_path):
     page = Page(write_page(write_run(tmp_path / "run", returns=[3.0, 3.0, 3.0])))
     assert len(page.images) == 7
-    assert not [image for image in page.images if "distribution of the returns" in image["alt"]]
+    assert not [text for text in page.images if "distribution of the returns" in text]
 
 
 def test_several_runs_on_one_page(tmp_path):
@@ -167,7 +163,7 @@ def test_several_runs_on_one_page(tmp_path):
     assert "b 2.00 [0.5, 5.50] 1.00 [1.00, 1.00]" in text
     # returns and searches of two problems, and the panels of the first one
     assert len(page.images) == 4 + 5
-    assert page.images[-1]["alt"].endswith(": a, b")
+    assert page.images[-1].endswith(": a, b")
     said = one_line(lambda: write_comparison([a, a], tmp_path / "page.html"))
     assert "compared with itself" in said
 
@@ -189,8 +185,8 @@ def browser() -> str:
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_browser_shows_every_picture_and_complains_of_nothing(page, tmp_path, width):
     check = """<script>addEventListener("load", () => {
-      const images = [...document.images];
-      const shown = images.filter((image) => image.naturalWidth > 0 && image.width > 0);
+      const images = [...document.querySelectorAll("img, svg")];
+      const shown = images.filter((image) => image.getBoundingClientRect().height > 50);
       const wide = document.documentElement.scrollWidth - innerWidth;
       document.title = `shown ${shown.length} of ${images.length}, ${wide} too wide`;
     })</script>"""

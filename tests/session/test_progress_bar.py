@@ -1,13 +1,13 @@
 """The rows of the progress bar."""
 
 import threading
-from types import SimpleNamespace
 
 import pytest
 
 from mdpo_rddl.planner.training.training import Progress
 from mdpo_rddl.session import progress_bar
 from mdpo_rddl.session.progress_bar import ProgressBar
+from mdpo_rddl.session.requests import Incumbent
 
 
 def progress(iteration: int) -> Progress:
@@ -28,10 +28,23 @@ def test_training_has_a_row_of_its_own_whichever_iteration_is_reported_first():
 def test_an_incumbent_before_any_stage_is_shown_by_the_first_one():
     # where the environment raises errors nothing is enumerated, and the no-op is there at once
     bar = ProgressBar(shown=False)
-    noop = SimpleNamespace(known_mean=-3.0, arm="constants and rules")
-    bar.judged(SimpleNamespace(became_incumbent=True, candidate=noop))
+    bar.incumbent(Incumbent("constants and rules", -3.0))
+    bar.racing(0.25)
     bar.stage("probing")
     assert bar._bar.tasks[0].fields["note"] == "best -3 by constants and rules"
+
+
+def test_the_bar_of_a_race_moves_with_its_time(monkeypatch):
+    times = iter([0.0, 0.01, 1.0])
+    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: next(times))
+    bar = ProgressBar(shown=False)
+    bar.stage("searching")
+    completed = []
+    for fraction in (0.25, 0.26, 0.5):
+        bar.racing(fraction)
+        completed.append(bar._bar.tasks[0].completed)
+    # not more often than it is looked at
+    assert completed == [0.25, 0.25, 0.5]
 
 
 def test_a_line_says_the_stage_and_its_time(capsys: pytest.CaptureFixture[str]):

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.planner.training.training import Record
 from mdpo_rddl.policy.file import SavedPolicy, load_policy
+from mdpo_rddl.session.race import Noise
 from mdpo_rddl.session.report.race import write_race
 
 POINT = {"arm": "plan", "candidate": "plan", "error": 0.5}
@@ -33,8 +33,8 @@ SAVED = SavedPolicy({"w": np.ones(2)}, {}, "", {"label": "p"}, 3)
 @pytest.mark.parametrize("noisy", [False, True])
 def test_noise_is_written_only_where_the_result_was_trained_with_it(tmp_path, noisy):
     records = tuple(Record(number, 1.0, 2.0, 0.5) for number in (0, 5, 9))
-    log = ArmLog("gradient", records=records, sigma=np.full((3, 4), 0.5)) if noisy else None
-    outcome = SimpleNamespace(policy=SimpleNamespace(to_saved=lambda: SAVED), noise_log=log)
+    noise = Noise(records, np.full((3, 4), 0.5)) if noisy else None
+    outcome = SimpleNamespace(policy=SimpleNamespace(to_saved=lambda: SAVED), noise=noise)
     write_race(tmp_path, outcome, SUMMARY)
     names = {path.name for path in tmp_path.iterdir()}
     noise = {"noise.npy", "noise.png", "history.csv"} if noisy else set()
@@ -53,7 +53,7 @@ def test_noise_is_written_only_where_the_result_was_trained_with_it(tmp_path, no
 
 @pytest.mark.filterwarnings("error")
 def test_a_race_without_candidates_has_an_empty_picture(tmp_path):
-    outcome = SimpleNamespace(policy=SimpleNamespace(to_saved=lambda: SAVED), noise_log=None)
+    outcome = SimpleNamespace(policy=SimpleNamespace(to_saved=lambda: SAVED), noise=None)
     race = {**SUMMARY["auto"], "noop_return": None, "candidates": []}
     write_race(tmp_path, outcome, {**SUMMARY, "auto": race})
     assert (tmp_path / "learning_curve.png").stat().st_size > 0

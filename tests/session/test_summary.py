@@ -1,7 +1,5 @@
 """What a summary says of the policy and of its noise."""
 
-from types import SimpleNamespace
-
 import pytest
 from helpers.config_texts import TEXT
 from helpers.umbrella import careless, voting
@@ -11,29 +9,26 @@ from mdpo_rddl.session.report.summary import planner_figures, policy_figures, ti
 
 
 @pytest.mark.parametrize(
-    ("section", "is_paired", "noise", "parameters"),
+    ("section", "noise", "parameters"),
     [
         # the planner's default, of which the configuration says nothing
         (
             "",
-            True,
             "constant, beside updates without",
             {"sigma": 0.1, "unit": "range", "paired": True},
         ),
-        ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", False, "constant", {"sigma": 2}),
+        ("[Noise]\nmethod='ConstantNoise'\nsigma=2\n", "constant", {"sigma": 2}),
         (
             "[Noise]\nmethod='AnnealedNoise'\ncycle=9\n",
-            True,
             "AnnealedNoise, beside updates without",
             {"cycle": 9},
         ),
-        ("[Noise]\nmethod='NoNoise'\n", False, "none", {}),
+        ("[Noise]\nmethod='NoNoise'\n", "none", {}),
     ],
 )
-def test_the_noise_is_told_from_noise_in_all_updates(section, is_paired, noise, parameters):
+def test_the_noise_is_told_from_noise_in_all_updates(section, noise, parameters):
     config = PlannerConfig.from_text(TEXT + section)
-    planner = SimpleNamespace(plan=object(), is_paired=is_paired)
-    figures = planner_figures(config, planner)
+    figures = planner_figures(config)
     assert (figures["noise"], figures["noise_parameters"]) == (noise, parameters)
     head = title({**figures, "label": "a", "horizon": 3, "seed": 0, "policy": "slp"})
     assert head == f"a (H = 3), slp, {noise} noise, seed 0"
@@ -42,3 +37,8 @@ def test_the_noise_is_told_from_noise_in_all_updates(section, is_paired, noise, 
 def test_a_policy_that_votes_is_called_so():
     assert policy_figures(voting())["policy"] == "vote over a belief"
     assert policy_figures(careless())["policy"] == "feedback"
+
+
+def test_a_policy_without_noise_says_none_whatever_its_configuration_has():
+    figures = policy_figures(careless(), uses_noise=False)
+    assert (figures["noise"], figures["noise_parameters"]) == ("none", {})

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.planner.plans.feedback import GAIN, PAIRS, Feedback, Params
-from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
+from mdpo_rddl.planner.plans.feedback_actions import FeedbackActions
 
 _DIGITS = 4
 
@@ -30,34 +29,36 @@ class Term:
     params: Params
 
 
-def terms_of(plan: FeedbackPlan, params: Params) -> list[Term]:
+def terms_of(actions: FeedbackActions, params: Params) -> list[Term]:
     """The terms that are not zero.
 
     Args:
-      plan: compiled.
+      actions: of the policy.
       params: of one policy.
     """
-    found = []
-    for action in plan.feedback.action_shapes:
-        unit = raw_unit(plan, action)
-        found += _shared_terms(plan.feedback, params, action, unit)
-        found += _own_terms(plan.feedback, params, action, unit)
+    found, feedback = [], actions.feedback
+    for action in feedback.action_shapes:
+        unit = raw_unit(actions, action)
+        found += _shared_terms(feedback, params, action, unit)
+        found += _own_terms(feedback, params, action, unit)
     return found
 
 
-def raw_unit(plan: FeedbackPlan, action: str) -> float:
+def raw_unit(actions: FeedbackActions, action: str) -> float:
     """What a raw value of 1 means: in the action's unit; 1 for a bool, whose score it is."""
-    return float(np.max(plan.units[action])) if action in plan.units else 1.0
+    return float(np.max(actions.units[action])) if action in actions.units else 1.0
 
 
 def _shared_terms(feedback: Feedback, params: Params, action: str, unit: float) -> list[Term]:
-    weights = np.asarray(params["shared"][action], float)
+    if "shared" not in params:
+        return []
+    weights = np.asarray(params["shared"][action])
     texts = _texts(feedback, action)
     terms = []
     for place in np.flatnonzero(weights):
         factor, variable = texts[place]
-        without = jnp.asarray(params["shared"][action]).at[place].set(0.0)
-        text = _product(unit * weights[place] * factor, variable)
+        without = np.where(np.arange(len(weights)) == place, 0, weights).astype(weights.dtype)
+        text = _product(unit * float(weights[place]) * factor, variable)
         terms.append(Term(action, text, True, _with(params, "shared", {action: without})))
     return terms
 
@@ -76,21 +77,21 @@ def _own_terms(feedback: Feedback, params: Params, action: str, unit: float) -> 
             text = f"a gain {whose} on {_centred(fluent, center)}"
         low, high = unit * np.min(values) / scale, unit * np.max(values) / scale
         text = f"+ {text} (from {_number(low)} to {_number(high)})"
-        own = {**params["own"][action], name: jnp.zeros_like(values)}
+        own = {**params["own"][action], name: np.zeros_like(values)}
         terms.append(Term(action, text, False, _with(params, "own", {action: own})))
     lifted = params.get("lifted", {}).get(action, {})
     if np.any(lifted.get("output", 0.0)):
         text = "+ a net that sees the features of each object, the same for all objects"
-        silent = {action: {**lifted, "output": jnp.zeros_like(lifted["output"])}}
+        silent = {action: {**lifted, "output": np.zeros_like(lifted["output"])}}
         terms.append(Term(action, text, True, _with(params, "lifted", silent)))
     if np.any(params.get("plan", {}).get(action, 0.0)):
         text = "+ an open-loop plan, a value for each step and object"
-        without = {action: jnp.zeros_like(params["plan"][action])}
+        without = {action: np.zeros_like(params["plan"][action])}
         terms.append(Term(action, text, False, _with(params, "plan", without)))
     output = f"output_{action}"
     if np.any(params.get("net", {}).get(output, 0.0)):
         text = "+ a net that sees the whole state"
-        without = {output: jnp.zeros_like(params["net"][output])}
+        without = {output: np.zeros_like(params["net"][output])}
         terms.append(Term(action, text, False, _with(params, "net", without)))
     return terms
 

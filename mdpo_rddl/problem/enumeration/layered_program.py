@@ -1,7 +1,6 @@
 """Nodes of a graph evaluated in groups of the same operator, for few values of many nodes."""
 
 from collections.abc import Iterable, Mapping
-from functools import partial
 
 import numpy as np
 
@@ -46,10 +45,9 @@ class LayeredProgram:
             start = self._rows[nodes[0]]
             columns = zip(*(graph.arguments[node] for node in nodes), strict=True)
             places = [np.array([self._rows[each] for each in column]) for column in columns]
-            function = OPERATORS[operator]
-            if operator in REDUCED and len(places) > _MANY_ARGUMENTS:
-                function, places = partial(REDUCED[operator].reduce, axis=0), [np.array(places)]
-            self._groups.append((function, places, start, start + len(nodes)))
+            reduces = operator in REDUCED and len(places) > _MANY_ARGUMENTS
+            places = [np.array(places)] if reduces else places
+            self._groups.append((operator, reduces, places, start, start + len(nodes)))
 
     @property
     def size(self) -> int:
@@ -68,10 +66,13 @@ class LayeredProgram:
         for row, leaf in enumerate(self._leaves, start=len(self._constants)):
             values[row] = leaves[leaf]
         with np.errstate(all="ignore"):
-            for operator, places, start, stop in self._groups:
+            for operator, reduces, places, start, stop in self._groups:
                 # faster than values[place] for few columns
-                given = (values.take(place, axis=0, mode="clip") for place in places)
-                values[start:stop] = operator(*given)
+                given = [values.take(place, axis=0, mode="clip") for place in places]
+                if reduces:
+                    REDUCED[operator].reduce(given[0], axis=0, out=values[start:stop])
+                else:
+                    values[start:stop] = OPERATORS[operator](*given)
         return Evaluated(values, self._rows)
 
 

@@ -14,14 +14,15 @@ import numpy as np
 from mdpo_rddl.race.arms.plan_mutations import Genes, random_plans
 from mdpo_rddl.simulator.simulator import Simulator, State
 
-# of a state fluent's spread, how wide a cell is
+# of a ground fluent's spread, how wide a cell is: with a half MarsRover 1 took longer
 _CELL = 1.0
+# plans that are given at a time
+_PAID = 16
 _MOST_BYTES = 2**28
 
-
 Act = Callable[[np.ndarray, State], tuple[Mapping[str, np.ndarray], np.ndarray]]
-"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and the
-raw actions [D, P] of that."""
+"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and
+its raw actions [D, P]."""
 
 
 class _Way(NamedTuple):
@@ -93,8 +94,8 @@ class Archive:
             best, reached = np.maximum(best, totals), np.where(is_better, step + 1, reached)
             is_over = ~is_played | after.terminated | after.broken
             if not (step + 1) & step:  # after 1, 2, 4, 8 .. steps
-                self._add(state, np.flatnonzero(~is_over), origin, plans[: step + 1], steps, totals)
-        paid = np.argsort(self._totals.values[origin] - best, kind="stable")[:16]
+                self._add(state, np.flatnonzero(~is_over), origin, plans[: step + 1], totals)
+        paid = np.argsort(self._totals.values[origin] - best, kind="stable")[:_PAID]
         return np.stack([self._plan(origin[k], plans[: reached[k], :, k]) for k in paid], axis=-1)
 
     def _plan(self, cell: int, after: np.ndarray) -> np.ndarray:
@@ -109,19 +110,27 @@ class Archive:
 
     def _add(
         self,
-        state: Mapping[str, np.ndarray],
+        state: State,
         places: np.ndarray,
         origin: np.ndarray,
         plans: np.ndarray,
-        steps: np.ndarray,
         totals: np.ndarray,
     ) -> None:
-        """Keeps the states of some places [P] whose cells are new, or reached in fewer steps."""
+        """Keeps states whose cells are new, or reached in fewer steps.
+
+        Args:
+          state: of P episodes [*shape, P].
+          places: of those that go on.
+          origin: the cells from which they came [P].
+          plans: what they did since then [T, D, P].
+          totals: discounted rewards so far [P].
+        """
         if not len(places):
             return
         keys = _keys({n: v[..., places] for n, v in state.items()}, self._widths)
         keys, first = np.unique(keys, return_index=True)
-        places, now = places[first], steps[places[first]] + len(plans)
+        places = places[first]
+        now = self._steps.values[origin[places]].astype(int) + len(plans)
         known = np.array([self._cells.get(key, -1) for key in keys.tolist()])
         is_new = (known < 0) | (self._steps.values[known] > now)
         size = self._size + plans[..., 0].nbytes

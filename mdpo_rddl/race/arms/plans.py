@@ -174,7 +174,7 @@ class PlansState(NamedTuple):
     details: Mapping[str, Any] = {}
 
 
-def plans_arm() -> Arm:
+def plans() -> Arm:
     """Evolves plans; where they are too large it does not apply."""
 
     def init(context: Context) -> PlansState | None:
@@ -219,6 +219,7 @@ def acting(context: Context, genes: Genes) -> Act:
     empty = family.feedback.empty_memory()
 
     def act(raw: np.ndarray, state: State) -> tuple[Mapping[str, np.ndarray], np.ndarray]:
+        context.on_iteration()
         params = {"own": own, "plan": genes.tree(raw[np.newaxis])}
         # a plan does not read it
         memory = {
@@ -259,7 +260,8 @@ def play(
             own = start._replace(point=None if point is None else point.of(some))
             parts.append(play(context, genes, plans[..., some], seed, episodes, own))
         return functools.reduce(Played.beside, parts)
-    act, generator = acting(context, genes), CommonNumbers(np.random.default_rng(seed), count)
+    which = np.tile(np.arange(episodes), count)
+    act, generator = acting(context, genes), CommonNumbers(np.random.default_rng(seed), which)
     if point is None:
         state = simulator.initial(count * episodes)
         point = Point(state, np.zeros(count * episodes), simulator.ended(state))
@@ -407,8 +409,16 @@ def _recorded(
     state, policy = state._replace(leader=leader), leader.policy.replicated()
     if policy is None:
         return state, none
+
+    def watched(step: int, observation: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
+        context.on_iteration()
+        actions = policy(step, observation)
+        if hasattr(policy, "were_played"):
+            policy.were_played(actions)
+        return actions
+
     episodes = 1 if context.certain else _EPISODES
-    found = rollout(context.simulator, policy, episodes, context.seed, keep=True).trajectories
+    found = rollout(context.simulator, watched, episodes, context.seed, keep=True).trajectories
     assert found is not None
     moved = {name: np.moveaxis(each, 0, -1) for name, each in found.actions.items()}
     raw = {name: np.moveaxis(v, -1, 0) for name, v in context.family.raw(moved).items()}

@@ -110,7 +110,7 @@ class RunFolder:
         return sorted(_names(self.unfinished) & CHECKPOINTS)
 
     def commit(self, is_finished: bool = True) -> None:
-        """Puts the staged folder in its place.
+        """Puts the staged folder in its place, unless it is there already.
 
         Args:
           is_finished: whether the run is; else its checkpoints stay.
@@ -119,13 +119,15 @@ class RunFolder:
           InputError: if that has become impossible meanwhile.
         """
         with self.writing():
+            if not self.staging.is_dir():
+                return
             _sync_files(self.staging)
             if self._replaces:
                 self._replace()
             else:
                 self._move_to_free_name()
+            self._is_done = is_finished
             sync_folder(self.target.parent)
-        self._is_done = is_finished
 
     def _replace(self) -> None:
         replaced = self.unfinished / _REPLACED

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -11,18 +11,21 @@ from mdpo_rddl.machine.device import current_device
 from mdpo_rddl.machine.files import finite_or_none
 from mdpo_rddl.machine.versions import package_versions
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.planner import MDPOPlanner
-from mdpo_rddl.planner.training.training import TrainingResult
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.problem.evaluation import Evaluation
 from mdpo_rddl.problem.load import Problem
+
+if TYPE_CHECKING:  # which import JAX
+    from mdpo_rddl.planner.planner import MDPOPlanner
+    from mdpo_rddl.planner.training.training import TrainingResult
 
 logger = logging.getLogger(__name__)
 
 _NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
 # where each update with noise has one without beside it
 _BESIDE = ", beside updates without"
+_WITHOUT_NOISE: Mapping[str, Any] = {"noise": "none", "noise_parameters": {}}
 _POLICY_NAMES = {
     "JaxDeepReactivePolicy": "drp",
     "JaxStraightLinePlan": "slp",
@@ -60,30 +63,39 @@ def identity(
     }
 
 
-def planner_figures(config: PlannerConfig, planner: MDPOPlanner) -> dict[str, Any]:
-    """The noise and the kind of policy of a planner.
+def planner_figures(config: PlannerConfig, uses_noise: bool = True) -> dict[str, Any]:
+    """The noise and the kind of policy of a configuration.
 
     Without a section `[Noise]` all numbers of the default are given, since nobody has named one.
 
     Args:
-      config: of the planner.
-      planner: compiled for it.
+      config: of a planner.
+      uses_noise: whether its noise was used.
     """
-    rule, plan = config.noise(), type(planner.plan).__name__
+    plan = _POLICY_NAMES.get(config.policy_method, config.policy_method)
+    if not uses_noise:
+        return {**_WITHOUT_NOISE, "policy": plan}
+    rule = config.noise()
     name = type(rule).__name__
     numbers = config.noise_numbers if "Noise" in config.sections else asdict(cast(Any, rule))
+    is_paired = rule.paired and not rule.silent
     return {
-        "noise": _NOISE_NAMES.get(name, name) + (_BESIDE if planner.is_paired else ""),
+        "noise": _NOISE_NAMES.get(name, name) + (_BESIDE if is_paired else ""),
         "noise_parameters": numbers,
-        "policy": _POLICY_NAMES.get(plan, plan),
+        "policy": plan,
     }
 
 
-def policy_figures(policy: AnyPolicy) -> dict[str, Any]:
-    """The noise that a policy was trained with, and its kind."""
+def policy_figures(policy: AnyPolicy, uses_noise: bool = True) -> dict[str, Any]:
+    """The noise that a policy was trained with, and its kind.
+
+    Args:
+      policy: whatever was found.
+      uses_noise: whether it was trained with the noise of its configuration.
+    """
     if isinstance(policy, PlannerlessPolicy):
-        return {"noise": "none", "noise_parameters": {}, "policy": policy.name}
-    figures = planner_figures(policy.config, policy.planner)
+        return {**_WITHOUT_NOISE, "policy": policy.name}
+    figures = planner_figures(policy.config, uses_noise)
     return {**figures, "policy": "vote over a belief"} if policy.votes else figures
 
 
@@ -127,6 +139,11 @@ def warn_of_unplayable(evaluation: Evaluation) -> None:
 
 def not_played_figures(cause: str) -> dict[str, Any]:
     """The entries of `return_figures` where the environment fails, and why."""
+    return {**no_return_figures(), "not_played": cause}
+
+
+def no_return_figures() -> dict[str, Any]:
+    """The entries of `return_figures` where no episode has ended."""
     return {
         "mean_return": None,
         "std_return": None,
@@ -138,11 +155,10 @@ def not_played_figures(cause: str) -> dict[str, Any]:
         "steps": 0,
         "unplayable_steps": 0,
         "unmet_preconditions": [],
-        "not_played": cause,
     }
 
 
-def training_figures(planner: MDPOPlanner, result: TrainingResult) -> dict[str, Any]:
+def training_figures(planner: "MDPOPlanner", result: "TrainingResult") -> dict[str, Any]:
     """How training went, on what."""
     counted = {
         "not_finite": result.not_finite,

@@ -10,9 +10,9 @@ from helpers.clocks import Ticking
 from helpers.mistakes import one_line
 from helpers.x64 import enable_x64
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.policy.lookahead.choice import OPTIMAL, choose
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.table import ActionTable, Estimate
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged
@@ -103,7 +103,8 @@ def test_states_of_several_words_numbers_and_merges(optimal, has_64_bits):
     steps = random.integers(7, size=len(seen))
     with enable_x64(has_64_bits):
         found = play(None, lookup.arrays, {}, steps, {"all": seen}, {})["number"]
-    expected = [policy._number(step, {"all": row}) for step, row in zip(steps, seen, strict=True)]
+    played = zip(steps.tolist(), seen, strict=True)
+    expected = [policy._actions(s, {"all": row[np.newaxis]})["number"][0] for s, row in played]
     np.testing.assert_array_equal(found, expected)
     assert 0 in expected
     assert len(set(expected)) > 20

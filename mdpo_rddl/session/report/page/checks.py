@@ -24,7 +24,8 @@ _TERM = fields(
 )
 _EQUATION = fields({"head": text, "within": text, "terms": entries(_TERM)})
 _ARM = fields(
-    {"seconds": number, "compile_seconds": number, "iterations": count, "best_return": _RETURN}
+    {"seconds": number, "iterations": count, "best_return": _RETURN},
+    {"compile_seconds": number},
 )
 _CANDIDATE = fields({"seconds": number, "mean_return": _RETURN, "became_incumbent": truth})
 _RACE = fields(
@@ -69,7 +70,7 @@ _SUMMARY = fields(
         "noise_parameters": table(anything),
         "fallback_actions": count,
         "references": absent_or(
-            table(absent_or(fields(_RETURNS, {"ci95": _INTERVAL}))),
+            table(absent_or(fields(_RETURNS, {"ci95": _INTERVAL, "simulated": truth}))),
         ),
         "optimum": fields({"value": number, "states": count}),
         "rule": absent_or(fields({"equations": entries(_EQUATION), "note": text})),

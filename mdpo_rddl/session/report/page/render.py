@@ -1,6 +1,5 @@
 """The page of a run, or one that compares several, as HTML."""
 
-import base64
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
@@ -29,6 +28,7 @@ from mdpo_rddl.session.report.page.style import (
     POLICY_COLOUR,
     SERIES_COLOURS,
     Picture,
+    stored_picture,
 )
 
 
@@ -150,7 +150,7 @@ def _times(seconds: np.ndarray) -> Mapping[str, float]:
 
 def _stored(run: RunRecord, name: str, text: str, is_wide: bool = False) -> Picture | None:
     png = run.pictures.get(name)
-    return None if png is None else Picture(png, text, is_wide)
+    return None if png is None else stored_picture(png, text, is_wide)
 
 
 @cache
@@ -164,7 +164,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.globals["median"] = np.median
-    environment.filters |= {"number": _number, "interval": _interval, "data": _data}
+    environment.filters |= {"number": _number, "interval": _interval}
     environment.filters["change"] = lambda cost: ("+" if cost < 0 else "") + _number(-cost)
     return environment
 
@@ -184,8 +184,3 @@ def _number(value: float | None) -> str:
 
 def _interval(bounds: tuple[float, float] | None) -> str:
     return "" if bounds is None else f"[{_number(bounds[0])}, {_number(bounds[1])}]"
-
-
-def _data(picture: Picture) -> str:
-    """A picture as an address that holds it."""
-    return "data:image/png;base64," + base64.b64encode(picture.png).decode("ascii")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.problem.evaluation import mean_interval
+from mdpo_rddl.problem.evaluation import difference, mean_interval
 from mdpo_rddl.session.report.page.charts import Returns
 from mdpo_rddl.session.report.page.record import RunRecord
 from mdpo_rddl.session.report.page.style import NOOP_COLOUR, POLICY_COLOUR, RANDOM_COLOUR
@@ -18,10 +18,10 @@ class ResultRow:
 
     Attributes:
       returns: with name and interval.
-      difference: mean of what the first row's policy returned more on the same episodes; None in
-        the first row, or where the episodes are others.
+      difference: mean of what the first row's policy returned more; None in the first row, and
+        where the problem is another.
       difference_interval: 95% interval of it; None for one episode.
-      shared: of how many episodes.
+      shared: of how many episodes that both have met; 0 where each had its own.
     """
 
     returns: Returns
@@ -46,7 +46,8 @@ def result_rows(run: RunRecord) -> list[ResultRow]:
         ("random", "random", RANDOM_COLOUR),
     ):
         if references.get(key) is not None:
-            rows.append(compared(policy, returns_of(name, colour, references[key])))
+            compare = independent if references[key].get("simulated") else compared
+            rows.append(compare(policy, returns_of(name, colour, references[key])))
     return rows
 
 
@@ -59,6 +60,14 @@ def compared(first: Returns, other: Returns) -> ResultRow:
         return ResultRow(other)
     mean = float(np.mean(gains))
     return ResultRow(other, mean, mean_interval(gains), len(gains))
+
+
+def independent(first: Returns, other: Returns) -> ResultRow:
+    """A row with the difference of two that met episodes of their own."""
+    one, two = (each.returns[np.isfinite(each.returns)] for each in (first, other))
+    if not (len(one) and len(two)):
+        return ResultRow(other)
+    return ResultRow(other, float(np.mean(one) - np.mean(two)), difference(one, two))
 
 
 def are_comparable(runs: Sequence[RunRecord]) -> bool:

@@ -1,0 +1,160 @@
+"""The vote over a belief, where the state is observed in part only.
+
+A race of its own finds a policy of the underlying MDP, whose state is seen, and
+`mdpo_rddl.policy.belief` plays by it. That race goes on in the arm's slices: it is held between two
+iterations in a thread that only works while this one waits for it.
+"""
+
+import threading
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mdpo_rddl.errors import Cancelled, InputError
+from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.policy.belief import PARTICLES
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.problem.underlying import underlying_mdp
+from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
+from mdpo_rddl.race.budget import Budget
+
+VOTE = "vote over a belief"
+
+# of the configuration: what was fitted to what is observed
+_FITTED = ("units", "state_scales", "lookups", "memory")
+
+
+class _Race:
+    """A race that works in slices.
+
+    Attributes:
+      leader: its best candidate so far.
+      iterations: so far.
+      has_ended: whether it has nothing left to do.
+    """
+
+    def __init__(self, problem: Problem, config: PlannerConfig, budget: Budget, seed: int) -> None:
+        """Does nothing yet; the seconds of the budget are those of its slices."""
+        self._given = problem, config, seed
+        self._seconds, self._clock = budget.left, budget.clock
+        self.leader: Candidate | None = None
+        self.iterations, self.has_ended = 0, False
+        self._goes, self._rests = threading.Semaphore(0), threading.Semaphore(0)
+        self._until = self._worked = self._began = 0.0
+        self._is_cancelled = False
+        self._raised: BaseException | None = None
+        # nothing but numpy, held at a semaphore: the end of Python need not wait for it
+        self._thread = threading.Thread(target=self._run, name=VOTE, daemon=True)
+        self._thread.start()
+
+    def work(self, until: float) -> None:
+        """Goes on until then, by the clock.
+
+        Raises:
+          Exception: whatever the race has raised.
+        """
+        self._until, self._began = until, self._clock()
+        self._goes.release()
+        self._rests.acquire()
+        self._worked += self._clock() - self._began
+        if self._raised is not None:
+            raise self._raised
+
+    def close(self) -> None:
+        """Ends it."""
+        self._is_cancelled = True
+        if not self.has_ended:
+            self.work(self._clock())
+
+    def _run(self) -> None:
+        from mdpo_rddl.race.arms import portfolio
+        from mdpo_rddl.race.race import RaceOptions, race
+
+        self._goes.acquire()
+        problem, config, seed = self._given
+        options = RaceOptions(
+            on_judged=self._judged,
+            on_iteration=self._pause,
+            arms=partial(portfolio, keeps_values=True),
+        )
+        try:
+            if not self._is_cancelled:
+                budget = Budget(0.0, self._seconds, self._own_clock)
+                race(problem, config, budget, seed, options)
+        except Cancelled:
+            pass
+        except Exception as error:  # raised where the race is waited for
+            self._raised = error
+        finally:
+            self.has_ended = True
+            self._rests.release()
+
+    def _own_clock(self) -> float:
+        return self._worked + self._clock() - self._began
+
+    def _judged(self, point: Any) -> None:
+        if point.became_incumbent:
+            self.leader = point.candidate
+
+    def _pause(self) -> None:
+        self.iterations += 1
+        if self._clock() >= self._until:
+            self._rests.release()
+            self._goes.acquire()
+        if self._is_cancelled:
+            raise Cancelled
+
+
+class VoteState(NamedTuple):
+    """See `mdpo_rddl.race.arm.State`.
+
+    Attributes:
+      race: for the underlying MDP.
+      voted: its candidate that the latest vote is of.
+    """
+
+    race: _Race
+    voted: Candidate | None = None
+    found: tuple[Candidate, ...] = ()
+    claim: float = float("-inf")
+    iterations: int = 0
+    is_ready: bool = True
+    is_exhausted: bool = False
+    details: Mapping[str, Any] = {"particles": PARTICLES}
+
+
+def belief_vote() -> Arm:
+    """The arm; where the state is observed in part only."""
+
+    def init(context: Context) -> VoteState | None:
+        if not context.problem.model.observ_fluents:
+            return None
+        try:
+            underlying = underlying_mdp(context.problem)
+        except InputError:
+            return None
+        config = context.family.config
+        kept = {n: v for n, v in config.policy_arguments.items() if n not in _FITTED}
+        config = config.with_values("Planner", method_kwargs=kept)
+        return VoteState(_Race(underlying, config, context.budget, context.seed))
+
+    def step(context: Context, state: VoteState, turn: Turn) -> VoteState:
+        context.on_iteration()
+        own = state.race
+        own.work(turn.until)
+        ended = own.has_ended
+        state = state._replace(found=(), iterations=own.iterations, is_exhausted=ended)
+        leader = own.leader
+        if leader is None or leader is state.voted:
+            return state
+        policy = context.family.policy(context.family.noop).voting_with(leader.policy)
+        returns = context.evaluator.more(policy.replicated(), np.zeros(0), context.on_iteration)
+        label = f"{VOTE}, {leader.label} of the underlying MDP"
+        parents = tuple(dict.fromkeys((*leader.parents, leader.arm)))
+        candidate = Candidate(VOTE, label, policy, parents, leader.uses_noise, returns)
+        claim = max(state.claim, float(np.mean(returns)))
+        return state._replace(voted=leader, found=(candidate,), claim=claim)
+
+    return Arm(VOTE, init, step, lambda state: state.race.close())
