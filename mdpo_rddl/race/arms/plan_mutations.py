@@ -153,14 +153,16 @@ def genes_of(simulator: Simulator, family: Family) -> Genes:
         types = model.variable_params[name]
         first = np.indices(shape)[0].ravel() if shape else np.zeros(1, int)
         part = [parts.setdefault((types[0] if types else "", int(k)), len(parts)) for k in first]
-        rows = [np.full(noop.size, kind), noop > 0, unit, lower, upper, part]
+        rows: list[Any] = [np.full(noop.size, kind), noop > 0, unit, lower, upper, part]
         columns.append([np.ravel(row) for row in rows])
         places[name] = slice(start, start + noop.size)
         start += noop.size
-    kinds, is_true, *rest = map(np.concatenate, zip(*columns, strict=True))
+    joined = [np.concatenate(each) for each in zip(*columns, strict=True)]
+    kinds, is_true, unit_of, lowers, uppers, part_of = joined
     shapes = {name: simulator.shapes[name] for name in simulator.actions}
     limits = _limits(simulator.problem, places, is_true & (kinds == BOOL))
-    return Genes(simulator.problem.horizon, places, shapes, kinds, *rest, limits)
+    columns_of = kinds, unit_of, lowers, uppers, part_of
+    return Genes(simulator.problem.horizon, places, shapes, *columns_of, limits)
 
 
 def _limits(problem: Problem, places: Mapping[str, slice], is_true: np.ndarray) -> list[Limit]:

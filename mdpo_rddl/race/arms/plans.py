@@ -294,16 +294,11 @@ def _seed(context: Context, state: PlansState, number: int) -> list[int]:
 
 def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     """The next iteration."""
-    genes, is_certain = state.genes, context.certain
-    random = np.random.default_rng(_seed(context, state, 0))
-    episodes = 1 if is_certain else _EPISODES
-    count = int(np.clip(_MOST_BYTES // genes.size, _ELITES, _REPLICAS // episodes))
-    marks = frozenset[int]()
-    if is_certain:
-        places = np.linspace(0, genes.horizon, _MARKS, endpoint=False)
-        marks = frozenset(places.astype(int).tolist())
+    genes, random = state.genes, np.random.default_rng(_seed(context, state, 0))
+    count = _REPLICAS // _episodes(context)
+    count = int(np.clip(_MOST_BYTES // genes.size, _ELITES, count))
     state, newcomers = _recorded(context, state, turn.leader.candidate)
-    if is_certain and state.run is not None and state.elites is not None:
+    if context.certain and state.run is not None and state.elites is not None:
         is_paid = state.elites.returns[0] > state.noop
         if not is_paid or state.run.is_stale(state.iterations):
             state = _ended(state)
@@ -312,18 +307,49 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
         if not is_paid or state.iterations % _RARELY == 0:
             explored = state.archive.explore(count, random)
             newcomers = np.concatenate([newcomers, explored], axis=-1)
-    seed, elites = _seed(context, state, 2), state.elites
-    if elites is None:
-        plans = random_plans(genes, count, random)
-        plans[..., -1] = genes.tidied(np.zeros((*plans.shape[:2], 1), np.float32))[..., 0]
-        plans = np.concatenate([newcomers, plans], axis=-1)
-        played = play(context, genes, plans, seed, episodes, Start(marks=marks))
-        if state.run is None and is_certain:
-            seen = [point.state for point in played.points.values()]
-            archive = Archive(context.simulator, genes, acting(context, genes), seen)
-            state = state._replace(archive=archive, noop=float(played.returns[-1]))
-        return _selected(state, played, is_certain)
-    begin = 0
+    if state.elites is None:
+        return _begun(context, state, newcomers, random_plans(genes, count, random))
+    return _bred(context, state, newcomers, count, random)
+
+
+def _episodes(context: Context) -> int:
+    """Of each plan in an iteration."""
+    return 1 if context.certain else _EPISODES
+
+
+def _marks(context: Context, genes: Genes) -> frozenset[int]:
+    """Steps from which children may go on."""
+    marks = np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int)
+    return frozenset(marks.tolist() if context.certain else [])
+
+
+def _begun(
+    context: Context, state: PlansState, newcomers: np.ndarray, plans: np.ndarray
+) -> PlansState:
+    """The first iteration of an evolution."""
+    genes = state.genes
+    noop = genes.tidied(np.zeros((*plans.shape[:2], 1), np.float32))
+    plans = np.concatenate([newcomers, plans, noop], axis=-1)
+    start = Start(marks=_marks(context, genes))
+    played = play(context, genes, plans, _seed(context, state, 2), _episodes(context), start)
+    if state.run is None and context.certain:
+        seen = [point.state for point in played.points.values()]
+        archive = Archive(context.simulator, genes, acting(context, genes), seen)
+        state = state._replace(archive=archive, noop=float(played.returns[-1]))
+    return _selected(state, played, context.certain)
+
+
+def _bred(
+    context: Context,
+    state: PlansState,
+    newcomers: np.ndarray,
+    count: int,
+    random: np.random.Generator,
+) -> PlansState:
+    """An iteration in which elites have so many children."""
+    genes, elites, seed = state.genes, state.elites, _seed(context, state, 2)
+    assert elites is not None
+    marks, begin = _marks(context, genes), 0
     if marks and not newcomers.shape[-1]:
         # one in two begins where the one before did, so that what that gained can be added up
         pair = context.generator(NAME, state.iterations // 2, 3)
@@ -332,7 +358,7 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
     chances = _ANY_KIND / len(KINDS) + (1.0 - _ANY_KIND) * worth / worth.sum()
     kinds = np.sort(random.choice(len(KINDS), count, p=chances))
     plans, parent = children(genes, Parents(elites.plans, state.gains, begin), kinds, random)
-    if is_certain:
+    if context.certain:
         start = Start(begin, elites.points[begin].of(parent), marks)
         played = play(context, genes, plans, seed, 1, start)
         earlier = {step: p.of(parent) for step, p in elites.points.items() if step < begin}
@@ -342,13 +368,11 @@ def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
         played = played.beside(elites)
     else:
         plans = np.concatenate([plans, newcomers, elites.plans], axis=-1)
-        played = play(context, genes, plans, seed, episodes)
-    return _selected(_learnt(state, played, kinds, parent), played, is_certain)
+        played = play(context, genes, plans, seed, _EPISODES)
+    return _selected(_learnt(state, played, kinds, parent), played, context.certain)
 
 
-def _learnt(
-    state: PlansState, played: Played, kinds: np.ndarray, parent: np.ndarray
-) -> PlansState:
+def _learnt(state: PlansState, played: Played, kinds: np.ndarray, parent: np.ndarray) -> PlansState:
     """With what children [P] tell, whose parents are the last of the plans."""
     assert state.elites is not None
     count, first = len(kinds), len(played.returns) - len(state.elites.returns)
@@ -417,8 +441,8 @@ def _recorded(
             policy.were_played(actions)
         return actions
 
-    episodes = 1 if context.certain else _EPISODES
-    found = rollout(context.simulator, watched, episodes, context.seed, keep=True).trajectories
+    given = _episodes(context), context.seed
+    found = rollout(context.simulator, watched, *given, keep=True).trajectories
     assert found is not None
     moved = {name: np.moveaxis(each, 0, -1) for name, each in found.actions.items()}
     raw = {name: np.moveaxis(v, -1, 0) for name, v in context.family.raw(moved).items()}
