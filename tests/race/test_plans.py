@@ -1,5 +1,6 @@
 """Plans by evolution: how they are written, changed, played, and offered."""
 
+import functools
 import importlib
 
 import numpy as np
@@ -162,7 +163,8 @@ def test_going_on_from_a_step_is_playing_from_the_first(certain):
 def test_the_archive_knows_ways_to_its_cells(certain):
     simulator, genes = certain.simulator, genes_of(certain.simulator, certain.family)
     seen = [simulator.initial(4)]
-    archive = Archive(simulator, genes, arm.acting(certain, genes), seen)
+    draw = functools.partial(random_plans, genes)
+    archive = Archive(simulator, len(genes.kind), arm.acting(certain, genes), draw, seen)
     random = np.random.default_rng(0)
     for _ in range(4):
         found = archive.explore(32, random)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.race.arms.plan_mutations import Genes, random_plans
 from mdpo_rddl.simulator.simulator import Simulator, State
 
 # of a ground fluent's spread, how wide a cell is: with a half MarsRover 1 took longer
@@ -23,6 +22,8 @@ _MOST_BYTES = 2**28
 Act = Callable[[np.ndarray, State], tuple[Mapping[str, np.ndarray], np.ndarray]]
 """Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and
 its raw actions [D, P]."""
+Draw = Callable[[int, np.random.Generator], np.ndarray]
+"""So many random plans [H, D, P]."""
 
 
 class _Way(NamedTuple):
@@ -38,26 +39,29 @@ class Archive:
     def __init__(
         self,
         simulator: Simulator,
-        genes: Genes,
+        width: int,
         act: Act,
+        draw: Draw,
         states: Sequence[Mapping[str, np.ndarray]],
     ) -> None:
         """Knows where episodes begin.
 
         Args:
           simulator: of the problem.
-          genes: how plans are written.
+          width: raw actions D of a step.
           act: what plans play.
+          draw: random plans, with which episodes go on.
           states: visited by some plans [*shape, P], whose spread says how wide a cell is.
         """
-        self._simulator, self._genes, self._act = simulator, genes, act
+        self._simulator, self._act, self._draw = simulator, act, draw
+        self._horizon = simulator.problem.horizon
         self._widths = {
             name: _width([each[name] for each in states])
             for name, value in states[0].items()
             if value.dtype.kind == "f"
         }
         self._cells: dict[int, int] = {}
-        self._ways = [_Way(-1, np.zeros((0, len(genes.kind)), np.float32))]
+        self._ways = [_Way(-1, np.zeros((0, width), np.float32))]
         state = simulator.initial(1)
         self._size, self._bytes = sum(value.nbytes for value in state.values()), 0
         self._states = {name: _Rows(value) for name, value in state.items()}
@@ -68,21 +72,20 @@ class Archive:
 
     def explore(self, count: int, random: np.random.Generator) -> np.ndarray:
         """Goes on from cells, and gives the plans [H, D, P] that were paid most on the way."""
-        genes, simulator = self._genes, self._simulator
-        size = len(self)
+        simulator, horizon, size = self._simulator, self._horizon, len(self)
         taken = self._taken.values[:size]
-        is_open = self._steps.values[:size] < genes.horizon
+        is_open = self._steps.values[:size] < horizon
         weights = is_open / np.sqrt(1.0 + taken)
         origin = random.choice(size, count, p=weights / weights.sum())
         np.add.at(taken, origin, 1.0)
         state = {name: rows.of(origin) for name, rows in self._states.items()}
         steps, totals = self._steps.values[origin].astype(int), self._totals.values[origin].copy()
-        plans = random_plans(genes, count, random)
+        plans = self._draw(count, random)
         is_over = simulator.ended(state)
         best, reached = totals.copy(), np.zeros(count, int)
         discount = simulator.problem.model.discount
         for step in range(len(plans)):
-            is_over = is_over | (steps + step >= genes.horizon)
+            is_over = is_over | (steps + step >= horizon)
             if is_over.all():
                 break
             actions, plans[step] = self._act(plans[step], state)
@@ -105,8 +108,8 @@ class Archive:
             way = self._ways[place]
             parts.append(way.plan)
             place = way.before
-        steps = np.concatenate(parts[::-1])[: self._genes.horizon]
-        return np.pad(steps, [(0, self._genes.horizon - len(steps)), (0, 0)])
+        steps = np.concatenate(parts[::-1])[: self._horizon]
+        return np.pad(steps, [(0, self._horizon - len(steps)), (0, 0)])
 
     def _add(
         self,

@@ -334,7 +334,8 @@ def _begun(
     played = play(context, genes, plans, _seed(context, state, 2), _episodes(context), start)
     if state.run is None and context.certain:
         seen = [point.state for point in played.points.values()]
-        archive = Archive(context.simulator, genes, acting(context, genes), seen)
+        act, draw = acting(context, genes), functools.partial(random_plans, genes)
+        archive = Archive(context.simulator, len(genes.kind), act, draw, seen)
         state = state._replace(archive=archive, noop=float(played.returns[-1]))
     return _selected(state, played, context.certain)
 
