@@ -4,22 +4,25 @@ A particle filter on the simulator follows each episode: Gordon, Salmond and Smi
 to nonlinear/non-Gaussian Bayesian state estimation" (1993). A policy of the underlying MDP, which
 sees the state, says what to play in each particle's:
 
-- of a greedy policy of a value the action that gains most on average over the particles: QMDP, of
-  Littman, Cassandra and Kaelbling, "Learning policies for partially observable environments:
-  scaling up" (1995). A likely small gain then does not outweigh a less likely large loss;
+- where that tells what actions are worth in a state, a table with values or the greedy policy of
+  one, the action that is worth most on average over the particles: QMDP, of Littman, Cassandra and
+  Kaelbling, "Learning policies for partially observable environments: scaling up" (1995). A likely
+  small gain then does not outweigh a less likely large loss;
 - of others the action that most particles would play: action voting, of Simmons and Koenig,
   "Probabilistic robot navigation in partially observable environments" (1995).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mdpo_rddl.policy.formula import FeedbackFormula, require_count
 from mdpo_rddl.policy.greedy import GreedyFormula
+from mdpo_rddl.policy.table_policy import TablePolicy
+from mdpo_rddl.simulator.common import CommonNumbers
 from mdpo_rddl.simulator.evaluation import Replicated
-from mdpo_rddl.simulator.simulator import Simulator, State
+from mdpo_rddl.simulator.simulator import Simulator, State, Step
 
 Arrays = Mapping[str, np.ndarray]
 Elect = Callable[[int, State, int], Arrays]
@@ -28,9 +31,12 @@ episode are side by side."""
 
 PARTICLES = 256
 """Of an episode: on five problems eight times as many return no more (64 return less on one)."""
-# of these, that say what to play; where each action is tried in each of them, that is so many times
-# the work
+# of these, that say what to play; where each change of the no-op is tried in each of them, that is
+# so many times the work
 _VOTERS, _GAINING = 64, 16
+# actions of a table that are tried in a belief, and steps of the model for all of them together:
+# the more actions, the fewer particles
+_MOST_ACTIONS, _MOST_STEPS = 64, 1024
 # log-likelihood of a component that cannot be: with it, the fewest mismatches weigh most
 _LEAST = -30.0
 # of a scale: what rounding may differ by
@@ -76,16 +82,16 @@ class BeliefFilter:
           seen: per observation fluent [*shape, B].
         """
         assert belief.actions is not None
-        random = np.random.default_rng([self._seed, step])
         played = {n: np.repeat(each, self.count, axis=-1) for n, each in belief.actions.items()}
         chances: dict[str, np.ndarray] = {}
-        after = self._simulator.step(belief.particles, played, random, chances)
+        given = self._simulator, belief.particles, played
+        after = stepped(*given, [self._seed, step], self.count, chances)
         # whoever still observes has seen the episode go on
         ended = after.terminated | after.broken | after.errors
         logs = np.where(ended, _LEAST, 0.0).reshape(-1, self.count)
         for name, value in seen.items():
             logs = logs + self._likelihood(name, value, after.state[name], chances.get(name))
-        places = resampled(random, logs)
+        places = resampled(np.random.default_rng([self._seed, step, 1]).random(), logs)
         return Belief({name: value[..., places] for name, value in after.state.items()})
 
     def _likelihood(
@@ -123,11 +129,11 @@ def kernel(distances: np.ndarray) -> np.ndarray:
     return -0.5 * np.square(known / np.maximum(spread, _ROUNDING * (1.0 + nearest)))
 
 
-def resampled(random: np.random.Generator, logs: np.ndarray) -> np.ndarray:
+def resampled(uniform: float, logs: np.ndarray) -> np.ndarray:
     """Systematic resampling: particle i of an episode comes P w_i times, rounded up or down.
 
     Args:
-      random: draws one number for each episode.
+      uniform: on [0, 1).
       logs: log-weights [B, P].
 
     Returns:
@@ -136,11 +142,51 @@ def resampled(random: np.random.Generator, logs: np.ndarray) -> np.ndarray:
     episodes, count = logs.shape
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     sums = np.cumsum(weights, axis=1) / weights.sum(axis=1, keepdims=True)
-    points = (np.arange(count) + random.random((episodes, 1))) / count
+    sums[:, -1] = 1.0
+    points = (np.arange(count) + uniform) / count
     # episode b's sums and points lie between b and b + 1
     of_all = np.arange(episodes)[:, np.newaxis]
-    sums[:, -1] = 1.0
     return np.searchsorted((sums + of_all).ravel(), (points + of_all).ravel())
+
+
+def stepped(
+    simulator: Simulator,
+    state: State,
+    actions: Arrays,
+    seed: Any,
+    count: int,
+    chances: dict[str, np.ndarray] | None = None,
+) -> Step:
+    """A step, in which all episodes have the same random numbers, however many there are.
+
+    Args:
+      simulator: of the problem.
+      state: per fluent [*shape, B count].
+      actions: per action fluent [*shape, B count].
+      seed: of the draws.
+      count: replicas of an episode.
+      chances: as `Simulator.step` takes it.
+    """
+    total = next(iter(state.values())).shape[-1]
+    at_once = count * max(1, simulator.block // count)
+    parts, known = [], []
+    for first in range(0, total, at_once):
+        which = slice(first, min(first + at_once, total))
+        groups = (which.stop - first) // count
+        random = np.random.default_rng(seed)
+        own: dict[str, np.ndarray] = {}
+        some, played = ({n: v[..., which] for n, v in tree.items()} for tree in (state, actions))
+        common = random if groups == 1 else CommonNumbers(random, np.tile(np.arange(count), groups))
+        parts.append(simulator.step(some, played, common, None if chances is None else own))
+        known.append(own)
+
+    def joined(trees: Sequence[Any]) -> dict[str, np.ndarray]:
+        return {name: np.concatenate([t[name] for t in trees], axis=-1) for name in trees[0]}
+
+    if chances is not None:
+        chances.update(joined(known))
+    rest = (np.concatenate(each) for each in list(zip(*parts, strict=True))[1:])
+    return Step(joined([each.state for each in parts]), *rest)
 
 
 def voting(simulator: Simulator, play: Replicated) -> Elect:
@@ -183,6 +229,8 @@ def gaining(formula: GreedyFormula, params: Any, seed: int) -> Elect:
       seed: of what it draws.
     """
 
+    params = {name: np.asarray(each) for name, each in params.items()}
+
     def elect(step: int, particles: State, episodes: int) -> Arrays:
         some = _spread_out(particles, episodes, _GAINING)
         with np.errstate(all="ignore"):
@@ -192,6 +240,63 @@ def gaining(formula: GreedyFormula, params: Any, seed: int) -> Elect:
             return formula.choose(means, _spread_out(particles, episodes, 1))
 
     return elect
+
+
+def worth_most(simulator: Simulator, policy: TablePolicy, seed: int) -> Elect:
+    """Elects the action of a table of the largest Q on average,
+
+        Q_t(s, a) = r(s, a) + g V_{t+1}(s'),
+
+    with the same random numbers for all actions. Of many actions those are tried that most
+    particles would play, and the no-op. An action that is illegal in a particle's state is worth
+    there what the no-op is, or, where that is illegal, too, the worst legal one; one that is
+    illegal in all of them, or raises an error in one, is not played.
+
+    Args:
+      simulator: of the problem whose state is hidden.
+      policy: of the underlying MDP, with values.
+      seed: of the steps.
+    """
+    actions, model = policy.table.actions, simulator.problem.model
+    count = len(next(iter(actions.values())))
+    cost = policy.problem.error_cost
+
+    def elect(step: int, particles: State, episodes: int) -> Arrays:
+        tried = np.arange(count)
+        if count > _MOST_ACTIONS:
+            some = _spread_out(particles, episodes, _VOTERS)
+            tally = np.bincount(policy.numbers(step, _batch(some)), minlength=count)
+            tally[0] = len(tried) * episodes  # the no-op is the first one
+            tried = np.sort(np.argsort(-tally, kind="stable")[:_MOST_ACTIONS])
+        some = _spread_out(particles, episodes, max(1, _MOST_STEPS // len(tried)))
+        replicas = next(iter(some.values())).shape[-1]
+        totals = np.zeros((len(tried), replicas))
+        legal = np.zeros((len(tried), replicas), bool)
+        for row, number in enumerate(tried):
+            action = {
+                name: np.broadcast_to(each[number][..., np.newaxis], (*each.shape[1:], replicas))
+                for name, each in actions.items()
+            }
+            legal[row] = simulator.legal(some, action)
+            after = stepped(simulator, some, action, [seed, step], replicas // episodes)
+            ended = after.terminated | after.broken
+            states = {name: after.state[name] for name in model.state_fluents}
+            later = np.where(ended, 0.0, policy.values(step + 1, _batch(states)))
+            totals[row] = after.rewards + model.discount * later
+            totals[row, after.errors] = -cost if cost else -np.inf
+        worst = np.min(totals, axis=0, where=legal, initial=np.inf)
+        instead = np.where(legal[0] | np.isinf(worst), totals[0], worst)
+        means = np.where(legal, totals, instead).reshape(len(tried), episodes, -1).mean(axis=-1)
+        is_known = legal.reshape(len(tried), episodes, -1).any(axis=-1) & ~np.isnan(means)
+        best = tried[np.argmax(np.where(is_known, means, -np.inf), axis=0)]
+        return {name: np.moveaxis(each[best], 0, -1) for name, each in actions.items()}
+
+    return elect
+
+
+def _batch(states: State) -> dict[str, np.ndarray]:
+    """States with the axis of replicas first."""
+    return {name: np.moveaxis(value, -1, 0) for name, value in states.items()}
 
 
 def elected(votes: np.ndarray, is_joint: bool) -> np.ndarray:
@@ -270,6 +375,11 @@ class BeliefReplicas:
         self._now = belief._replace(actions=actions)
         return actions
 
+    @property
+    def belief(self) -> Belief | None:
+        """At the latest decision, with what was played; None before the first."""
+        return self._now
+
     def were_played(self, actions: Arrays) -> None:
         """Takes in what was played instead at the latest step."""
         if self._now is not None:
@@ -294,6 +404,11 @@ class BeliefPlay:
         each = {name: np.asarray(value)[np.newaxis] for name, value in state.items()}
         actions = self._one(step, self._formula.seen(step, each))
         return {name: value[0] for name, value in self._formula.shown(actions).items()}
+
+    @property
+    def belief(self) -> Belief | None:
+        """Of the one episode, see `BeliefReplicas.belief`."""
+        return self._one.belief
 
     def was_played(self, actions: Mapping[str, Any]) -> None:
         """Takes in what was played at the latest step, per action fluent [*shape]."""

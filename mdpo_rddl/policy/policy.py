@@ -14,7 +14,7 @@ from mdpo_rddl.errors import InputError
 from mdpo_rddl.machine.html import html_table
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.agent import PolicyAgent
-from mdpo_rddl.policy.belief import BeliefPlay, BeliefReplicas, gaining, voting
+from mdpo_rddl.policy.belief import BeliefPlay, BeliefReplicas, gaining, voting, worth_most
 from mdpo_rddl.policy.file import (
     AnySaved,
     SavedPlanRule,
@@ -351,6 +351,8 @@ class Policy(PolicyAgent):
             raise InputError(f"{self.problem.domain_path}: the simulator does not know it")
         if isinstance(underlying, Policy) and (greedy := underlying.greedy) is not None:
             elect = gaining(greedy, underlying.params, underlying.seed)
+        elif isinstance(underlying, TablePolicy) and underlying.table.values is not None:
+            elect = worth_most(simulator, underlying, underlying.seed)
         else:
             play = underlying.replicated()
             assert play is not None

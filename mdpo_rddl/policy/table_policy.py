@@ -133,6 +133,32 @@ class TablePolicy(PlannerlessPolicy):
         require_batch(self.problem.model, step, observations)
         return self._actions(step, observations)
 
+    def numbers(self, step: int, observations: Mapping[str, Any]) -> np.ndarray:
+        """The numbers of the actions for N states of a step [N]; 0, the no-op's, if not known."""
+        table, places = self.table, self._places(observations)
+        is_known = places >= 0
+        known = places[is_known]
+        self.misses += len(places) - len(known)
+        until, steps = self._until
+        # the runs of a state are in order: the first one that lasts till this step, or the last
+        runs = np.searchsorted(until, known * steps + min(step, steps - 1))
+        numbers = np.zeros(len(places), np.int64)
+        numbers[is_known] = table.action[np.minimum(runs, table.first_run[known + 1] - 1)]
+        return numbers
+
+    def values(self, step: int, observations: Mapping[str, Any]) -> np.ndarray:
+        """What the best policy returns from N states of a step on [N], of a table that knows it.
+
+        A state that is not in the table, as no policy comes to it, counts as the worst one. Nor are
+        those in the table in which an episode has ended: whoever asks must tell these.
+        """
+        kept, places = self.table.values, self._places(observations)
+        assert kept is not None
+        if step >= len(kept):
+            return np.zeros(len(places))
+        now = kept[step].astype(float)
+        return np.where(places >= 0, now[places], now.min())
+
     def knows(self, observation: Mapping[str, Any]) -> bool:
         """Whether a state, as the vectorized environment shows it, is in the table."""
         return bool(self._places(_alone(observation))[0] >= 0)
@@ -143,16 +169,8 @@ class TablePolicy(PlannerlessPolicy):
 
     def _actions(self, step: int, observations: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Per action fluent [N, *shape] for N states of a step; the no-op in those not known."""
-        table, places = self.table, self._places(observations)
-        is_known = places >= 0
-        known = places[is_known]
-        self.misses += len(places) - len(known)
-        until, steps = self._until
-        # the runs of a state are in order: the first one that lasts till this step, or the last
-        runs = np.searchsorted(until, known * steps + min(step, steps - 1))
-        numbers = np.zeros(len(places), np.int64)
-        numbers[is_known] = table.action[np.minimum(runs, table.first_run[known + 1] - 1)]
-        return {name: values[numbers] for name, values in table.actions.items()}
+        numbers = self.numbers(step, observations)
+        return {name: values[numbers] for name, values in self.table.actions.items()}
 
     @cached_property
     def _until(self) -> tuple[np.ndarray, int]:

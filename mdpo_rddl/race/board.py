@@ -112,7 +112,7 @@ class Board:
         rival = leader.candidate.policy.replicated()
         while True:
             count = len(judged.returns)
-            if len(leader.returns) < count:
+            while len(leader.returns) < count:
                 more = context.evaluator.more(rival, leader.returns, self._check)
                 leader = self.leader = leader._replace(returns=more)
             with np.errstate(invalid="ignore"):

@@ -126,7 +126,7 @@ def find_by_race(
     now, whole = time.monotonic(), terms.config.budget().seconds
     # what an earlier process has found is judged even if that has used all the time
     deadline = now + max(whole - hooks.used, min(_LEAST_SECONDS, whole))
-    budget, given = Budget(now - hooks.used, deadline), _given(terms)
+    budget, given = Budget(now - hooks.used, deadline), start_from(terms.start_from, terms.problem)
 
     def on_judged(point: Point) -> None:
         if point.became_incumbent:
@@ -207,17 +207,17 @@ def less_than_promised(result: RaceResult, played: Evaluation) -> str:
     )
 
 
-def _given(terms: FindTerms) -> Callable[[Family], list[Candidate]]:
+def start_from(policy: AnyPolicy | None, problem: Problem) -> Callable[[Family], list[Candidate]]:
     """What makes candidates of the policy that a race is given, if any.
 
     Raises:
       InputError: if it is of another domain, or of another instance and no lifted rule.
     """
-    if terms.start_from is None:
+    if policy is None:
         return lambda family: []
     from mdpo_rddl.race.race import GIVEN
 
-    problem, policy = terms.problem, accepted(terms.start_from, terms.problem)
+    policy = accepted(policy, problem)
     is_same = _is_same(policy, problem)
 
     def carried(family: Family) -> list[Candidate]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from helpers import fuzzing_ipc, fuzzing_races, fuzzing_runs
+from helpers import fuzzing_ipc, fuzzing_runs
 from helpers.config_texts import NOISE, TEXT
 from helpers.plan_command import DOMAIN, INSTANCE
 from mdpo_rddl.cli.option_checks import check_plan_options

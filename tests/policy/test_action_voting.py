@@ -91,7 +91,7 @@ def test_the_belief_follows_what_was_played():
         for step in (1, 2, 3):
             policy(step, {"growl-left": np.bool_(True)})
             policy.was_played(actions)
-        return float(np.mean(policy._play._one.now.root.particles["is-left"]))
+        return float(np.mean(policy._play.belief.particles["is-left"]))
 
     # three growls in one place, where nobody has opened a door
     assert left(listening) > 0.97

@@ -11,10 +11,14 @@ from mdpo_rddl.race.arms.plans import plans
 from mdpo_rddl.race.arms.weights import own_weights, rules, shared_weights
 
 
-def portfolio() -> Sequence[Arm]:
-    """All arms, in the order in which they begin."""
+def portfolio(keeps_values: bool = False) -> Sequence[Arm]:
+    """All arms, in the order in which they begin.
+
+    Args:
+      keeps_values: whether the optimum comes with the states' values.
+    """
     return (
-        dynamic_programming(),
+        dynamic_programming(keeps_values),
         relaxed_plans(),
         belief_vote(),
         rules(),

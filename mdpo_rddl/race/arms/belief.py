@@ -7,7 +7,10 @@ iterations in a thread that only works while this one waits for it.
 
 import threading
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -66,11 +69,16 @@ class _Race:
             self.work(self._clock())
 
     def _run(self) -> None:
+        from mdpo_rddl.race.arms import portfolio
         from mdpo_rddl.race.race import RaceOptions, race
 
         self._goes.acquire()
         problem, config, seed = self._given
-        options = RaceOptions(on_judged=self._judged, on_iteration=self._pause)
+        options = RaceOptions(
+            on_judged=self._judged,
+            on_iteration=self._pause,
+            arms=partial(portfolio, keeps_values=True),
+        )
         try:
             if not self._is_cancelled:
                 budget = Budget(0.0, self._seconds, self._own_clock)
@@ -136,18 +144,17 @@ def belief_vote() -> Arm:
         context.on_iteration()
         own = state.race
         own.work(turn.until)
-        is_ours = turn.leader.candidate.arm == VOTE
-        claim = turn.leader.mean if is_ours else state.claim
-        state = state._replace(
-            found=(), claim=claim, iterations=own.iterations, is_exhausted=own.has_ended
-        )
+        ended = own.has_ended
+        state = state._replace(found=(), iterations=own.iterations, is_exhausted=ended)
         leader = own.leader
         if leader is None or leader is state.voted:
             return state
         policy = context.family.policy(context.family.noop).voting_with(leader.policy)
+        returns = context.evaluator.more(policy.replicated(), np.zeros(0), context.on_iteration)
         label = f"{VOTE}, {leader.label} of the underlying MDP"
         parents = tuple(dict.fromkeys((*leader.parents, leader.arm)))
-        candidate = Candidate(VOTE, label, policy, parents, leader.uses_noise)
-        return state._replace(voted=leader, found=(candidate,))
+        candidate = Candidate(VOTE, label, policy, parents, leader.uses_noise, returns)
+        claim = max(state.claim, float(np.mean(returns)))
+        return state._replace(voted=leader, found=(candidate,), claim=claim)
 
     return Arm(VOTE, init, step, lambda state: state.race.close())

@@ -42,8 +42,6 @@ _STEPS, _NOISE = (0.3, 1.0, 1.0, 3.0), (0.3, 0.3, 1.0, 1.0)
 # any noise and climb, the others leave local optima
 _RATE, _PLAN_STEPS = 0.004, (0.25, 0.5, 1.0, 2.0) * 2
 _PLAN_NOISE = (0.003,) * 4 + (0.3,) * 4
-# episodes by which the arm says what it has reached
-_EPISODES = 32
 # of the time used: a slice while others work
 _SHARE = 0.05
 # between two looks at what is pending
@@ -209,12 +207,13 @@ def _heard(context: Context, name: str, state: GradientState, seconds: float) ->
     if not has_gained:
         return state
     policy = context.family.policy(unpacked(reply["params"]))
-    mean = float(np.mean(context.evaluator.returns(policy.replicated(), _EPISODES)))
+    returns = context.evaluator.more(policy.replicated(), np.zeros(0), context.on_iteration)
     parent = state.parent
     parents = () if parent is None else tuple(dict.fromkeys((*parent.parents, parent.arm)))
     label = f"{name}, iteration {state.iterations:,}"
-    candidate = Candidate(name, label, policy, parents, uses_noise=True)
-    return state._replace(found=(candidate,), claim=max(state.claim, mean))
+    candidate = Candidate(name, label, policy, parents, uses_noise=True, returns=returns)
+    claim = max(state.claim, float(np.mean(returns)))
+    return state._replace(found=(candidate,), claim=claim)
 
 
 def _asked(

@@ -3,13 +3,15 @@
 Both need a discrete problem whose state is observed. The model is made, enumerated and played
 beside the other arms (`mdpo_rddl.race.beside`); here is only received what comes of that.
 
-Dynamic programming (`mdpo_rddl.policy.optimum`) is worth nothing before all steps are done; then the
-policy is proven to be the best and the race is over.
+Dynamic programming (`mdpo_rddl.policy.optimum`) is worth nothing before all steps are done; then
+the policy is proven to be the best and the race is over.
 """
 
+import contextlib
 import logging
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,13 +24,12 @@ from mdpo_rddl.policy.table import ActionTable, Optimum
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.delete_relaxation.distances import Prices
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
-from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, OutOfTimeError
 from mdpo_rddl.problem.enumeration.model import open_model
 from mdpo_rddl.problem.evaluation import mean_and_error
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
 from mdpo_rddl.race.beside import Beside, Clock, EndedError
 from mdpo_rddl.race.evaluator import Evaluator
-from mdpo_rddl.simulator.evaluation import Replicated
 from mdpo_rddl.simulator.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -44,11 +45,9 @@ _RULES = (
     PlanRule(prices=Prices(0.97)),
     PlanRule(others=0.2),
 )
-# episodes of the best rules, where so many take at most such a share of the race: a few do not
-# show a disaster that is rare. A rule whose first ones take longer than the share is too slow
-_EPISODES, _RULE_SHARE = 128, 0.05
-# decisions by which the time of episodes is told: the first ones make what others share
-_TIMED = 3
+# episodes of the first rule at most, since few do not show a disaster that is rare, and as many of
+# others as seem better; the share of the race that those of a rule may take
+_EPISODES, _RULE_SHARE = 128, 0.2
 
 Send = Callable[[Any], None]
 
@@ -71,9 +70,13 @@ class GroundState(NamedTuple):
     plans: RelaxedPlans | None = None
 
 
-def dynamic_programming() -> Arm:
-    """The proven optimum, where the states that are reachable can be enumerated."""
-    return _arm(DYNAMIC_PROGRAMMING, _prove, _proven)
+def dynamic_programming(keeps_values: bool = False) -> Arm:
+    """The proven optimum, where the states that are reachable can be enumerated.
+
+    Args:
+      keeps_values: whether its table has the states' values, unless they are too many.
+    """
+    return _arm(DYNAMIC_PROGRAMMING, partial(_prove, keeps_values), _proven)
 
 
 def relaxed_plans() -> Arm:
@@ -138,24 +141,47 @@ class _Tried(NamedTuple):
 
 def _plan(context: Context, send: Send, clock: Clock) -> None:
     """Sends relaxed plans, then each rule that is better than those before it."""
-    problem, budget = context.problem, context.budget
-    limits = EnumerationLimits(budget.deadline - clock(), clock=clock)
+    problem = context.problem
+    limits = EnumerationLimits(context.budget.deadline - clock(), clock=clock)
     plans = RelaxedPlans(open_model(problem, limits), limits)
     send(plans)
     # one's own, since there may be no process
     evaluator = Evaluator(Simulator(problem), context.seed)
-    seconds, best = _RULE_SHARE * budget.seconds, -np.inf
+    best: _Tried | None = None
     for rule in _RULES:
         policy = RelaxedPlanPolicy(problem, rule, _NOTHING, context.seed, plans)
-        play = _Timed(policy.replicated(), problem.horizon, seconds, clock)
-        returns = evaluator.more(play, np.zeros(0), budget.check)
-        while returns.mean() > best and len(returns) < _EPISODES and not context.certain:
-            if 2.0 * play.used > seconds:
-                break
-            returns = evaluator.more(play, returns, budget.check)
-        if returns.mean() > best:
-            best = float(returns.mean())
-            send(_Tried(rule, returns))
+        if (tried := _tried(context, evaluator, policy, best, clock)) is not None:
+            best = tried
+            send(best)
+    if best is None:
+        raise OutOfTimeError("no rule's first episodes end in time")
+
+
+def _tried(
+    context: Context,
+    evaluator: Evaluator,
+    policy: RelaxedPlanPolicy,
+    best: _Tried | None,
+    clock: Clock,
+) -> _Tried | None:
+    """A rule that is better than the best one; None if it is not, or too slow.
+
+    Where there is none yet it is played as often as half of its time allows, else as often as the
+    best one, unless it is seen to be worse before.
+    """
+    seconds, play = _RULE_SHARE * context.budget.seconds, policy.replicated()
+    limits = EnumerationLimits(seconds, clock=clock)
+    most = 1 if context.certain else _EPISODES
+    returns, gain, error = np.zeros(0), np.inf, 0.0
+    with contextlib.suppress(OutOfTimeError):
+        while len(returns) < most:
+            returns = evaluator.more(play, returns, limits.check_time)
+            if best is None:
+                most = most if limits.used < seconds / 2.0 else 0
+            else:
+                gain, error = mean_and_error(returns - best.returns[: len(returns)])
+                most = len(best.returns) if gain > 0.0 else 0
+    return _Tried(policy.plan_rule, returns) if len(returns) and gain > error else None
 
 
 def _planned(context: Context, state: GroundState, news: Any) -> GroundState:
@@ -171,52 +197,7 @@ def _planned(context: Context, state: GroundState, news: Any) -> GroundState:
 _NOTHING = Simulated(0.0, 0.0, 1)
 
 
-class _Timed:
-    """Plays as another one does, until that is seen to take too long.
-
-    Attributes:
-      used: seconds of all episodes so far.
-    """
-
-    def __init__(self, play: Replicated, horizon: int, seconds: float, clock: Clock) -> None:
-        """Has played nothing.
-
-        Args:
-          play: decides.
-          horizon: decisions of an episode.
-          seconds: that episodes side by side may take.
-          clock: tells the time.
-        """
-        self._play, self._horizon, self._seconds, self._clock = play, horizon, seconds, clock
-        self._began, self._before = clock(), clock()
-
-    @property
-    def used(self) -> float:
-        """See the class."""
-        return self._clock() - self._began
-
-    def __call__(self, step: int, observation: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
-        """As `Replicated`.
-
-        Raises:
-          NotEnumerableError: if it takes too long.
-        """
-        now = self._clock()
-        if step == 0:
-            self._before = now
-        if step >= _TIMED and (now - self._before) * self._horizon > self._seconds * step:
-            raise NotEnumerableError(f"a rule's episodes take more than {self._seconds:.2g} s")
-        return self._play(step, observation)
-
-    def were_played(self, actions: Mapping[str, np.ndarray]) -> None:
-        """Tells it."""
-        self._play.were_played(actions)
-
-
 # --- dynamic programming -------------------------------------------------------------------
-
-_Run = tuple[int, np.ndarray, np.ndarray]
-"""A step, states, and the action played in each up to that step."""
 
 
 class _Solved(NamedTuple):
@@ -226,10 +207,12 @@ class _Solved(NamedTuple):
     table: ActionTable
 
 
-def _prove(context: Context, send: Send, clock: Clock) -> None:
+def _prove(keeps_values: bool, context: Context, send: Send, clock: Clock) -> None:
     """Sends the optimum."""
     seconds = context.budget.deadline - clock()
-    found = find_optimum(context.problem, seconds, _memory() / 2**30, clock)
+    found = find_optimum(
+        context.problem, seconds, _memory() / 2**30, clock, keeps_values=keeps_values
+    )
     send(_Solved(found.optimum, found.table))
 
 

@@ -80,7 +80,7 @@ class WeightsState(NamedTuple):
     Attributes:
       params: the best policy so far.
       adaptation: that goes on; None between two.
-      begun: adaptations so far.
+      begun: adaptations so far; of random rules the iteration of the best one.
       parent: whose policy the adaptation began with, if it was another arm's.
     """
 
@@ -97,14 +97,17 @@ class WeightsState(NamedTuple):
 
 
 def rules() -> Arm:
-    """Random rules, until a draw finds none that is better; where none is paid, on and on."""
+    """Random rules, until many find none that is better; where none is paid, on and on."""
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
         simple = _simple(context)
-        drawn, state = _drawn(context, RULES, simple, state._replace(found=()))
+        drawn, state = _drawn(context, RULES, simple, state._replace(found=()), turn.until)
         state = _offered(context, state, RULES, simple.params(drawn[0]))
+        if state.found:
+            return state._replace(begun=state.iterations)
         is_paid = state.params is not context.family.noop
-        return state._replace(is_exhausted=is_paid and not state.found)
+        idle = _POPULATION * (state.iterations - state.begun)
+        return state._replace(is_exhausted=is_paid and idle >= _DRAWN)
 
     return Arm(RULES, lambda context: WeightsState(context.family.noop), step)
 
@@ -230,21 +233,23 @@ def _offered(context: Context, state: WeightsState, name: str, params: Params) -
 
 
 def _drawn(
-    context: Context, name: str, simple: Weights, state: WeightsState
+    context: Context, name: str, simple: Weights, state: WeightsState, until: float = np.inf
 ) -> tuple[np.ndarray, WeightsState]:
-    """The best of random rules [P, D], the very best first."""
+    """The best of random rules [P, D], the very best first; of fewer if the time is over."""
     random = context.generator(name, state.iterations, 1)
-    size = (_DRAWN, simple.start.size)
-    vectors = random.normal(size=size) * random.choice(_SCALES, size=size, p=_SHARES)
-    vectors[::4] *= 10.0 ** random.uniform(0.0, _STRONGER, size=(len(vectors[::4]), 1))
-    parts = []
-    for first in range(0, _DRAWN, _POPULATION):
+    best, means, episodes = np.zeros((0, simple.start.size)), np.zeros(0), [state.iterations]
+    for _ in range(0, _DRAWN, _POPULATION):
         context.on_iteration()
-        some = vectors[first : first + _POPULATION]
-        parts.append(_means(context, simple, some, [state.iterations, *name.encode()], _FEW))
-    order = np.argsort(-np.concatenate(parts), kind="stable")
-    state = state._replace(iterations=state.iterations + len(parts))
-    best = vectors[order[: _POPULATION // 2]]
+        size = (_POPULATION, simple.start.size)
+        vectors = random.normal(size=size) * random.choice(_SCALES, size=size, p=_SHARES)
+        vectors[::4] *= 10.0 ** random.uniform(0.0, _STRONGER, size=(len(vectors[::4]), 1))
+        new = _means(context, simple, vectors, [*episodes, *name.encode()], _FEW)
+        best, means = np.concatenate([best, vectors]), np.concatenate([means, new])
+        order = np.argsort(-means, kind="stable")[: _POPULATION // 2]
+        best, means = best[order], means[order]
+        state = state._replace(iterations=state.iterations + 1)
+        if context.budget.clock() >= until:
+            break
     return best[np.argsort(-_fresh(context, simple, best), kind="stable")], state
 
 
