@@ -197,7 +197,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
         result = replace(result, interrupted=True)
         request = replace(request, decision_seconds=0.0)
     summary = {
-        **_identity(policy, request, observed, result.uses_noise),
+        **_identity(policy, request, observed),
         **_played(policy, plain, request, reporter, observed, result.seconds),
         **race_figures(result),
         "rule": None,
@@ -303,12 +303,10 @@ def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:
     return explanation.to_json() if explanation.equations else None
 
 
-def _identity(
-    policy: AnyPolicy, request: PlanRequest, observed: Observed, uses_noise: bool = True
-) -> dict[str, Any]:
+def _identity(policy: AnyPolicy, request: PlanRequest, observed: Observed) -> dict[str, Any]:
     return identity(
         policy.problem,
-        policy_figures(policy, uses_noise),
+        policy_figures(policy),
         config_name=request.config_name,
         seed=policy.seed,
         episodes=observed.episodes,

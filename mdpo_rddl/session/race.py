@@ -1,5 +1,6 @@
 """Find a policy by a race, from a request to what the report is made of."""
 
+import dataclasses
 import logging
 import math
 import time
@@ -61,8 +62,7 @@ class RaceResult:
       promised: mean and standard error of the return by the race's own episodes; None where they
         are not known.
       diagnostics: of all arms and candidates, as JSON can hold it.
-      uses_noise: whether the result was trained with noise.
-      noise: how, if it is known.
+      noise: with which the result was trained, if it was, and how is known.
     """
 
     policy: AnyPolicy
@@ -72,7 +72,6 @@ class RaceResult:
     interrupted: bool
     promised: tuple[float, float] | None
     diagnostics: Mapping[str, Any]
-    uses_noise: bool
     noise: Noise | None = None
 
     @property
@@ -137,11 +136,15 @@ def find_by_race(
         reporter.racing(min(1.0, budget.used / whole))
         hooks.on_iteration(budget.used)
 
+    def initial(family: Family) -> list[Candidate]:
+        again = [each for one in hooks.initial for each in carried(one, family, terms.problem)]
+        return [*again, *given(family)]
+
     options = RaceOptions(
         on_stage=reporter.stage,
         on_judged=on_judged,
         on_iteration=on_iteration,
-        initial=lambda family: [*hooks.initial, *given(family)],
+        initial=initial,
         earlier=hooks.earlier,
     )
     try:
@@ -155,10 +158,15 @@ def find_by_race(
 
 def _noop(terms: FindTerms, seconds: float) -> RaceResult:
     """The result of a race that was ended before it has judged anything."""
-    problem, config = terms.problem, terms.config.without_section(SEARCH)
+    problem, config = terms.problem, terms.config.without_section(SEARCH).without_noise()
     formula = FeedbackFormula(problem, config)
     params = formula.actions.feedback.initial(np.random.default_rng(terms.seed))
-    nothing = {"parents": [], "noop_return": None, "random_return": None, "late_gain": None}
+    nothing: dict[str, Any] = {
+        "parents": [],
+        "noop_return": None,
+        "random_return": None,
+        "late_gain": None,
+    }
     return RaceResult(
         policy=Policy(problem, config, params, {}, terms.seed, compiled=Compiled(formula=formula)),
         config=config,
@@ -167,7 +175,6 @@ def _noop(terms: FindTerms, seconds: float) -> RaceResult:
         interrupted=True,
         promised=None,
         diagnostics={"chosen": NOOP, "arm": NOOP, **nothing, "arms": {}, "candidates": []},
-        uses_noise=False,
     )
 
 
@@ -177,6 +184,8 @@ def _result(outcome: Outcome, terms: FindTerms) -> RaceResult:
     candidates = tuple(outcome.curve)
     if isinstance(policy, Policy):
         policy = policy.with_candidates(candidates)
+        if not outcome.chosen.uses_noise:
+            policy = dataclasses.replace(policy, config=policy.config.without_noise())
     return RaceResult(
         policy=policy,
         config=policy.config if isinstance(policy, Policy) else terms.config,
@@ -185,7 +194,6 @@ def _result(outcome: Outcome, terms: FindTerms) -> RaceResult:
         interrupted=outcome.interrupted,
         promised=mean_and_error(outcome.confirmed) if is_known else None,
         diagnostics=outcome.diagnostics(),
-        uses_noise=outcome.chosen.uses_noise,
     )
 
 
@@ -217,25 +225,25 @@ def start_from(policy: AnyPolicy | None, problem: Problem) -> Callable[[Family],
         return lambda family: []
     from mdpo_rddl.race.race import GIVEN
 
-    policy = accepted(policy, problem)
-    is_same = _is_same(policy, problem)
+    given = Candidate(GIVEN, GIVEN, accepted(policy, problem))
+    return lambda family: carried(given, family, problem)
 
-    def carried(family: Family) -> list[Candidate]:
-        own, source = Candidate(GIVEN, GIVEN, policy), policy.formula
-        if source is None:
-            return [own]
-        target = family.policy(family.noop).formula
-        assert target is not None
-        found = transferred(source.actions, policy.params, target.actions, family.noop, is_same)
-        candidates = [Candidate(GIVEN, GIVEN, family.policy(found.params))]
-        if not found.left_out:
-            return candidates
-        label, parts = policy.problem.label, ", ".join(found.left_out)
-        logger.warning("of the policy of %s was left out: %s", label, parts)
-        # the race's own policies play less than what was given
-        return [*candidates, own] if is_same else candidates
 
-    return carried
+def carried(candidate: Candidate, family: Family, problem: Problem) -> list[Candidate]:
+    """A candidate as one of the race's own family, which its arms go on with, if it can be one."""
+    policy, target = candidate.policy, family.policy(family.noop).formula
+    if not isinstance(policy, Policy) or policy.votes or policy.formula is None:
+        return [candidate]
+    source, is_same = policy.formula.actions, _is_same(policy, problem)
+    assert target is not None
+    found = transferred(source, policy.params, target.actions, family.noop, is_same)
+    ours = candidate._replace(policy=family.policy(found.params))
+    if not found.left_out:
+        return [ours]
+    label, parts = policy.problem.label, ", ".join(found.left_out)
+    logger.warning("of the policy of %s was left out: %s", label, parts)
+    # the race's own policies play less than what was given
+    return [ours, candidate] if is_same else [ours]
 
 
 def accepted(policy: AnyPolicy, problem: Problem) -> Policy:

@@ -36,6 +36,9 @@ class Silent:
     def training(self, progress: object) -> None:
         raise AssertionError("nothing is trained")
 
+    def racing(self, fraction: float) -> None:
+        """Nobody listens."""
+
     def incumbent(self, found: object) -> None:
         """Nobody listens."""
 

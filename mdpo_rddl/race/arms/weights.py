@@ -1,7 +1,6 @@
 """Weights of the feedback policy by covariance matrix adaptation, without a gradient.
 
-Hansen (2016), https://arxiv.org/abs/1604.00772, and its separable form for many weights, Ros and
-Hansen (2008), by the package cmaes. Three scopes:
+Three scopes of one search (`mdpo_rddl.race.cma`), whose covariance is diagonal for many weights:
 
 - random rules: simple rules, linear in the state and the same at all times, drawn at random;
 - shared weights: those that all objects have in common; first those of a simple rule, from the best
@@ -9,7 +8,6 @@ Hansen (2008), by the package cmaes. Three scopes:
 - own weights: shared ones and each object's own, around the best feedback policy so far.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -17,12 +15,9 @@ import numpy as np
 
 from mdpo_rddl.policy.formula import without_idle
 from mdpo_rddl.problem.evaluation import LOST
+from mdpo_rddl.race import cma
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
 from mdpo_rddl.race.weights import Params, Weights
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # of optional parts that are not installed
-    from cmaes import CMA, SepCMA
 
 RULES, SHARED, OWN = "random rules", "shared weights", "own weights"
 
@@ -56,19 +51,19 @@ class _Adaptation(NamedTuple):
 
     Attributes:
       weights: what its vectors stand for.
-      optimizer: of cmaes, which changes as it is told.
+      search: where it is.
       medians: of the population's returns, of each iteration.
     """
 
     weights: Weights
-    optimizer: Any
+    search: cma.Search
     medians: tuple[float, ...] = ()
 
     @property
     def has_stalled(self) -> bool:
         """Whether it gains little, or nothing can be told apart any more."""
         count = len(self.medians)
-        if count and self.optimizer.should_stop():
+        if count and cma.is_over(self.search):
             return True
         if count < _FEWEST:
             return False
@@ -133,7 +128,7 @@ def shared_weights() -> Arm:
             weights = _simple(context)
             drawn, state = _drawn(context, SHARED, weights, state)
             start, sigma = drawn[0], _SIMPLE_SIGMA
-        adaptation = _adaptation(context, SHARED, state, weights, start, sigma)
+        adaptation = _adaptation(weights, start, sigma)
         return state._replace(adaptation=adaptation, begun=state.begun + 1)
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
@@ -167,7 +162,7 @@ def own_weights() -> Arm:
             if weights.start.size > _MOST:
                 weights = Weights(base, {"shared": varies["shared"]})
             sigma = _OWN_SIGMAS[state.begun % len(_OWN_SIGMAS)]
-            adaptation = _adaptation(context, OWN, state, weights, weights.start, sigma)
+            adaptation = _adaptation(weights, weights.start, sigma)
             return state._replace(adaptation=adaptation, begun=state.begun + 1)
 
         state = state._replace(params=params, claim=leader.mean)
@@ -189,16 +184,16 @@ def _adapted(
         if state.adaptation is None:
             state = begin(context, state, turn)
         assert state.adaptation is not None
-        weights, optimizer, medians = state.adaptation
+        weights, search, medians = state.adaptation
         context.on_iteration()
-        asked = np.stack([optimizer.ask() for _ in range(_POPULATION)])
+        asked = cma.ask(search, _POPULATION, context.generator(name, state.iterations, 2))
         means = _means(context, weights, asked, [state.iterations, *name.encode()])
-        optimizer.tell(list(zip(asked, -means, strict=True)))
-        adaptation = _Adaptation(weights, optimizer, (*medians, float(np.median(means))))
+        search = cma.tell(search, asked, means)
+        adaptation = _Adaptation(weights, search, (*medians, float(np.median(means))))
         state = state._replace(adaptation=adaptation, iterations=state.iterations + 1)
         is_over = context.budget.clock() >= turn.until
         if adaptation.has_stalled or is_over:
-            found = weights.params(optimizer.mean)
+            found = weights.params(search.mean)
             state = _offered(context, state, name, found)
         if adaptation.has_stalled:
             state = state._replace(adaptation=None)
@@ -206,19 +201,8 @@ def _adapted(
             return state
 
 
-def _adaptation(
-    context: Context,
-    name: str,
-    state: WeightsState,
-    weights: Weights,
-    start: np.ndarray,
-    sigma: float,
-) -> _Adaptation:
-    seed = int(context.generator(name, state.begun).integers(1, 2**31))
-    kind = CMA if start.size <= _MOST_FULL else SepCMA
-    return _Adaptation(
-        weights, kind(mean=start.copy(), sigma=sigma, population_size=_POPULATION, seed=seed)
-    )
+def _adaptation(weights: Weights, start: np.ndarray, sigma: float) -> _Adaptation:
+    return _Adaptation(weights, cma.begin(start, sigma, is_full=start.size <= _MOST_FULL))
 
 
 def _offered(context: Context, state: WeightsState, name: str, params: Params) -> WeightsState:
