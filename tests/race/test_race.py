@@ -58,7 +58,7 @@ class Counting(NamedTuple):
     iterations: int = 0
     is_ready: bool = True
     is_exhausted: bool = False
-    details: Any = {}
+    details: Any = None
 
 
 def counting(name: str, claims: Any, ready_after: int = 0) -> Arm:

@@ -7,7 +7,6 @@ iterations in a thread that only works while this one waits for it.
 
 import threading
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,10 +34,11 @@ class _Race:
       has_ended: whether it has nothing left to do.
     """
 
-    def __init__(self, problem: Problem, config: PlannerConfig, budget: Budget, seed: int) -> None:
-        """Does nothing yet; the seconds of the budget are those of its slices."""
-        self._given = problem, config, seed
-        self._seconds, self._clock = budget.left, budget.clock
+    def __init__(self, context: Context, problem: Problem, config: PlannerConfig) -> None:
+        """Does nothing yet; the seconds of the context's budget are those of its slices."""
+        assert context.race is not None
+        self._given = context.race, problem, config, context.seed
+        self._seconds, self._clock = context.budget.left, context.budget.clock
         self.leader: Candidate | None = None
         self.iterations, self.has_ended = 0, False
         self._goes, self._rests = threading.Semaphore(0), threading.Semaphore(0)
@@ -69,20 +69,12 @@ class _Race:
             self.work(self._clock())
 
     def _run(self) -> None:
-        from mdpo_rddl.race.arms import portfolio
-        from mdpo_rddl.race.race import RaceOptions, race
-
         self._goes.acquire()
-        problem, config, seed = self._given
-        options = RaceOptions(
-            on_judged=self._judged,
-            on_iteration=self._pause,
-            arms=partial(portfolio, keeps_values=True),
-        )
+        race, problem, config, seed = self._given
         try:
             if not self._is_cancelled:
                 budget = Budget(0.0, self._seconds, self._own_clock)
-                race(problem, config, budget, seed, options)
+                race(problem, config, budget, seed, self._judged, self._pause)
         except Cancelled:
             pass
         except Exception as error:  # raised where the race is waited for
@@ -138,7 +130,7 @@ def belief_vote() -> Arm:
         config = context.family.config
         kept = {n: v for n, v in config.policy_arguments.items() if n not in _FITTED}
         config = config.with_values("Planner", method_kwargs=kept)
-        return VoteState(_Race(underlying, config, context.budget, context.seed))
+        return VoteState(_Race(context, underlying, config))
 
     def step(context: Context, state: VoteState, turn: Turn) -> VoteState:
         context.on_iteration()
