@@ -184,7 +184,7 @@ class FeedbackFormula:
 
 def without_idle(params: Params) -> Params:
     """The parameters without those parts that have no effect; the others play the same."""
-    kept = {"shared": params["shared"]} if "shared" in params else {}
+    kept: Params = {"shared": {n: w for n, w in params.get("shared", {}).items() if np.any(w)}}
     kept["own"] = {
         name: {entry: v for entry, v in entries.items() if entry == "bias" or np.any(v)}
         for name, entries in params["own"].items()

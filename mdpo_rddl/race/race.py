@@ -22,7 +22,7 @@ from mdpo_rddl.race.evaluator import Evaluator
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.outcome import Curve, Outcome, Point
 from mdpo_rddl.race.probe import probe
-from mdpo_rddl.race.scheduler import run
+from mdpo_rddl.race.scheduler import Schedule
 from mdpo_rddl.simulator.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -116,23 +116,26 @@ def _race(
     board = Board(context, options.on_judged)
     noop = Candidate(SIMPLE, NOOP, family.policy(family.noop))
     constant = Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen)))
-    arms, interrupted, chosen = [], False, None
-    try:
-        with contextlib.suppress(DeadlineError):
-            # the first one is judged whatever time there is
-            for candidate in (*options.initial(family), noop, constant):
-                board.judge(candidate)
-            options.on_stage("searching")
-            every = [arm for arm in options.arms() if arm.name not in left_out]
-            arms = run(context, every, board)
-        options.on_stage("confirming")
-        chosen = board.confirm(budget)
-    except (KeyboardInterrupt, Cancelled) as stop:
-        if board.leader is None:
-            raise
-        note_heard(stop)
-        logger.warning("interrupted: the best policy so far is kept")
-        interrupted = True
+    interrupted, chosen = False, None
+    # what is solved or compiled beside the race begins first
+    every = [arm for arm in options.arms() if arm.name not in left_out]
+    with contextlib.closing(Schedule(context, every)) as schedule:
+        try:
+            with contextlib.suppress(DeadlineError):
+                # the first one is judged whatever time there is
+                for candidate in (*options.initial(family), noop, constant):
+                    board.judge(candidate)
+                options.on_stage("searching")
+                schedule.run(board)
+            options.on_stage("confirming")
+            chosen = board.confirm(budget)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            if board.leader is None:
+                raise
+            note_heard(stop)
+            logger.warning("interrupted: the best policy so far is kept")
+            interrupted = True
+        arms = schedule.figures(board)
     assert board.leader is not None
     result = chosen or board.leader
     return Outcome(

@@ -46,8 +46,10 @@ _RULES = (
     PlanRule(others=0.2),
 )
 # episodes of the first rule at most, since few do not show a disaster that is rare, and as many of
-# others as seem better; the share of the race that those of a rule may take
-_EPISODES, _RULE_SHARE = 128, 0.2
+# others as seem better
+_EPISODES = 128
+# of what is left: a rule is given up after the first share, has more episodes till the second
+_RULE_SHARE, _MORE_SHARE = 0.5, 0.1
 
 Send = Callable[[Any], None]
 
@@ -133,26 +135,26 @@ def _memory() -> int:
 
 
 class _Tried(NamedTuple):
-    """A rule and its returns in the evaluator's episodes [N]."""
+    """A rule, and its returns in the evaluator's episodes [N]; with the first one the plans."""
 
     rule: PlanRule
     returns: np.ndarray
+    plans: RelaxedPlans | None = None
 
 
 def _plan(context: Context, send: Send, clock: Clock) -> None:
-    """Sends relaxed plans, then each rule that is better than those before it."""
+    """Sends each rule that is better than those before it."""
     problem = context.problem
     limits = EnumerationLimits(context.budget.deadline - clock(), clock=clock)
     plans = RelaxedPlans(open_model(problem, limits), limits)
-    send(plans)
     # one's own, since there may be no process
     evaluator = Evaluator(Simulator(problem), context.seed)
     best: _Tried | None = None
     for rule in _RULES:
         policy = RelaxedPlanPolicy(problem, rule, _NOTHING, context.seed, plans)
         if (tried := _tried(context, evaluator, policy, best, clock)) is not None:
+            send(tried if best else tried._replace(plans=plans))
             best = tried
-            send(best)
     if best is None:
         raise OutOfTimeError("no rule's first episodes end in time")
 
@@ -166,32 +168,32 @@ def _tried(
 ) -> _Tried | None:
     """A rule that is better than the best one; None if it is not, or too slow.
 
-    Where there is none yet it is played as often as half of its time allows, else as often as the
-    best one, unless it is seen to be worse before.
+    Where there is none yet it is played as often as its time allows, else as often as the best one,
+    unless it is seen to be worse before.
     """
-    seconds, play = _RULE_SHARE * context.budget.seconds, policy.replicated()
-    limits = EnumerationLimits(seconds, clock=clock)
+    left, play = context.budget.deadline - clock(), policy.replicated()
+    limits = EnumerationLimits(_RULE_SHARE * left, clock=clock)
     most = 1 if context.certain else _EPISODES
     returns, gain, error = np.zeros(0), np.inf, 0.0
     with contextlib.suppress(OutOfTimeError):
         while len(returns) < most:
             returns = evaluator.more(play, returns, limits.check_time)
             if best is None:
-                most = most if limits.used < seconds / 2.0 else 0
+                most = most if limits.used < _MORE_SHARE * left else 0
             else:
                 gain, error = mean_and_error(returns - best.returns[: len(returns)])
                 most = len(best.returns) if gain > 0.0 else 0
     return _Tried(policy.plan_rule, returns) if len(returns) and gain > error else None
 
 
-def _planned(context: Context, state: GroundState, news: Any) -> GroundState:
-    if isinstance(news, RelaxedPlans):
-        return state._replace(plans=news)
+def _planned(context: Context, state: GroundState, news: _Tried) -> GroundState:
+    plans = news.plans or state.plans
     mean, error = mean_and_error(news.returns)
     claim = Simulated(mean, error, len(news.returns))
-    policy = RelaxedPlanPolicy(context.problem, news.rule, claim, context.seed, state.plans)
+    policy = RelaxedPlanPolicy(context.problem, news.rule, claim, context.seed, plans)
     candidate = Candidate(RELAXED_PLANS, RELAXED_PLANS, policy, returns=news.returns)
-    return state._replace(found=(candidate,), claim=mean, iterations=state.iterations + 1)
+    state = state._replace(plans=plans, iterations=state.iterations + 1)
+    return state._replace(found=(candidate,), claim=mean)
 
 
 _NOTHING = Simulated(0.0, 0.0, 1)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mdpo_rddl.policy.formula import without_idle
+from mdpo_rddl.problem.evaluation import LOST
 from mdpo_rddl.race import cma
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
 from mdpo_rddl.race.weights import Params, Weights
@@ -40,6 +41,9 @@ _MOST_FULL, _MOST = 100, 5000
 # episodes in which what was found is compared with what was known
 _COMPARED = 32
 _WORST = -1e30
+# of a lost episode, in ranges of the returns of others; and so many times more episodes are played
+# where some are lost, to tell how rarely
+_PENALTY, _LEAST, _TELLING = 10.0, 1e-3, 3
 
 
 class _Adaptation(NamedTuple):
@@ -117,7 +121,7 @@ def shared_weights() -> Arm:
             start = weights.start
             sigma = max(_SIMPLE_SIGMA, _RELATIVE_SIGMA * float(np.sqrt(np.mean(start**2))))
         elif state.begun % 2:  # all weights, from the best so far
-            base = without_idle(state.params)
+            base = _varied(state.params)
             weights = Weights(base, {"shared": _all(base["shared"])})
             start, sigma = weights.start, _ALL_SIGMA
         else:
@@ -151,7 +155,7 @@ def own_weights() -> Arm:
         params = parent.policy.params
 
         def begin(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
-            base = without_idle(params)
+            base = _varied(params)
             full = {**base, "own": params["own"]}
             varies = {part: _all(full[part]) for part in ("shared", "own") if part in full}
             weights = Weights(full, varies)
@@ -250,9 +254,24 @@ def _means(
     seed: Any,
     episodes: int = _EPISODES,
 ) -> np.ndarray:
-    """Mean returns [P] of vectors [P, D]; those that are not finite are the worst."""
-    episodes = 1 if context.certain else episodes
+    """Mean returns [P] of vectors [P, D]; those that are not finite are the worst.
+
+    A lost episode counts as one that returns less than all others of the population by so many
+    times their range: a policy that is seldom lost is near one that never is.
+    """
+    if context.certain:
+        episodes = 1
     returns = context.family.returns(weights, vectors, episodes, [context.seed, *seed])
+    lost = returns <= LOST
+    if lost.any() and not lost.all():
+        if not context.certain:
+            more = [context.seed, *seed, 1]
+            again = context.family.returns(weights, vectors, _TELLING * episodes, more)
+            returns = np.concatenate([returns, again], axis=1)
+            lost = returns <= LOST
+        known = returns[~lost]
+        worst = known.min() - _PENALTY * max(float(np.ptp(known)), _LEAST * abs(known.min()), _LEAST)
+        returns = np.where(lost, worst, returns)
     return np.maximum(np.nan_to_num(returns.mean(axis=1), nan=_WORST), _WORST)
 
 
@@ -263,7 +282,12 @@ def _simple(context: Context, params: Params | None = None) -> Weights:
         name: np.array([not n.endswith("^2") and not n.startswith("cos(") for n in names])
         for name, names in ((n, feedback.names(n)) for n in feedback.action_shapes)
     }
-    return Weights(without_idle(params or context.family.noop), {"shared": varies})
+    return Weights(_varied(params or context.family.noop), {"shared": varies})
+
+
+def _varied(params: Params) -> Params:
+    """What plays the same, with shared weights that have no effect yet."""
+    return {**without_idle(params), "shared": params["shared"]}
 
 
 def _all(tree: Any) -> Any:
