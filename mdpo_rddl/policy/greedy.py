@@ -245,7 +245,8 @@ class GreedyFormula:
         changes = None if model.observ_fluents else Changes.of(simulator)
         if changes is None:
             raise InputError(
-                f"{config.source}: GreedyPlan needs actions of few values each and an observed state"
+                f"{config.source}: GreedyPlan needs actions of few values each and an observed "
+                "state"
             )
         self.changes = changes
         try:

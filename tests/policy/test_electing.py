@@ -60,7 +60,14 @@ def greedy_one() -> Policy:
     """Of the tiger's underlying MDP, greedy for the reward of one step."""
     problem = underlying_mdp(toy("tiger"))
     planner = build_planner(problem, GREEDY).planner
-    return Policy(problem, GREEDY, planner.plan.initializer(KEY, {}, None), {}, seed=0, compiled=Compiled(planner))
+    return Policy(
+        problem,
+        GREEDY,
+        planner.plan.initializer(KEY, {}, None),
+        {},
+        seed=0,
+        compiled=Compiled(planner),
+    )
 
 
 def opened(underlying, growls):
@@ -148,7 +155,9 @@ def test_a_rule_of_the_underlying_mdp_votes_too():
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     biases = {name: {**own, "bias": np.float32(4.0)} for name, own in params["own"].items()}
-    always = Policy(problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner))
+    always = Policy(
+        problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner)
+    )
     policy = dataclasses.replace(careless(), saved_underlying=always.to_saved(), votes=True)
     assert bool(policy(0, {"patter": np.array(None)})["take"])
     assert bool(policy(1, pattering(False))["take"])

@@ -133,10 +133,10 @@ def shared_weights() -> Arm:
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
         known = turn.best_feedback
-        if known is not None and known.candidate.arm == RULES:
-            if known.candidate is not state.parent:
-                begun = state.begun + state.begun % 2
-                state = state._replace(parent=known.candidate, adaptation=None, begun=begun)
+        rule = None if known is None or known.candidate.arm != RULES else known.candidate
+        if rule is not None and rule is not state.parent:
+            begun = state.begun + state.begun % 2
+            state = state._replace(parent=rule, adaptation=None, begun=begun)
         return _adapted(context, state, turn, SHARED, begin)
 
     return Arm(SHARED, lambda context: WeightsState(context.family.noop), step, improves=True)
@@ -270,7 +270,9 @@ def _means(
             returns = np.concatenate([returns, again], axis=1)
             lost = returns <= LOST
         known = returns[~lost]
-        worst = known.min() - _PENALTY * max(float(np.ptp(known)), _LEAST * abs(known.min()), _LEAST)
+        worst = known.min() - _PENALTY * max(
+            float(np.ptp(known)), _LEAST * abs(known.min()), _LEAST
+        )
         returns = np.where(lost, worst, returns)
     return np.maximum(np.nan_to_num(returns.mean(axis=1), nan=_WORST), _WORST)
 
