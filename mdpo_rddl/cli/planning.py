@@ -70,6 +70,8 @@ def run(
         use_all_cores()
     if _needs_jax(options):
         require_devices()
+        # takes long to import, and is no stage of the bar
+        from mdpo_rddl.session import training  # noqa: F401
     with _silenced(options.quiet), ProgressBar(not options.quiet) as bar:
         if options.load is not None:
             return evaluate_saved(_load_request(options, command), bar), options.out
