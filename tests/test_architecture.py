@@ -1,6 +1,6 @@
 """Which module may know which: read from the imports, without importing anything."""
 
-import ast
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from helpers.sources import (
     is_of,
     module_name,
     modules,
-    tree,
     violations,
 )
 
@@ -26,24 +25,12 @@ ROOMS = {
     "simulator": ("machine", "problem"),
     "planner": ("machine", "noise", "problem"),
     "policy": ("machine", "noise", "problem", "planner", "simulator"),
-    "auto": ("machine", "noise", "problem", "planner", "policy"),
-    "session": ("machine", "noise", "problem", "simulator", "planner", "policy", "auto", "race"),
-    "ipc": ("machine", "noise", "problem", "planner", "policy", "auto"),
+    "race": ("machine", "noise", "problem", "simulator", "planner", "policy"),
+    "session": ("machine", "noise", "problem", "simulator", "planner", "policy", "race"),
+    "ipc": ("machine", "noise", "problem", "planner", "policy", "race"),
 }
 # the command line imports from all of them
 ALL_ROOMS = {*ROOMS, "cli"}
-# the rooms of the race, each of which imports only from those before it
-RACE_ROOMS = [
-    "common",
-    "probing",
-    "search",
-    "arena",
-    "arms",
-    "resuming",
-    "outcome",
-    "race",
-    "hidden",
-]
 # beside the package: what is measured, and those of its files that know it all
 BENCHMARKS, COMMANDS = PACKAGE.parent / "benchmarks", {"__main__", "commands", "main"}
 # what may lie beside the rooms
@@ -153,15 +140,6 @@ def test_imports_go_one_way_inside_a_room_too(folder):
     assert cycle(edges_inside(folder)) == []
 
 
-def test_the_rooms_of_the_race_import_only_from_those_before_them():
-    edges = edges_inside(PACKAGE / "auto")
-    assert {folder.name for folder in (PACKAGE / "auto").iterdir() if folder.is_dir()} - {
-        "__pycache__"
-    } == set(RACE_ROOMS)
-    later = {(start, end) for number, start in enumerate(RACE_ROOMS) for end in RACE_ROOMS[number:]}
-    assert edges & later == set()
-
-
 def test_only_the_planner_imports_jaxplan():
     importers = {name for name, _ in violations(FILES, "pyRDDLGym_jax")}
     assert importers
@@ -174,6 +152,15 @@ def test_the_problem_knows_no_jax():
 
 def test_the_simulator_knows_no_jax():
     assert violations(room("simulator"), "jax", "mdpo_rddl.machine.jax_setup") == []
+
+
+def test_races_and_policies_begin_without_jax():
+    program = (
+        "import sys, mdpo_rddl.race.race, mdpo_rddl.policy.load, mdpo_rddl.session.plan; "
+        "print({'jax', 'matplotlib', 'pyRDDLGym_jax'} & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.stdout.strip() == "set()", run.stderr
 
 
 def test_the_machine_knows_no_rddl():
@@ -196,29 +183,15 @@ def test_the_package_knows_no_measurements():
     assert violations(FILES, "benchmarks") == []
 
 
-def test_arms_see_each_other_only_through_their_interface():
-    folder = PACKAGE / "auto" / "arms"
-    # what an arm is, each of them more than the one before
-    kinds = ["base", "compiling", "trained"]
-    arms = {path.stem for path in folder.glob("*.py")} - {"__init__", *kinds}
-    assert {"gradient", "plan_search", "shooting"} <= arms
-    assert {end for _, end in edges_inside(folder)} == set(kinds)
-    among = {(start, end) for start, end in edges_inside(folder) if start in kinds}
-    assert among == {("compiling", "base"), ("trained", "compiling")}
-    # what several of them search with are no arms, and know none
-    assert violations(room("auto.search"), "mdpo_rddl.auto.arms", "mdpo_rddl.auto.arena") == []
-
-
-def test_a_race_asks_one_clock_for_the_time():
-    # threads are waited for by the machine's clock
-    asking = {
-        module_name(path)
-        for path in room("auto")
-        for node in ast.walk(tree(path))
-        if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("time.")
+def test_arms_do_not_know_each_other():
+    folder = PACKAGE / "race" / "arms"
+    among = {(start, end) for start, end in edges_inside(folder) if start != "__init__"}
+    # one idea in three files
+    assert among == {("plans", "plan_archive"), ("plans", "plan_mutations")}
+    arms = violations(room("race"), "mdpo_rddl.race.arms")
+    assert {name for name, _ in arms if not is_of(name, "mdpo_rddl.race.arms")} <= {
+        "mdpo_rddl.race.race"
     }
-    waiting = {"arms.compiling", "common.compilations"}
-    assert asking == {f"mdpo_rddl.auto.{name}" for name in waiting}
 
 
 def test_executors_know_nothing_of_the_work():

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-from mdpo_rddl.planner.config.fitting import without_plan
 from mdpo_rddl.planner.config.config import PlannerConfig
+from mdpo_rddl.planner.config.fitting import without_plan
 from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS, SEARCH
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from benchmarks.common.markdown import table_head, table_row
 from benchmarks.common.records import Records
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.machine.files import MOST_BYTES, read_bounded
 from mdpo_rddl.machine.guarded import Limits, ProcessFailure, run_guarded
 from mdpo_rddl.machine.versions import versions
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration.limits import NotEnumerableError
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment

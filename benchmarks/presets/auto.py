@@ -17,7 +17,6 @@ from benchmarks.common.records import Records
 from benchmarks.common.settings import load_setting
 from benchmarks.presets.experts import expert
 from benchmarks.presets.names import EARLIER, PLANNERS
-from mdpo_rddl.auto import plan_automatically
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.baseline import train_baseline
 from mdpo_rddl.planner.build import build_baseline
@@ -27,6 +26,8 @@ from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import Policy, evaluate, mean_interval
 from mdpo_rddl.problem.load import Problem, load_problem, make_environment
+from mdpo_rddl.race.budget import Budget as RaceBudget
+from mdpo_rddl.race.race import race
 
 logger = logging.getLogger(__name__)
 
@@ -99,8 +100,7 @@ def _try(
         policy, chosen = expert(problem), ""
     elif planner in VARIANTS:
         config = VARIANTS[planner](auto_preset(problem.domain_name))
-        config = config.with_values("Optimize", train_seconds=seconds)
-        outcome = plan_automatically(problem, config, seed)
+        outcome = race(problem, config, RaceBudget.of(seconds), seed)
         policy, chosen = outcome.policy, outcome.chosen.label
     else:
         method = planner.split("-")[1]

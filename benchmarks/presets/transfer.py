@@ -1,20 +1,19 @@
 """A policy of one instance on another one: played untrained, and as the start of a race."""
 
-import functools
 import logging
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.common.records import Records
-from mdpo_rddl.auto import RaceOptions, RaceOutcome, plan_automatically
-from mdpo_rddl.auto.resuming.start import START, accepted_start, start_candidates
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.load import Problem, load_problem
+from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.outcome import Outcome
+from mdpo_rddl.race.race import GIVEN, RaceOptions, race
+from mdpo_rddl.session.race import accepted, start_from
 
 logger = logging.getLogger(__name__)
 
@@ -75,20 +74,19 @@ def _seconds(text: str) -> str:
 
 
 def _row(source: Problem, target: Problem, seconds: float, seed: int) -> list[Any]:
-    """All columns but the keys; returns are the judge's, on the exact model."""
-    given = accepted_start(_race(source, seconds, seed, is_lifted=True).policy, target)
+    """All columns but the keys; returns are the evaluator's, on the exact model."""
+    given = accepted(_race(source, seconds, seed, is_lifted=True).policy, target)
     cold = _race(target, seconds, seed)
     warm = _race(target, seconds, seed, start=given)
-    goal = cold.chosen.known_mean
-    first = next(j.candidate for j in warm.judged if j.candidate.label == START)
-    noop = cold.probe.noop_return if cold.probe else np.nan
+    goal = max(point.mean for point in cold.points)
+    first = next(point for point in warm.points if point.candidate.label == GIVEN)
     reached = _reached(warm, goal)
     return [
-        noop,
-        first.known_mean,
+        cold.noop_return,
+        first.mean,
         goal,
         _reached(cold, goal),
-        warm.chosen.known_mean,
+        max(point.mean for point in warm.points),
         "" if reached is None else reached,
     ]
 
@@ -99,17 +97,15 @@ def _race(
     seed: int,
     start: Policy | None = None,
     is_lifted: bool = False,
-) -> RaceOutcome:
+) -> Outcome:
     """A race; only for a lifted rule, which fits other instances, if `is_lifted`."""
-    config = auto_preset(problem.domain_name).with_values("Optimize", train_seconds=seconds)
-    config = config.with_values("Search", optimum_until=0.0)
-    if is_lifted:
-        config = config.with_values("Search", without=["greedy"])
-    options = RaceOptions(initial=functools.partial(start_candidates, policy=start))
-    return plan_automatically(problem, config, seed, options)
+    without = ["dynamic programming", *(["greedy", "relaxed plans"] if is_lifted else [])]
+    config = auto_preset(problem.domain_name).with_values("Search", without=without)
+    options = RaceOptions(initial=start_from(start, problem))
+    return race(problem, config, Budget.of(seconds), seed, options)
 
 
-def _reached(race: RaceOutcome, goal: float) -> float | None:
+def _reached(outcome: Outcome, goal: float) -> float | None:
     """Seconds till the first candidate that returns as much."""
-    good = [judged.seconds for judged in race.judged if judged.candidate.known_mean >= goal]
+    good = [point.seconds for point in outcome.points if point.mean >= goal]
     return round(min(good), 1) if good else None

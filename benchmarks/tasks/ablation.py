@@ -15,10 +15,10 @@ from benchmarks.common.records import Records
 from benchmarks.tasks.names import NOISE, WHOLE, WITHOUT_NOISE
 from benchmarks.tasks.paired import paired
 from benchmarks.tasks.trial import COLUMNS, KEYS, Conditions, Task, run_tasks
-from mdpo_rddl.auto.arms.gradient import GRADIENT
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.planner.config.search_section import OPTIONAL_ARMS
+from mdpo_rddl.race.arms.gradients import FEEDBACK as GRADIENT
 
 
 def make_variant(name: str) -> MDPO:

@@ -18,7 +18,7 @@ from benchmarks.tasks.names import NOOP, OURS, RANDOM, THINKING
 from benchmarks.tasks.published import only, score
 from benchmarks.tasks.published_table import against_alone, totals
 from benchmarks.tasks.trial import OK, Conditions, Task, run_tasks
-from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
+from mdpo_rddl.race.arms.ground import DYNAMIC_PROGRAMMING
 
 _HEADS = "problem", "instance", "ours", "optimum", "score", "PROST", "no-op", "random"
 _BEST = "PROST's return"

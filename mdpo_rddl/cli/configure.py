@@ -49,7 +49,9 @@ def configure(config: PlannerConfig, options: argparse.Namespace) -> PlannerConf
     for section, values in changes.items():
         given = {key: value for key, value in values.items() if value is not None}
         config = config.with_values(section, **given)
-    of_any_time = [each.with_values("Optimize", train_seconds=0.0) for each in (config, given_config)]
+    of_any_time = [
+        each.with_values("Optimize", train_seconds=0.0) for each in (config, given_config)
+    ]
     # a check imports JAX, which seconds are not worth
     return config if of_any_time[0] == of_any_time[1] else config.checked()
 

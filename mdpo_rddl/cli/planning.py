@@ -23,8 +23,10 @@ from mdpo_rddl.machine.jax_setup import (
     keep_compiled_programs,
     keep_no_programs,
     leave_out_of_collections,
+    require_devices,
     use_all_cores,
 )
+from mdpo_rddl.planner.config.preset_names import DEFAULT_PRESET
 from mdpo_rddl.policy.load import load_policy
 from mdpo_rddl.problem.load import load_problem
 from mdpo_rddl.session.configuration import config_of_file, load_preset
@@ -66,6 +68,8 @@ def run(
         traced_cache = keep_compiled_programs()
     if (options.restarts or 1) > 1:
         use_all_cores()
+    if _needs_jax(options):
+        require_devices()
     with _silenced(options.quiet), ProgressBar(not options.quiet) as bar:
         if options.load is not None:
             return evaluate_saved(_load_request(options, command), bar), options.out
@@ -75,6 +79,12 @@ def run(
         from mdpo_rddl.session.replan import replan  # imports JAX
 
         return replan(request, bar), request.out
+
+
+def _needs_jax(options: argparse.Namespace) -> bool:
+    """Whether something is compiled in any case."""
+    is_race = options.config is None and preset_name(options) == DEFAULT_PRESET
+    return options.load is None and (replans(options) or not is_race)
 
 
 def show(options: argparse.Namespace, summary: dict[str, Any], where: Path | None) -> None:

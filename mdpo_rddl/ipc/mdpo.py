@@ -1,6 +1,5 @@
 """Our planner."""
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -8,23 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.auto.outcome.outcome import RaceOutcome
 from mdpo_rddl.ipc.gradient import training_seconds
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.presets import DEFAULT_PRESET, PRESETS
 from mdpo_rddl.policy.file import load_policy, save_policy
 from mdpo_rddl.policy.kinds import AnyPolicy, restored
-from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.problem.episode import tell_played
 from mdpo_rddl.problem.legal_moves import LegalMoves
-from mdpo_rddl.problem.load import Problem, make_environment
+from mdpo_rddl.problem.load import Problem
+from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.race import race
 
 _FILE = "policy.safetensors"
-# for what comes after the race: what it does beyond its time, and the policy's compilation
-_MOST_MARGIN_SECONDS = 5.0
-# beside the program of an arm, which may still be compiled, the policy's takes so much longer
-_BESIDE_ANOTHER = 2.0
+# for what comes after the race
+_MOST_MARGIN_SECONDS = 2.0
 
 ConfigChange = Callable[[PlannerConfig], PlannerConfig]
 
@@ -32,14 +28,6 @@ ConfigChange = Callable[[PlannerConfig], PlannerConfig]
 def race_seconds(seconds: float) -> float:
     """What the race may take of the time for a preparation, which it keeps by itself."""
     return training_seconds(seconds, _MOST_MARGIN_SECONDS)
-
-
-def _program_seconds(outcome: RaceOutcome) -> float:
-    """About what the policy takes to compile: as long as what plays constants."""
-    if isinstance(outcome.policy, PlannerlessPolicy):
-        return 0.0
-    # the race was over before that was compiled
-    return math.inf if outcome.probe is None else outcome.probe.compile_seconds
 
 
 def _unchanged(config: PlannerConfig) -> PlannerConfig:
@@ -66,28 +54,19 @@ class MDPO:
           clock: tells the seconds.
         """
         self._change, self._clock = change, clock
-        # about what the policy takes to compile
-        self._program_seconds = 0.0
 
     def prepare(self, problem: Problem, seconds: float, seed: int) -> None:
-        """Looks for a policy for the time given, less a margin.
-
-        If too little is left to compile it, that is for the first trial: nothing is lost.
-        """
-        until = self._clock() + seconds
+        """Looks for a policy for the time given, less a margin."""
         self._take_up(self._find(problem, race_seconds(seconds), seed))
-        if self._clock() + _BESIDE_ANOTHER * self._program_seconds < until:
-            self._compile()
 
     def save(self, folder: Path) -> None:
         """Writes the policy."""
         save_policy(folder / _FILE, self._policy.to_saved())
 
     def restore(self, problem: Problem, folder: Path) -> None:
-        """Reads the policy and compiles it."""
+        """Reads the policy."""
         path = folder / _FILE
         self._take_up(restored(load_policy(path), problem, str(path)))
-        self._compile()
 
     def act(
         self, step: int, state: Mapping[str, Any], rng: np.random.Generator
@@ -102,20 +81,15 @@ class MDPO:
         return legal
 
     def _find(self, problem: Problem, seconds: float, seed: int) -> AnyPolicy:
-        """A policy, after so many seconds with compilation."""
-        outcome = plan_automatically(problem, self._config(problem, seconds), seed)
+        """A policy, after so many seconds."""
+        budget = Budget.of(seconds, self._clock)
+        outcome = race(problem, self._config(problem), budget, seed)
         self.found_by = (*outcome.chosen.parents, outcome.chosen.arm)
-        self._program_seconds = _program_seconds(outcome)
         return outcome.policy
 
-    def _config(self, problem: Problem, seconds: float) -> PlannerConfig:
-        """Of a race of so many seconds."""
-        config = self._change(PRESETS[DEFAULT_PRESET](problem.domain_name))
-        return config.with_values("Optimize", train_seconds=seconds)
+    def _config(self, problem: Problem) -> PlannerConfig:
+        """Of the race."""
+        return self._change(PRESETS[DEFAULT_PRESET](problem.domain_name))
 
     def _take_up(self, policy: AnyPolicy) -> None:
         self._policy, self._moves = policy, LegalMoves(policy.problem)
-
-    def _compile(self) -> None:
-        state, _ = make_environment(self._policy.problem).reset(seed=0)
-        self._policy(0, state)

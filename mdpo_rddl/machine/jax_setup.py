@@ -32,11 +32,11 @@ def require_devices() -> None:
     Raises:
       InputError: if it cannot, such as on the platform that JAX_PLATFORMS names.
     """
-    import jax
-
     try:
+        import jax
+
         jax.devices()
-    except (RuntimeError, AssertionError) as error:
+    except (RuntimeError, AssertionError, ValueError) as error:
         # JAX asserts that a platform was found, without a word, where the one that was named is
         # known but has no device
         named = os.environ.get("JAX_PLATFORMS", "")

@@ -58,6 +58,12 @@ def resident_bytes(processes: Iterable[int]) -> int:
     return total * os.sysconf("SC_PAGE_SIZE")
 
 
+def address_space_bytes() -> int:
+    """The address space of this process, on Linux."""
+    pages = int((_PROC / "self" / "statm").read_text().split()[0])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
 def shared_out_bytes(processes: Iterable[int]) -> int:
     """Resident memory; what several share is divided among them. Takes longer to find out."""
     total = 0

@@ -14,7 +14,6 @@ _DECISIVE = (
     "jax",
     "jaxlib",
     "optax",
-    "cmaes",
     "numpy",
     "scipy",
     "safetensors",

@@ -7,7 +7,6 @@ from typing import Any
 import jax
 
 from mdpo_rddl.errors import InputError
-from mdpo_rddl.machine.jax_setup import require_devices
 from mdpo_rddl.planner.built import Built
 from mdpo_rddl.planner.config.bounds import too_large_for
 from mdpo_rddl.planner.config.config import PlannerConfig
@@ -16,6 +15,7 @@ from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.programs.quick import Jit
 from mdpo_rddl.planner.programs.stored import stored_jit
 from mdpo_rddl.planner.upstream import JaxBackpropPlanner
+from mdpo_rddl.problem.enumeration.model import require_actions
 from mdpo_rddl.problem.load import Problem, functions_by_name
 from mdpo_rddl.problem.sizes import long_integer
 
@@ -46,7 +46,6 @@ def build_planner(
       InputError: if JaxPlan refuses the problem or the configuration, or the latter makes too
         large a planner of the former.
     """
-    require_devices()
     planner_args, optimize_args = _arguments(problem, config)
     try:
         with warnings.catch_warnings():
@@ -85,12 +84,6 @@ def build_baseline(problem: Problem, config: PlannerConfig) -> Built[JaxBackprop
     planner_args, optimize_args = _arguments(problem, config)
     planner = JaxBackpropPlanner(problem.model, **planner_args)
     return Built(planner, config.budget(), optimize_args)
-
-
-def require_actions(problem: Problem) -> None:
-    """Raises `InputError` where there is nothing to plan."""
-    if not problem.model.action_fluents:
-        raise InputError(f"{problem.domain_path}: it has no action fluent, nothing to plan")
 
 
 def _require_short_integers(problem: Problem) -> None:

@@ -13,10 +13,10 @@ import numpy as np
 from mdpo_rddl.planner.exact.filtering import ParticleFilter
 from mdpo_rddl.policy.electing import compiled_election
 from mdpo_rddl.policy.electing_by_plans import election_by_plans
+from mdpo_rddl.policy.formula import require_count
 from mdpo_rddl.policy.lookahead.base import ByPlans, Prepared, Tabled, Vote
 from mdpo_rddl.policy.lookahead.belief import Believer
 from mdpo_rddl.policy.playable import step_keys
-from mdpo_rddl.policy.formula import require_count
 
 Tree = Mapping[str, Any]
 

@@ -1,6 +1,6 @@
 """A feedback policy's formula on numpy: for many states at once, or for one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -182,6 +182,23 @@ class FeedbackFormula:
         return found
 
 
+def without_idle(params: Params) -> Params:
+    """The parameters without those parts that have no effect; the others play the same."""
+    kept: Params = {"shared": {n: w for n, w in params.get("shared", {}).items() if np.any(w)}}
+    kept["own"] = {
+        name: {entry: v for entry, v in entries.items() if entry == "bias" or np.any(v)}
+        for name, entries in params["own"].items()
+    }
+    if any(np.any(each) for each in params.get("plan", {}).values()):
+        kept["plan"] = params["plan"]
+    if any(np.any(each["output"]) for each in params.get("lifted", {}).values()):
+        kept["lifted"] = params["lifted"]
+    net = params.get("net", {})
+    if any(np.any(each) for name, each in net.items() if name.startswith("output_")):
+        kept["net"] = net
+    return kept
+
+
 class FormulaPlay:
     """A policy of a formula as environments play it: step by step, one episode or several.
 
@@ -191,7 +208,7 @@ class FormulaPlay:
 
     def __init__(self, formula: FeedbackFormula, params: Params) -> None:
         """Remembers nothing yet."""
-        self._formula, self._params = formula, params
+        self._formula, self._params = formula, without_idle(params)
         self._one, self._many = (_Episodes(formula) for _ in range(2))
 
     def __call__(self, step: int, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -288,7 +305,7 @@ class FormulaReplicas:
 
     def __init__(self, formula: FeedbackFormula, params: Params) -> None:
         """Remembers nothing yet."""
-        self._formula, self._params = formula, params
+        self._formula, self._params = formula, without_idle(params)
         self._step = 0
         self.memory: dict[str, Any] = {}
         self._seen: Arrays = {}

@@ -245,7 +245,8 @@ class GreedyFormula:
         changes = None if model.observ_fluents else Changes.of(simulator)
         if changes is None:
             raise InputError(
-                f"{config.source}: GreedyPlan needs actions of few values each and an observed state"
+                f"{config.source}: GreedyPlan needs actions of few values each and an observed "
+                "state"
             )
         self.changes = changes
         try:
@@ -375,7 +376,9 @@ class GreedyFormula:
         allowed = self._legal.allowed(state)
         parts = [
             np.broadcast_to(
-                np.reshape(allowed.get(name, np.ones(1, bool)), (-1, count if name in allowed else 1)),
+                np.reshape(
+                    allowed.get(name, np.ones(1, bool)), (-1, count if name in allowed else 1)
+                ),
                 (self._simulator.noop[name].size, count),
             )
             for name in self.changes.names

@@ -8,7 +8,7 @@ through heuristic search", 2001).
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,6 +63,10 @@ class HillClimbing:
         """
         self._distances, self._actions = distances, actions
         self._known: dict[tuple[int, int, Prices], _Seen] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it has seen stays here: another process sees it for itself."""
+        return {**vars(self), "_known": {}}
 
     def first_steps(
         self, states: np.ndarray, promised: np.ndarray, left: int, prices: Prices

@@ -5,8 +5,8 @@ near it:
 
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
-3. where that is still illegal, the no-op takes its changes one by one, the most probable first, each
-   only if the action stays legal; of a real's change it takes a legal share, found by bisection;
+3. where that is still illegal, the no-op takes its changes one by one, the most probable first,
+   each only if the action stays legal; of a real's change it takes a legal share, found by bisection;
    where the no-op itself is illegal, the most probable legal change of it comes first.
 
 Where no legal action is found like that, the proposal stands.
@@ -89,7 +89,10 @@ class LegalActions:
         self.is_needed = bool(self._integers or self._implications or self._is_checked)
 
     def __call__(
-        self, proposal: Mapping[str, Any], preferences: Callable[[], Mapping[str, Any]], state: State
+        self,
+        proposal: Mapping[str, Any],
+        preferences: Callable[[], Mapping[str, Any]],
+        state: State,
     ) -> Actions:
         """Legal actions.
 

@@ -108,17 +108,28 @@ class State(Protocol):
     """
 
     @property
-    def found(self) -> tuple[Candidate, ...]: ...
+    def found(self) -> tuple[Candidate, ...]:
+        """Candidates of the latest step."""
+
     @property
-    def claim(self) -> float: ...
+    def claim(self) -> float:
+        """The return that the arm promises."""
+
     @property
-    def iterations(self) -> int: ...
+    def iterations(self) -> int:
+        """So far."""
+
     @property
-    def is_ready(self) -> bool: ...
+    def is_ready(self) -> bool:
+        """Whether a step could go on."""
+
     @property
-    def is_exhausted(self) -> bool: ...
+    def is_exhausted(self) -> bool:
+        """Whether another step would be of no use."""
+
     @property
-    def details(self) -> Mapping[str, Any]: ...
+    def details(self) -> Mapping[str, Any]:
+        """For the report."""
 
 
 class Arm(NamedTuple):

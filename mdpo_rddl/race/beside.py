@@ -17,10 +17,10 @@ import threading
 import warnings
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from mdpo_rddl.errors import one_line_cause
+from mdpo_rddl.machine.process_tree import address_space_bytes
 
 logger = logging.getLogger(__name__)
 
@@ -111,8 +111,7 @@ def _in_process(work: Work, line: Connection, clock: Clock, memory: int, parent:
     # the terminal's interrupt is for the parent, which ends us
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    limit = pages * os.sysconf("SC_PAGE_SIZE") + memory
+    limit = address_space_bytes() + memory
     most = resource.getrlimit(resource.RLIMIT_AS)[1]
     if most == resource.RLIM_INFINITY or limit < most:
         resource.setrlimit(resource.RLIMIT_AS, (limit, most))

@@ -112,15 +112,18 @@ class Board:
         rival = leader.candidate.policy.replicated()
         while True:
             count = len(judged.returns)
-            if len(leader.returns) < count:
+            while len(leader.returns) < count:
                 more = context.evaluator.more(rival, leader.returns, self._check)
                 leader = self.leader = leader._replace(returns=more)
             with np.errstate(invalid="ignore"):
                 gain, error = mean_and_error(judged.returns - leader.returns[:count])
-            is_clear = not abs(gain) <= _ERRORS * error or context.certain
+            is_same = gain == 0.0 and error == 0.0
+            is_clear = is_same or context.certain or not abs(gain) <= _ERRORS * error
             if is_clear or count >= _MOST:
                 return judged, bool(gain > 0.0)
-            judged = judged._replace(returns=context.evaluator.more(play, judged.returns, self._check))
+            judged = judged._replace(
+                returns=context.evaluator.more(play, judged.returns, self._check)
+            )
 
     def _check(self) -> None:
         if self.leader is not None:

@@ -43,7 +43,7 @@ class Evaluator:
         """What a policy is known to return, and that of as many more episodes.
 
         Args:
-          policy: decides for many episodes at once, see `mdpo_rddl.simulator.evaluation.Replicated`.
+          policy: decides for many episodes at once, a `Replicated`.
           returns: what this has given before [N]; empty at first.
           check: called at each step; what it raises passes through.
           stream: of episodes.

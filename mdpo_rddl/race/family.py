@@ -80,7 +80,9 @@ class Family:
                 found[name] = (np.asarray(action, bool) ^ noop).astype(float)
         return found
 
-    def returns(self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any) -> np.ndarray:
+    def returns(
+        self, weights: Weights, vectors: np.ndarray, episodes: int, seed: Any
+    ) -> np.ndarray:
         """The worth of episodes [P, N] of policies, all of them with the same random numbers.
 
         Args:

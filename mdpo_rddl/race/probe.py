@@ -21,6 +21,8 @@ _CONSTANTS, _EPISODES = 32, 4
 _CONFIRMING = 128
 # constant actions without a box are tried in these sizes; a smaller answer is rounding
 _SIZES = 10.0 ** np.arange(-3.0, 6.01, 0.5)
+# beside others that are changed by such shares of their boxes
+_SHARES = (0.0, 0.5, 1.0)
 _ANSWER = 1e-6
 # a size is harmful that loses so much of the no-op's return
 _LOSS = 0.1
@@ -109,14 +111,18 @@ def played(
             for name, value in constants.items()
         }
         size = next(iter(some.values())).shape[-1]
-        places = np.linspace(0, size - 1, min(size, _SEEN)).astype(int)
 
-        def play(step: int, observation: Any, some: Any = some, places: Any = places) -> Any:
+        def play(step: int, observation: Any, some: Any = some) -> Any:
+            # of one constant fewer may be played at once than episodes were asked for
+            count = next(iter(observation.values())).shape[-1]
             if seen is not None:
+                places = np.linspace(0, count - 1, min(count, _SEEN)).astype(int)
                 seen.append({name: value[..., places] for name, value in observation.items()})
-            return some
+            return {name: value[..., :count] for name, value in some.items()}
 
-        parts.append(worth(simulator, play, size, seed, _no_check, size // episodes).reshape(-1, episodes))
+        parts.append(
+            worth(simulator, play, size, seed, _no_check, size // episodes).reshape(-1, episodes)
+        )
     return np.concatenate(parts)
 
 
@@ -138,34 +144,54 @@ def _is_certain(
 def _units(
     problem: Problem, simulator: Simulator, bounds: Mapping[str, Any], seed: int
 ) -> dict[str, float]:
-    """The size at which the return answers to each number without a box, the others at the no-op.
+    """The size at which the return answers to each number without a box.
 
-    That of the best constant where one beats the no-op, else the largest that does little harm.
+    It is scanned beside constants of the other actions: the no-op, and all of them changed by half
+    of their boxes or by all of it. Where some constant beats those without it, it is the size of
+    the best; else the largest that does little harm, and 1 where nothing answers.
     """
     ranges, found = problem.model.variable_ranges, dict[str, float]()
     sizes = np.concatenate([[0.0], _SIZES, -_SIZES])
     for name, (lower, upper) in bounds.items():
         if ranges[name] not in ("real", "int") or np.any(np.isfinite(upper - lower)):
             continue
-        scan = {
-            each: np.repeat(value[..., np.newaxis], len(sizes), axis=-1)
-            for each, value in simulator.noop.items()
-        }
-        ends = lower[..., np.newaxis], upper[..., np.newaxis]
-        scan[name] = np.clip(scan[name] + sizes, *ends).astype(scan[name].dtype)
-        returns = played(simulator, scan, 1, seed)[:, 0]
-        none, margin = returns[0], abs(returns[0])
+        rows = []
+        for share in _SHARES:
+            scan = {
+                each: np.repeat(value[..., np.newaxis], len(sizes), axis=-1)
+                for each, value in _changed(simulator, bounds, share).items()
+            }
+            ends = lower[..., np.newaxis], upper[..., np.newaxis]
+            moved = simulator.noop[name][..., np.newaxis] + sizes
+            scan[name] = np.clip(moved, *ends).astype(scan[name].dtype)
+            rows.append(played(simulator, scan, 1, seed)[:, 0])
+        returns = np.stack(rows)
+        none = returns[:, :1]
+        margin = np.where(none > LOST, np.abs(none), 0.0)
         answers = np.abs(returns - none) > _ANSWER * margin
-        best = int(np.argmax(returns))
-        harmless = answers & (returns >= none - _LOSS * margin)
-        if answers[best]:
-            unit = abs(sizes[best])
-        elif answers.any():
-            unit = np.max(np.abs(sizes[harmless]), initial=_SIZES[0])
-        else:
-            unit = 1.0
-        found[name] = float(unit)
-        logger.info("unit of %s: %g", name, unit)
+        harmless = np.any(answers & (returns >= none - _LOSS * margin), axis=0)
+        gains = np.max(np.where(answers, returns - none, 0.0), axis=0)
+        best = int(np.argmax(gains))
+        unit = np.abs(sizes[best] if gains[best] > 0.0 else sizes[harmless])
+        found[name] = float(np.max(unit, initial=0.0)) or 1.0
+        logger.info("unit of %s: %g", name, found[name])
+    return found
+
+
+def _changed(
+    simulator: Simulator, bounds: Mapping[str, Any], share: float
+) -> dict[str, np.ndarray]:
+    """The no-op with all actions changed by a share of their boxes, or of 1; bools are flipped."""
+    if not share:
+        return dict(simulator.noop)
+    found = {}
+    for name, noop in simulator.noop.items():
+        if noop.dtype == bool:
+            found[name] = ~noop
+            continue
+        lower, upper = bounds[name]
+        top = np.where(np.isfinite(upper), upper, np.maximum(noop, lower) + 1.0)
+        found[name] = (noop + share * (top - noop)).astype(noop.dtype)
     return found
 
 

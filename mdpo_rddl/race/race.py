@@ -1,5 +1,6 @@
 """From a problem to the best policy that the arms find within a budget."""
 
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,20 +9,20 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from mdpo_rddl.planner.config.fitting import scaled, with_memory
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import SEARCH
+from mdpo_rddl.planner.config.fitting import scaled, with_memory
+from mdpo_rddl.planner.config.search_section import SEARCH, Search, read_search
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Arm, Candidate, Context
 from mdpo_rddl.race.arms import portfolio
 from mdpo_rddl.race.board import Board
-from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.budget import Budget, DeadlineError
 from mdpo_rddl.race.evaluator import Evaluator
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.outcome import Curve, Outcome, Point
 from mdpo_rddl.race.probe import probe
-from mdpo_rddl.race.scheduler import run
+from mdpo_rddl.race.scheduler import Schedule
 from mdpo_rddl.simulator.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -78,6 +79,7 @@ def race(
 
     Raises:
       InputError: if the problem has something that the simulator does not know.
+      KeyboardInterrupt, Cancelled: if interrupted before there was any policy.
     """
     options = RaceOptions() if options is None else options
     # the arrays are small: threads of a linear algebra library would wait for each other
@@ -91,6 +93,7 @@ def _race(
     simulator = Simulator(problem)
     options.on_stage("probing")
     seen = probe(problem, simulator, seed)
+    left_out = (read_search(config.sections) or Search()).without
     fitted = with_memory(scaled(config.without_section(SEARCH), seen), problem)
     confirming = _CONFIRMING_SHARE * budget.seconds
     searching = Budget(budget.began, budget.deadline - confirming, budget.clock)
@@ -111,20 +114,28 @@ def _race(
         on_iteration=on_iteration,
     )
     board = Board(context, options.on_judged)
-    noop = board.judge(Candidate(SIMPLE, NOOP, family.policy(family.noop)))
-    arms, interrupted, chosen = [], False, None
-    try:
-        board.judge(Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen))))
-        for candidate in options.initial(family):
-            board.judge(candidate)
-        options.on_stage("searching")
-        arms = run(context, options.arms(), board)
-        options.on_stage("confirming")
-        chosen = board.confirm(budget)
-    except (KeyboardInterrupt, Cancelled) as stop:
-        note_heard(stop)
-        logger.warning("interrupted: the best policy so far is kept")
-        interrupted = True
+    noop = Candidate(SIMPLE, NOOP, family.policy(family.noop))
+    constant = Candidate(SIMPLE, CONSTANT, family.policy(_constant(family, seen)))
+    interrupted, chosen = False, None
+    # what is solved or compiled beside the race begins first
+    every = [arm for arm in options.arms() if arm.name not in left_out]
+    with contextlib.closing(Schedule(context, every)) as schedule:
+        try:
+            with contextlib.suppress(DeadlineError):
+                # the first one is judged whatever time there is
+                for candidate in (*options.initial(family), noop, constant):
+                    board.judge(candidate)
+                options.on_stage("searching")
+                schedule.run(board)
+            options.on_stage("confirming")
+            chosen = board.confirm(budget)
+        except (KeyboardInterrupt, Cancelled) as stop:
+            if board.leader is None:
+                raise
+            note_heard(stop)
+            logger.warning("interrupted: the best policy so far is kept")
+            interrupted = True
+        arms = schedule.figures(board)
     assert board.leader is not None
     result = chosen or board.leader
     return Outcome(
@@ -136,7 +147,7 @@ def _race(
         units=seen.units,
         state_scales=seen.state_scales,
         lookup_scales=seen.lookup_scales,
-        noop_return=noop.mean,
+        noop_return=next((each.mean for each in board.points if each.candidate is noop), None),
         random_return=None,
         seconds=budget.used,
         interrupted=interrupted,

@@ -6,7 +6,6 @@ to whoever can make the leader better. What is compiled or solved beside the oth
 and again whether it is ready; nobody waits for it.
 """
 
-import contextlib
 import logging
 import time
 from collections.abc import Sequence
@@ -18,7 +17,6 @@ import numpy as np
 from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.race.arm import Arm, Context, Turn
 from mdpo_rddl.race.board import Board, is_proven
-from mdpo_rddl.race.budget import DeadlineError
 from mdpo_rddl.race.outcome import ArmFigures
 
 logger = logging.getLogger(__name__)
@@ -65,44 +63,46 @@ class _Entry:
         return self.reached(board) + self.gains[-1][1] - half
 
 
-def run(context: Context, arms: Sequence[Arm], board: Board) -> list[ArmFigures]:
-    """Gives arms their slices until the time is over, nobody has anything left to do or the
-    optimum is proven.
+class Schedule:
+    """The arms of a race, whose turn it is, and what they did."""
 
-    Args:
-      context: of the race.
-      arms: all there are.
-      board: has judged the no-op; is given whatever is found.
-
-    Returns:
-      What each arm that applies was given and did.
-    """
-    entries: list[_Entry] = []
-    try:
+    def __init__(self, context: Context, arms: Sequence[Arm]) -> None:
+        """Begins those arms that apply, and what they do beside the others."""
+        self._context, self._entries = context, list[_Entry]()
         for arm in arms:
             if (state := arm.init(context)) is not None:
-                entries.append(_Entry(arm, state))
-        with contextlib.suppress(DeadlineError):
-            _take_turns(context, entries, board)
-    finally:
-        for one in entries:
+                self._entries.append(_Entry(arm, state))
+
+    def run(self, board: Board) -> None:
+        """Gives arms their slices until nobody has anything left to do or the optimum is proven.
+
+        Args:
+          board: has judged the no-op; is given whatever is found.
+
+        Raises:
+          DeadlineError: when the time is over.
+        """
+        context, entries, number = self._context, self._entries, 0
+        while not is_proven(board.leader):
+            context.on_iteration()
+            able = [one for one in entries if one.state.is_ready and not one.state.is_exhausted]
+            if able:
+                _work(context, _next(context, able, board, number), board)
+                number += 1
+            elif all(one.state.is_exhausted for one in entries):
+                return
+            else:
+                time.sleep(_PAUSE)
+            _poll(context, entries, board)
+
+    def figures(self, board: Board) -> list[ArmFigures]:
+        """What each arm that applies was given and did."""
+        return [_figures(one, board) for one in self._entries]
+
+    def close(self) -> None:
+        """Ends what goes on beside."""
+        for one in self._entries:
             one.arm.close(one.state)
-    return [_figures(one, board) for one in entries]
-
-
-def _take_turns(context: Context, entries: Sequence[_Entry], board: Board) -> None:
-    number = 0
-    while not is_proven(board.leader):
-        context.on_iteration()
-        able = [one for one in entries if one.state.is_ready and not one.state.is_exhausted]
-        if able:
-            _work(context, _next(context, able, board, number), board)
-            number += 1
-        elif all(one.state.is_exhausted for one in entries):
-            return
-        else:
-            time.sleep(_PAUSE)
-        _poll(context, entries, board)
 
 
 def _next(context: Context, able: Sequence[_Entry], board: Board, number: int) -> _Entry:

@@ -51,23 +51,6 @@ class Weights:
         return tree
 
 
-def without_idle(params: Params) -> Params:
-    """The parameters without those parts that have no effect; the others play the same."""
-    kept = {"shared": params["shared"]} if "shared" in params else {}
-    kept["own"] = {
-        name: {entry: v for entry, v in entries.items() if entry == "bias" or np.any(v)}
-        for name, entries in params["own"].items()
-    }
-    if any(np.any(each) for each in params.get("plan", {}).values()):
-        kept["plan"] = params["plan"]
-    if any(np.any(each["output"]) for each in params.get("lifted", {}).values()):
-        kept["lifted"] = params["lifted"]
-    net = params.get("net", {})
-    if any(np.any(each) for name, each in net.items() if name.startswith("output_")):
-        kept["net"] = net
-    return kept
-
-
 def completed(params: Params, full: Params) -> Params:
     """The parameters with what they leave out as another policy has it, which plays the no-op."""
     return {

@@ -22,7 +22,7 @@ from mdpo_rddl.session.configuration import config_of_file, load_preset
 from mdpo_rddl.session.notebook import displayed, is_notebook
 from mdpo_rddl.session.observed import warn_of, warn_of_exploits
 from mdpo_rddl.session.progress_bar import ProgressBar
-from mdpo_rddl.session.race import find_by_race, is_new, is_race
+from mdpo_rddl.session.race import find_by_race, is_race
 from mdpo_rddl.session.watch import PlanProgress, Watch
 
 if TYPE_CHECKING:  # which imports JAX
@@ -205,12 +205,7 @@ def _find(terms: _Terms, watch: Watch, counts_compilation: bool) -> tuple[AnyPol
 
         policy, trained = find_by_training(terms, watch, counts_compilation)
         return policy, trained.status == "interrupted"
-    if is_new():
-        found = find_by_race(terms, watch)
-    else:
-        from mdpo_rddl.session.old_race import find_by_old_race  # imports JAX
-
-        found = find_by_old_race(terms, watch, clock=watch.clock)
+    found = find_by_race(terms, watch)
     return found.policy, found.interrupted
 
 

@@ -168,9 +168,10 @@ class Observed:
     def write(self, folder: Path) -> None:
         """Writes the trajectories and the decision times."""
         own = self.recorder.result() if self._simulated is None else self._simulated
-        plays = {"policy": own, "noop": self._noop}
-        # the no-op was not played where an episode takes too long
-        plays = {name: play for name, play in plays.items() if play and len(play.rewards)}
+        plays = {"policy": own}
+        if self._noop is not None:  # it was not played where an episode takes too long
+            plays["noop"] = self._noop
+        plays = {name: play for name, play in plays.items() if len(play.rewards)}
         write_play(folder, plays, np.array(self._seconds))
 
     def _warn_of_exploits(self) -> None:

@@ -21,7 +21,6 @@ from mdpo_rddl.session.race import (
     RaceHooks,
     RaceResult,
     find_by_race,
-    is_new,
     is_race,
     less_than_promised,
 )
@@ -185,7 +184,7 @@ def _evaluation(
 
 
 def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
-    result = (_raced if is_new() else _raced_as_before)(request, reporter, unfinished)
+    result = _raced(request, reporter, unfinished)
     policy = result.policy
     observed, evaluator = _evaluation(request, reporter, result.interrupted)
     plain = _tried(evaluator, policy, observed)
@@ -198,7 +197,7 @@ def _race(request: PlanRequest, reporter: Reporter, unfinished: Path) -> _Found:
         result = replace(result, interrupted=True)
         request = replace(request, decision_seconds=0.0)
     summary = {
-        **_identity(policy, request, observed, result.uses_noise),
+        **_identity(policy, request, observed),
         **_played(policy, plain, request, reporter, observed, result.seconds),
         **race_figures(result),
         "rule": None,
@@ -222,26 +221,6 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> RaceRe
     result = find_by_race(_without_choice(request), reporter, hooks)
     if result.interrupted:
         kept.save(result.seconds)
-    return result
-
-
-def _raced_as_before(request: PlanRequest, reporter: Reporter, unfinished: Path) -> RaceResult:
-    """The race on compiled programs, likewise."""
-    # which import JAX
-    from mdpo_rddl.session.old_race import find_by_old_race
-    from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
-
-    kept = RaceCheckpoints(unfinished, request, request.checkpoint_seconds)
-    result = find_by_old_race(
-        _without_choice(request),
-        reporter,
-        kept.judged,
-        earlier=kept.start,
-        on_begun=kept.begun,
-        on_pulse=kept.pulse,
-    )
-    if result.interrupted:
-        kept.stopped(result.seconds)
     return result
 
 
@@ -324,12 +303,10 @@ def _rule(policy: AnyPolicy, observed: Observed) -> dict[str, Any] | None:
     return explanation.to_json() if explanation.equations else None
 
 
-def _identity(
-    policy: AnyPolicy, request: PlanRequest, observed: Observed, uses_noise: bool = True
-) -> dict[str, Any]:
+def _identity(policy: AnyPolicy, request: PlanRequest, observed: Observed) -> dict[str, Any]:
     return identity(
         policy.problem,
-        policy_figures(policy, uses_noise),
+        policy_figures(policy),
         config_name=request.config_name,
         seed=policy.seed,
         episodes=observed.episodes,

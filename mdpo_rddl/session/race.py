@@ -1,8 +1,8 @@
 """Find a policy by a race, from a request to what the report is made of."""
 
+import dataclasses
 import logging
 import math
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,25 +10,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.errors import InputError
+from mdpo_rddl.errors import Cancelled, InputError, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.planner.config.search_section import read_search
+from mdpo_rddl.planner.config.search_section import SEARCH, read_search
+from mdpo_rddl.policy.formula import FeedbackFormula
 from mdpo_rddl.policy.kinds import AnyPolicy
 from mdpo_rddl.policy.plannerless import PlannerlessPolicy
-from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.transfer import transferred
+from mdpo_rddl.problem.enumeration.model import require_actions, require_legal_start
 from mdpo_rddl.problem.evaluation import Evaluation, mean_and_error
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Candidate
 from mdpo_rddl.race.budget import Budget
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.outcome import Curve, Outcome, Point
-from mdpo_rddl.race.race import GIVEN, RaceOptions, race
 from mdpo_rddl.session.requests import FindTerms, Incumbent, Reporter
 
 logger = logging.getLogger(__name__)
 
+NOOP = "no-op"
+
+_LEAST_SECONDS = 1.0
 # of the difference's standard error, and of the return; fewer episodes do not tell their error
 _ERRORS, _SHARE, _FEWEST_EPISODES = 4.0, 0.01, 5
 
@@ -58,8 +62,7 @@ class RaceResult:
       promised: mean and standard error of the return by the race's own episodes; None where they
         are not known.
       diagnostics: of all arms and candidates, as JSON can hold it.
-      uses_noise: whether the result was trained with noise.
-      noise: how, if it is known.
+      noise: with which the result was trained, if it was, and how is known.
     """
 
     policy: AnyPolicy
@@ -69,7 +72,6 @@ class RaceResult:
     interrupted: bool
     promised: tuple[float, float] | None
     diagnostics: Mapping[str, Any]
-    uses_noise: bool
     noise: Noise | None = None
 
     @property
@@ -102,11 +104,6 @@ def is_race(config: PlannerConfig) -> bool:
     return read_search(config.sections) is not None
 
 
-def is_new() -> bool:
-    """Whether the race on the simulator is asked for, which will take the other one's place."""
-    return os.environ.get("MDPO_RACE") == "new"
-
-
 def find_by_race(
     terms: FindTerms, reporter: Reporter, hooks: RaceHooks | None = None
 ) -> RaceResult:
@@ -120,9 +117,15 @@ def find_by_race(
     Raises:
       InputError: if the problem or the configuration cannot be used.
     """
+    from mdpo_rddl.race.race import RaceOptions, race  # with all arms, which others do not need
+
+    require_actions(terms.problem)
+    require_legal_start(terms.problem)
     hooks = RaceHooks() if hooks is None else hooks
-    began, whole = time.monotonic() - hooks.used, terms.config.budget().seconds
-    budget, given = Budget(began, began + whole), _given(terms)
+    now, whole = time.monotonic(), terms.config.budget().seconds
+    # what an earlier process has found is judged even if that has used all the time
+    deadline = now + max(whole - hooks.used, min(_LEAST_SECONDS, whole))
+    budget, given = Budget(now - hooks.used, deadline), start_from(terms.start_from, terms.problem)
 
     def on_judged(point: Point) -> None:
         if point.became_incumbent:
@@ -133,14 +136,46 @@ def find_by_race(
         reporter.racing(min(1.0, budget.used / whole))
         hooks.on_iteration(budget.used)
 
+    def initial(family: Family) -> list[Candidate]:
+        again = [each for one in hooks.initial for each in carried(one, family, terms.problem)]
+        return [*again, *given(family)]
+
     options = RaceOptions(
         on_stage=reporter.stage,
         on_judged=on_judged,
         on_iteration=on_iteration,
-        initial=lambda family: [*hooks.initial, *given(family)],
+        initial=initial,
         earlier=hooks.earlier,
     )
-    return _result(race(terms.problem, terms.config, budget, terms.seed, options), terms)
+    try:
+        outcome = race(terms.problem, terms.config, budget, terms.seed, options)
+    except (KeyboardInterrupt, Cancelled) as stop:
+        note_heard(stop)
+        logger.warning("interrupted before anything was found: the no-op is kept")
+        return _noop(terms, budget.used)
+    return _result(outcome, terms)
+
+
+def _noop(terms: FindTerms, seconds: float) -> RaceResult:
+    """The result of a race that was ended before it has judged anything."""
+    problem, config = terms.problem, terms.config.without_section(SEARCH).without_noise()
+    formula = FeedbackFormula(problem, config)
+    params = formula.actions.feedback.initial(np.random.default_rng(terms.seed))
+    nothing: dict[str, Any] = {
+        "parents": [],
+        "noop_return": None,
+        "random_return": None,
+        "late_gain": None,
+    }
+    return RaceResult(
+        policy=Policy(problem, config, params, {}, terms.seed, compiled=Compiled(formula=formula)),
+        config=config,
+        seconds=seconds,
+        compile_seconds=0.0,
+        interrupted=True,
+        promised=None,
+        diagnostics={"chosen": NOOP, "arm": NOOP, **nothing, "arms": {}, "candidates": []},
+    )
 
 
 def _result(outcome: Outcome, terms: FindTerms) -> RaceResult:
@@ -149,6 +184,8 @@ def _result(outcome: Outcome, terms: FindTerms) -> RaceResult:
     candidates = tuple(outcome.curve)
     if isinstance(policy, Policy):
         policy = policy.with_candidates(candidates)
+        if not outcome.chosen.uses_noise:
+            policy = dataclasses.replace(policy, config=policy.config.without_noise())
     return RaceResult(
         policy=policy,
         config=policy.config if isinstance(policy, Policy) else terms.config,
@@ -157,7 +194,6 @@ def _result(outcome: Outcome, terms: FindTerms) -> RaceResult:
         interrupted=outcome.interrupted,
         promised=mean_and_error(outcome.confirmed) if is_known else None,
         diagnostics=outcome.diagnostics(),
-        uses_noise=outcome.chosen.uses_noise,
     )
 
 
@@ -179,33 +215,35 @@ def less_than_promised(result: RaceResult, played: Evaluation) -> str:
     )
 
 
-def _given(terms: FindTerms) -> Callable[[Family], list[Candidate]]:
+def start_from(policy: AnyPolicy | None, problem: Problem) -> Callable[[Family], list[Candidate]]:
     """What makes candidates of the policy that a race is given, if any.
 
     Raises:
       InputError: if it is of another domain, or of another instance and no lifted rule.
     """
-    if terms.start_from is None:
+    if policy is None:
         return lambda family: []
-    problem, policy = terms.problem, accepted(terms.start_from, terms.problem)
-    is_same = _is_same(policy, problem)
+    from mdpo_rddl.race.race import GIVEN
 
-    def carried(family: Family) -> list[Candidate]:
-        own, source = Candidate(GIVEN, GIVEN, policy), policy.formula
-        if source is None:
-            return [own]
-        target = family.policy(family.noop).formula
-        assert target is not None
-        found = transferred(source.actions, policy.params, target.actions, family.noop, is_same)
-        candidates = [Candidate(GIVEN, GIVEN, family.policy(found.params))]
-        if not found.left_out:
-            return candidates
-        label, parts = policy.problem.label, ", ".join(found.left_out)
-        logger.warning("of the policy of %s was left out: %s", label, parts)
-        # the race's own policies play less than what was given
-        return [*candidates, own] if is_same else candidates
+    given = Candidate(GIVEN, GIVEN, accepted(policy, problem))
+    return lambda family: carried(given, family, problem)
 
-    return carried
+
+def carried(candidate: Candidate, family: Family, problem: Problem) -> list[Candidate]:
+    """A candidate as one of the race's own family, which its arms go on with, if it can be one."""
+    policy, target = candidate.policy, family.policy(family.noop).formula
+    if not isinstance(policy, Policy) or policy.votes or policy.formula is None:
+        return [candidate]
+    source, is_same = policy.formula.actions, _is_same(policy, problem)
+    assert target is not None
+    found = transferred(source, policy.params, target.actions, family.noop, is_same)
+    ours = candidate._replace(policy=family.policy(found.params))
+    if not found.left_out:
+        return [ours]
+    label, parts = policy.problem.label, ", ".join(found.left_out)
+    logger.warning("of the policy of %s was left out: %s", label, parts)
+    # the race's own policies play less than what was given
+    return [ours, candidate] if is_same else [ours]
 
 
 def accepted(policy: AnyPolicy, problem: Problem) -> Policy:

@@ -116,7 +116,7 @@ class RaceProgress:
             curve = [point for point in curve if point["became_incumbent"]]
         about = {
             "seconds": used,
-            "candidates": [one._replace(policy=None, returns=())._asdict() for one in candidates],
+            "candidates": [_about(one) for one in candidates],
             "curve": [dict(point) for point in curve],
         }
         self._kept.write(tensors, {"race": json.dumps(about)})
@@ -144,3 +144,13 @@ class RaceProgress:
             parents=tuple(map(str, about["parents"])),
             uses_noise=bool(about["uses_noise"]),
         )
+
+
+def _about(found: Candidate) -> dict[str, Any]:
+    """What is kept of a candidate beside its policy."""
+    return {
+        "arm": found.arm,
+        "label": found.label,
+        "parents": list(found.parents),
+        "uses_noise": found.uses_noise,
+    }

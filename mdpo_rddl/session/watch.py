@@ -21,8 +21,8 @@ class PlanProgress:
     """How far planning is.
 
     Attributes:
-      stage: what goes on: "loading", "enumerating", "probing", "searching", "compiling", "racing",
-        "training", "polishing" or "underlying MDP".
+      stage: what goes on: "loading", "probing", "searching" or "confirming"; in one training
+        "compiling" or "training".
       seconds: since it began.
       fraction: of the time, from 0 to 1; of the iterations, if they end a training first.
       best_return: mean return of the best policy so far on the exact model; None before the first.
@@ -47,10 +47,7 @@ class PlanProgress:
 
 
 class Watch:
-    """A reporter with a clock, by which planning ends early once it is cancelled.
-
-    A race asks its clock wherever it might end: when it is cancelled the clock is past every
-    deadline, and once there is a policy it raises `Cancelled`, but once only.
+    """A reporter that ends planning early, between two iterations, once it is cancelled.
 
     Attributes:
       seconds: the time for everything.
@@ -81,7 +78,7 @@ class Watch:
         self._stage, self._fraction = "loading", 0.0
         self._best: float | None = None
         self._leader: str | None = None
-        self._is_ended = self._was_raised = False
+        self._is_ended = False
         self.error: BaseException | None = None
 
     @property
@@ -93,20 +90,6 @@ class Watch:
     def elapsed(self) -> float:
         """Seconds since the beginning."""
         return time.monotonic() - self._began
-
-    def clock(self) -> float:
-        """The time for a race.
-
-        Raises:
-          Cancelled: the first time that it is asked after planning was cancelled with a policy.
-        """
-        self._tell()
-        if not self.is_cancelled:
-            return time.monotonic()
-        if self._best is not None and not self._was_raised:
-            self._was_raised = True
-            raise Cancelled
-        return time.monotonic() + 2 * self.seconds
 
     def stage(self, name: str) -> None:
         """A new stage begins."""

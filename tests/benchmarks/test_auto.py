@@ -1,6 +1,7 @@
 """The measurement of the preset `auto`: it goes on, and its table compares."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 from helpers.lakes import write_lake
@@ -8,10 +9,9 @@ from helpers.lakes import write_lake
 from benchmarks.common.auto_variants import VARIANTS
 from benchmarks.common.records import Records
 from benchmarks.presets.auto import COLUMNS, KEYS, auto_table, run_auto
-from mdpo_rddl.planner.config.fitting import scaled
-from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import scaled
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.plans.feedback_plan import FeedbackPlan
 
@@ -35,7 +35,9 @@ def test_the_measurement_goes_on_and_its_table_compares(tmp_path, monkeypatch):
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant_is_a_configuration_of_its_own(variant, lake):
     config = VARIANTS[variant](auto_preset("toy")).without_section("Search")
-    seen = Probe({"pump": 1.0}, {"depth": (0.0, 1.0)}, 0.0, {}, 0.0, False, False, None)
+    seen = SimpleNamespace(
+        units={"pump": 1.0}, state_scales={"depth": (0.0, 1.0)}, lookup_scales={}
+    )
     planner = build_planner(lake, scaled(config, seen)).planner
     assert isinstance(planner.plan, FeedbackPlan)
     others = [change(auto_preset("toy")) for name, change in VARIANTS.items() if name != variant]

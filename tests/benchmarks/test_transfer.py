@@ -6,20 +6,18 @@ import pytest
 from helpers.mistakes import one_line
 
 from benchmarks.presets import transfer
-from mdpo_rddl.auto.resuming.start import START
 from mdpo_rddl.policy.policy import Policy
+from mdpo_rddl.race.race import GIVEN
 
 
 def race(*candidates):
     """A race whose candidates came with these seconds, labels and returns; the last one won."""
-    judged = [
-        SimpleNamespace(seconds=seconds, candidate=SimpleNamespace(label=label, known_mean=mean))
+    points = [
+        SimpleNamespace(seconds=seconds, candidate=SimpleNamespace(label=label), mean=mean)
         for seconds, label, mean in candidates
     ]
-    chosen = max((j.candidate for j in judged), key=lambda candidate: candidate.known_mean)
     policy = Policy(None, None, {}, {}, 0)
-    probe = SimpleNamespace(noop_return=-9.0)
-    return SimpleNamespace(judged=judged, chosen=chosen, policy=policy, probe=probe)
+    return SimpleNamespace(points=points, policy=policy, noop_return=-9.0)
 
 
 @pytest.fixture
@@ -28,13 +26,13 @@ def races(monkeypatch):
     made = [
         race((1.0, "plan", 0.0)),
         race((2.0, "no-op", -9.0), (8.0, "plan", -2.0)),
-        race((2.0, START, -3.0), (4.0, "plan", -1.5)),
+        race((2.0, GIVEN, -3.0), (4.0, "plan", -1.5)),
         race((1.0, "plan", 0.0)),
         race((5.0, "plan", -2.0)),
-        race((2.0, START, -4.0)),
+        race((2.0, GIVEN, -4.0)),
     ]
     monkeypatch.setattr(transfer, "load_problem", lambda name, instance: (name, instance))
-    monkeypatch.setattr(transfer, "accepted_start", lambda policy, problem: policy)
+    monkeypatch.setattr(transfer, "accepted", lambda policy, problem: policy)
     monkeypatch.setattr(transfer, "_race", lambda *arguments, **keywords: made.pop(0))
     return made
 

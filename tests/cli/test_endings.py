@@ -211,7 +211,7 @@ def test_a_variable_that_jax_refuses_is_one_line(
 ) -> None:
     write_problem(tmp_path)
     monkeypatch.setenv(*variable.split("="))
-    status, line = started("plan", "tanks.rddl two.rddl --seconds 1", tmp_path)
+    status, line = started("plan", "tanks.rddl two.rddl --preset paper --seconds 1", tmp_path)
     assert status == 2
     assert line.startswith(f"mdpo-plan: error: the environment: {said}")
     assert line.count("\n") == 1

@@ -39,9 +39,7 @@ def test_it_is_the_default_and_the_policy_can_be_played_again(
 
 def test_the_time_is_counted_once(raced: Run) -> None:
     summary = raced.summary
-    arms = summary["auto"]["arms"].values()
     assert summary["train_seconds"] > 0.0
-    assert summary["compile_seconds"] >= sum(arm["compile_seconds"] for arm in arms) - 0.01
     # candidates are dated to a millisecond
     last = max(candidate["seconds"] for candidate in summary["auto"]["candidates"])
     seconds = summary["train_seconds"] + summary["compile_seconds"]

@@ -46,7 +46,7 @@ def test_one_that_cannot_be_compiled_is_refused(
     code = "def filled(volume, fill):\n    return volume + fill if fill > 0 else volume\n"
     (calling / "tanks.py").write_text(code)
     said = "tanks.py: the function filled cannot be compiled (TracerBoolConversionError)"
-    refuse(f"tanks.rddl --functions tanks.py {OPTIONS}", said, calling, capsys, start=True)
+    refuse(f"tanks.rddl --functions tanks.py {OPTIONS} --quiet", said, calling, capsys, start=True)
 
 
 def test_no_file(calling: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,7 +36,10 @@ class Silent:
     def training(self, progress: object) -> None:
         raise AssertionError("nothing is trained")
 
-    def judged(self, judged: object) -> None:
+    def racing(self, fraction: float) -> None:
+        """Nobody listens."""
+
+    def incumbent(self, found: object) -> None:
         """Nobody listens."""
 
     def episode(self, done: int, of: int) -> None:

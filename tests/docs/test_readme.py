@@ -14,10 +14,10 @@ from helpers.problems import ROOT
 import mdpo_rddl
 from benchmarks.tasks.published import published, read_published, score
 from benchmarks.tasks.trial import Task
-from mdpo_rddl.auto.arms.dynamic_programming import DYNAMIC_PROGRAMMING
 from mdpo_rddl.cli.options import plan_parser
 from mdpo_rddl.noise import default_noise
 from mdpo_rddl.planner.config.presets.paper import paper_preset
+from mdpo_rddl.race.arms.ground import DYNAMIC_PROGRAMMING
 
 SETTINGS = ("hvac10", "hvac20", "powergen7", "powergen11", "reservoir15", "reservoir30")
 README = (ROOT / "README.md").read_text(encoding="utf-8")

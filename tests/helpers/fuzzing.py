@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from helpers import fuzzing_ipc, fuzzing_races, fuzzing_runs
+from helpers import fuzzing_ipc, fuzzing_runs
 from helpers.config_texts import NOISE, TEXT
 from helpers.plan_command import DOMAIN, INSTANCE
 from mdpo_rddl.cli.option_checks import check_plan_options
@@ -129,7 +129,6 @@ class Fuzzer:
             "policy contents": self.policy_contents,
             "run of mdpo-ipc": self.results,
             "RDDL": self.rddl,
-            "race checkpoint": self.race_checkpoint,
             "run folder": self.run_folder,
         }
 
@@ -211,13 +210,6 @@ class Fuzzer:
         texts[which] = mutated(texts[which], self.chance)
         files = ProblemFiles(Path("a.rddl"), Path("b.rddl"), *texts, "fuzz", is_own=True)
         return parse_problem(files, tables=self.folder / "tables")
-
-    def race_checkpoint(self) -> object:
-        """A race's checkpoint that is whole, with something else in it."""
-        folder = self.folder / "race"
-        folder.mkdir(exist_ok=True)
-        fuzzing_races.read(folder, self.chance, mutated)
-        return folder
 
     def run_folder(self) -> object:
         """A run folder, of which the report is written."""

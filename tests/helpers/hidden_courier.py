@@ -2,11 +2,11 @@
 
 import functools
 
+import numpy as np
+
 from helpers.couriers import hidden_courier
 from helpers.lakes import preset
-from mdpo_rddl.auto.outcome.outcome import policy_of
-from mdpo_rddl.auto.outcome.unjudged import noop_of
-from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.policy.formula import FeedbackFormula
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
@@ -18,10 +18,8 @@ def idle() -> Policy:
     """Does nothing."""
     problem = hidden_courier()
     config = preset(1.0).without_section("Search").with_policy_arguments(topology=[], plan=False)
-    planner = build_planner(problem, config).planner
-    policy = policy_of(noop_of(planner, config, 0), problem, 0)
-    assert isinstance(policy, Policy)
-    return policy
+    feedback = FeedbackFormula(problem, config).actions.feedback
+    return Policy(problem, config, feedback.initial(np.random.default_rng(0)), {}, 0)
 
 
 @functools.cache

@@ -29,7 +29,9 @@ def lever_policy(pulled: Sequence[float] = NONE, **words: str) -> Policy:
     params = jax.tree.map(np.asarray, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     bias = np.where(np.array(pulled) > 0, 4.0, -4.0).astype(np.float32)
     params["own"]["pull"] = {**params["own"]["pull"], "bias": bias}
-    return Policy(problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner))
+    return Policy(
+        problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner)
+    )
 
 
 @functools.cache

@@ -23,4 +23,6 @@ def listener():
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     biases = {name: {**own, "bias": np.float32(-4.0)} for name, own in params["own"].items()}
-    return Policy(problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner))
+    return Policy(
+        problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner)
+    )

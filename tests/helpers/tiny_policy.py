@@ -21,4 +21,6 @@ def idle_policy(spread: float = 0.0) -> Policy:
     config = auto_preset("tiny").without_section("Search")
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.asarray, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
-    return Policy(problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner))
+    return Policy(
+        problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner)
+    )

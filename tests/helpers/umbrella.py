@@ -8,8 +8,8 @@ import numpy as np
 
 from helpers.lakes import preset
 from helpers.toys import toy
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.underlying import underlying_mdp
 
@@ -28,7 +28,9 @@ def careless() -> Policy:
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     biases = {name: {**own, "bias": np.float32(-4.0)} for name, own in params["own"].items()}
-    return Policy(problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner))
+    return Policy(
+        problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner)
+    )
 
 
 @functools.cache

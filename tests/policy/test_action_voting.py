@@ -10,7 +10,6 @@ from helpers.tiger import listener
 from helpers.toys import toy
 from helpers.umbrella import NOTHING_SHOWN, careless, pattering, voting, wet
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy import action_voting
 from mdpo_rddl.policy.action_voting import ActionVoting
@@ -18,6 +17,7 @@ from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.belief import believing
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment
 from mdpo_rddl.problem.underlying import underlying_mdp

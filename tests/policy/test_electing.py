@@ -6,21 +6,16 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from helpers.clocks import Stopped
 from helpers.tiger import NOTHING_SHOWN, listener
 from helpers.toys import problem_from, toy
 from helpers.umbrella import careless, pattering
 
-from mdpo_rddl import load_policy
-from mdpo_rddl.auto import RaceOptions
-from mdpo_rddl.auto.hidden.underlying_optimum import underlying_optimum
-from mdpo_rddl.planner.config.fitting import greedy
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy import electing
 from mdpo_rddl.policy.electing import compiled_election, elected
-from mdpo_rddl.policy.lookahead.choice import RAISES, choose
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.problem.underlying import underlying_mdp
 
@@ -65,7 +60,14 @@ def greedy_one() -> Policy:
     """Of the tiger's underlying MDP, greedy for the reward of one step."""
     problem = underlying_mdp(toy("tiger"))
     planner = build_planner(problem, GREEDY).planner
-    return Policy(problem, GREEDY, planner.plan.initializer(KEY, {}, None), {}, seed=0, compiled=Compiled(planner))
+    return Policy(
+        problem,
+        GREEDY,
+        planner.plan.initializer(KEY, {}, None),
+        {},
+        seed=0,
+        compiled=Compiled(planner),
+    )
 
 
 def opened(underlying, growls):
@@ -153,7 +155,9 @@ def test_a_rule_of_the_underlying_mdp_votes_too():
     planner = build_planner(problem, config).planner
     params = jax.tree.map(np.zeros_like, planner.plan.initializer(jax.random.PRNGKey(0), {}, None))
     biases = {name: {**own, "bias": np.float32(4.0)} for name, own in params["own"].items()}
-    always = Policy(problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner))
+    always = Policy(
+        problem, config, {**params, "own": biases}, {}, seed=0, compiled=Compiled(planner)
+    )
     policy = dataclasses.replace(careless(), saved_underlying=always.to_saved(), votes=True)
     assert bool(policy(0, {"patter": np.array(None)})["take"])
     assert bool(policy(1, pattering(False))["take"])
@@ -179,26 +183,3 @@ instance one {
     domain = fuse; non-fluents = nf; max-nondef-actions = 1; horizon = 6; discount = 1.0;
 }
 """
-
-
-def test_an_error_that_the_action_itself_causes_costs_what_others_do(tmp_path):
-    problem = dataclasses.replace(problem_from(FUSE), raises=True)
-    options = RaceOptions(clock=Stopped())
-    given = careless().config, 0, options, 100.0
-    underlying = underlying_optimum(problem, underlying_mdp(problem), *given)
-    # go unless it is hot
-    assert underlying.optimum.value == 3.5
-    planner = build_planner(problem, careless().config).planner
-    params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
-    policy = Policy(problem, careless().config, params, {}, seed=0, compiled=Compiled(planner))
-    policy = policy.voting_with(underlying)
-    path = tmp_path / "policy.safetensors"
-    policy.save(path)
-    for each in (policy, load_policy(path)):
-        # at first it is known not to be hot; later a chance of 0.1 is too much
-        assert bool(each(0, {"smell": np.array(None)})["go"])
-        assert not bool(each(1, {"smell": np.bool_(True)})["go"])
-        assert not bool(each(2, {"smell": np.bool_(False)})["go"])
-    choice = choose(policy, 0.05)
-    assert (choice.policy, choice.note) == (None, RAISES)
-    assert choose(load_policy(path), 0.05).note == RAISES

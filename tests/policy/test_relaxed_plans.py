@@ -12,13 +12,13 @@ from helpers.mistakes import one_line
 from helpers.toys import toy
 
 import mdpo_rddl
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy import relaxed_plans
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.file import RULE_FORMAT, load_policy, save_policy
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.choice import PLANS, choose
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated, parse_rule, rule_text
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.relaxed_plans import RelaxedPlans

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.toys import toy
 
-from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.policy.policy import Compiled, Policy
 

@@ -10,16 +10,16 @@ from helpers.problems import make_plan, make_planner, shipped, tiny_files
 from helpers.toys import problem_from, toy
 from helpers.vans import vans
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.start import unit_hyperparams
 from mdpo_rddl.policy.agent import PolicyAgent
+from mdpo_rddl.policy.formula import FormulaReplicas
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
-from mdpo_rddl.policy.formula import FormulaReplicas
 from mdpo_rddl.policy.side_by_side import BatchReplicas, DistinctStates
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import load_problem, make_environment

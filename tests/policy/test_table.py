@@ -10,7 +10,6 @@ from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.file import (
@@ -22,6 +21,7 @@ from mdpo_rddl.policy.file import (
 )
 from mdpo_rddl.policy.kinds import restored
 from mdpo_rddl.policy.lookahead.choice import RAISES, choose
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
 from mdpo_rddl.policy.table_policy import TablePolicy
 

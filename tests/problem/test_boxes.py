@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets import PRESETS
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.implications import is_box
 from mdpo_rddl.problem.legality import Referee, action_box
 from mdpo_rddl.problem.load import load_problem, make_environment

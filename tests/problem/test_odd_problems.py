@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.search.optimum import find_optimum
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError
 from mdpo_rddl.problem.enumeration.model import ground_model
 from mdpo_rddl.problem.legality import Referee

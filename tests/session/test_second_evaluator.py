@@ -70,7 +70,14 @@ def test_without_the_second_process_the_first_plays(
 
 def test_both_processes_find_the_same_returns(request_and_policy, monkeypatch):
     request, planner, params, hyperparams = request_and_policy
-    policy = Policy(request.problem, request.config, params, hyperparams, request.seed, compiled=Compiled(planner))
+    policy = Policy(
+        request.problem,
+        request.config,
+        params,
+        hyperparams,
+        request.seed,
+        compiled=Compiled(planner),
+    )
     here = Evaluator(request, Silent()).run(policy)
     monkeypatch.setattr(second_evaluator, "evaluate", None)  # here, but not there
     with SecondEvaluator(request) as second:

@@ -37,8 +37,3 @@ def test_the_noise_is_told_from_noise_in_all_updates(section, noise, parameters)
 def test_a_policy_that_votes_is_called_so():
     assert policy_figures(voting())["policy"] == "vote over a belief"
     assert policy_figures(careless())["policy"] == "feedback"
-
-
-def test_a_policy_without_noise_says_none_whatever_its_configuration_has():
-    figures = policy_figures(careless(), uses_noise=False)
-    assert (figures["noise"], figures["noise_parameters"]) == ("none", {})

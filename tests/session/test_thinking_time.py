@@ -90,7 +90,7 @@ def test_what_fails_while_it_thinks_leaves_what_was_observed(monkeypatch):
     terms = Terms(policy.problem, seed=0, episodes=2)
     observed = Observed(terms)
     plain = Evaluator(terms, reporter).run(policy, observed)
-    before = observed.figures()["decision_times"]
+    before = observed.figures([0.0])["decision_times"]
     figures = think(policy, plain, (1.0, 9.0), terms, reporter, observed)
     assert figures == return_figures(plain)
-    assert observed.figures()["decision_times"] == before
+    assert observed.figures([0.0])["decision_times"] == before

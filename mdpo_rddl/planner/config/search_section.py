@@ -1,4 +1,4 @@
-"""The section `[Search]` of a configuration: how the race of `mdpo_rddl.auto` spends its time."""
+"""The section `[Search]` of a configuration, which asks for a race and says who takes part."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,54 +9,32 @@ SEARCH = "Search"
 OPTIONAL_ARMS = (
     "dynamic programming",
     "relaxed plans",
-    "trials",
+    "random rules",
+    "plans",
     "greedy",
-    "exploration",
     "shared weights",
-    "plan",
     "own weights",
     "gradient",
-    "shooting",
-    "polishing the plan",
-    "polishing the weights",
+    "plan by gradient",
     "action voting",
 )
-"""Arms, and parts of some, that can be left out of the race."""
+"""Arms that can be left out of the race."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """Shares of the time.
-
-    The first is of all of `[Optimize] train_seconds`, the others are of what is left of it once
-    the model was probed.
+    """Who takes part.
 
     Attributes:
-      optimum_until: how long exact dynamic programming is tried where states and actions are
-        discrete and observed; 0 for not at all.
-      shared_until: where the search for the shared weights ends.
-      own_until: where the search for an open-loop plan ends, or, if none promises to become as
-        good as the shared weights, that for each object's own weights.
-      rounds_until: where the rounds end; the rest is for the arm of the best policy.
       without: names of arms that are left out, out of `OPTIONAL_ARMS`.
 
     Raises:
-      ValueError: if the shares are not in order between 0 and 1.
+      ValueError: if one is unknown.
     """
 
-    optimum_until: float = 0.4
-    shared_until: float = 0.2
-    own_until: float = 0.32
-    rounds_until: float = 0.92
     without: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        names = ("shared_until", "own_until", "rounds_until")
-        shares = [0.0, *(getattr(self, name) for name in names), 1.0]
-        if self.shared_until == 0.0 or shares != sorted(shares):
-            raise ValueError(f"0 < {' <= '.join(names)} <= 1 must hold")
-        if not 0.0 <= self.optimum_until < 1.0:
-            raise ValueError(f"0 <= optimum_until < 1 must hold, got {self.optimum_until!r}")
         if unknown := [name for name in self.without if name not in OPTIONAL_ARMS]:
             raise ValueError(f"without: {unknown[0]!r} is none of {', '.join(OPTIONAL_ARMS)}")
 

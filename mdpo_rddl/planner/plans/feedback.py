@@ -234,7 +234,7 @@ class Feedback:
         for name, shape in self.action_shapes.items():
             own = params["own"][name]
             value = self.of_all(own["bias"], name)
-            if "shared" in params:
+            if name in params.get("shared", {}):
                 columns = self._columns(name, scaled, time)
                 value = value + weighted_sum(params["shared"][name], columns)
             for fluent in self._own[name]:

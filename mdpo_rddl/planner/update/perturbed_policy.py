@@ -11,11 +11,10 @@ from jax import Array
 
 from mdpo_rddl.noise.actions import ActionKind, ActionSpec
 from mdpo_rddl.noise.projection import perturb_and_project
-from mdpo_rddl.problem.limits import limited_bools
 from mdpo_rddl.planner.plans.limits import choose_within_limits, scale_to_limits
 from mdpo_rddl.planner.plans.opened import open_plan
 from mdpo_rddl.planner.upstream import JaxPlan
-from mdpo_rddl.problem.limits import GroupLimit
+from mdpo_rddl.problem.limits import GroupLimit, limited_bools
 
 logger = logging.getLogger(__name__)
 

@@ -68,9 +68,9 @@ class LayeredProgram:
         with np.errstate(all="ignore"):
             for operator, reduces, places, start, stop in self._groups:
                 # faster than values[place] for few columns
-                given = (values.take(place, axis=0, mode="clip") for place in places)
+                given = [values.take(place, axis=0, mode="clip") for place in places]
                 if reduces:
-                    REDUCED[operator].reduce(*given, axis=0, out=values[start:stop])
+                    REDUCED[operator].reduce(given[0], axis=0, out=values[start:stop])
                 else:
                     values[start:stop] = OPERATORS[operator](*given)
         return Evaluated(values, self._rows)

@@ -180,6 +180,12 @@ def ground_model(
     )
 
 
+def require_actions(problem: Problem) -> None:
+    """Raises `InputError` where there is nothing to plan."""
+    if not problem.model.action_fluents:
+        raise InputError(f"{problem.domain_path}: it has no action fluent, nothing to plan")
+
+
 def require_legal_start(problem: Problem) -> None:
     """Raises `InputError` where an action is due in the initial state and none is legal.
 

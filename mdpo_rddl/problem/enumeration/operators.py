@@ -1,44 +1,58 @@
 """What the operators of RDDL compute, over arrays as over numbers."""
 
 from collections.abc import Callable
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 
 
+def _whole(function: Callable[..., Any], *values: Any) -> Any:
+    return np.asarray(function(*values)).astype(np.int64)
+
+
 def _int(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function with a whole-number result."""
-    return lambda *values: np.asarray(function(*values)).astype(np.int64)
+    return partial(_whole, function)
 
 
-def _sum(*values: Any) -> Any:
-    return reduce(np.add, (1 * value for value in values))
+def _of_bools(function: Callable[..., Any], *values: Any) -> Any:
+    return reduce(function, values)
 
 
-def _product(*values: Any) -> Any:
-    return reduce(np.multiply, (1 * value for value in values))
+def _of_sizes(function: Callable[..., Any], *values: Any) -> Any:
+    return reduce(function, (1 * value for value in values))
 
 
+def _numeric(function: Callable[..., Any], *values: Any) -> Any:
+    return function(*(1 * value for value in values))
+
+
+def _of_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function with bools taken as 0 and 1."""
+    return partial(_numeric, function)
+
+
+# whoever holds an operator can be pickled: there is no lambda
 OPERATORS: dict[str, Callable[..., Any]] = {
-    "and": lambda *values: reduce(np.logical_and, values),
-    "or": lambda *values: reduce(np.logical_or, values),
+    "and": partial(_of_bools, np.logical_and),
+    "or": partial(_of_bools, np.logical_or),
     "not": np.logical_not,
     "iff": np.equal,
     "xor": np.logical_xor,
     "if": np.where,
-    "+": _sum,
-    "*": _product,
-    "-": lambda x, y: np.subtract(1 * x, 1 * y),
-    "/": lambda x, y: np.divide(1 * x, 1 * y),
+    "+": partial(_of_sizes, np.add),
+    "*": partial(_of_sizes, np.multiply),
+    "-": _of_numbers(np.subtract),
+    "/": _of_numbers(np.divide),
     "==": np.equal,
     "~=": np.not_equal,
     "<=": np.less_equal,
     "<": np.less,
     ">=": np.greater_equal,
     ">": np.greater,
-    "minimum": lambda *values: reduce(np.minimum, (1 * value for value in values)),
-    "maximum": lambda *values: reduce(np.maximum, (1 * value for value in values)),
+    "minimum": partial(_of_sizes, np.minimum),
+    "maximum": partial(_of_sizes, np.maximum),
 }
 OPERATORS |= {"min": OPERATORS["minimum"], "max": OPERATORS["maximum"]}
 REDUCED: dict[str, np.ufunc] = {
@@ -62,14 +76,18 @@ def _power(base: Any, exponent: Any) -> Any:
     return np.where(np.less(exponent, 0), np.nan, np.power(base, np.maximum(exponent, 0)))[()]
 
 
+def _divided(function: Callable[..., Any], x: Any, y: Any) -> Any:
+    is_zero = np.equal(y, 0)
+    return np.where(is_zero, 0, function(x, np.where(is_zero, 1, y)))
+
+
 def _whole_division(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function of whole numbers with a whole result: 0 where the divisor is."""
+    return _int(partial(_divided, function))
 
-    def divided(x: Any, y: Any) -> Any:
-        is_zero = np.equal(y, 0)
-        return np.where(is_zero, 0, function(x, np.where(is_zero, 1, y)))
 
-    return _int(divided)
+def _logarithm(x: Any, base: Any) -> Any:
+    return np.log(x) / np.log(base)
 
 
 _ONE_ARGUMENT: dict[str, Callable[..., Any]] = {
@@ -96,14 +114,9 @@ _TWO_ARGUMENTS: dict[str, Callable[..., Any]] = {
     "mod": _whole_division(np.mod),
     "fmod": np.mod,
     "pow": _power,
-    "log": lambda x, y: np.log(x) / np.log(y),
+    "log": _logarithm,
     "hypot": np.hypot,
 }
-
-
-def _of_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function with bools taken as 0 and 1."""
-    return lambda *values: function(*(1 * value for value in values))
 
 
 FUNCTIONS = {

@@ -11,17 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdpo_rddl.race.arms.plan_mutations import Genes, random_plans
 from mdpo_rddl.simulator.simulator import Simulator, State
 
-# of a state fluent's spread, how wide a cell is
+# of a ground fluent's spread, how wide a cell is: with a half MarsRover 1 took longer
 _CELL = 1.0
+# plans that are given at a time
+_PAID = 16
 _MOST_BYTES = 2**28
 
-
 Act = Callable[[np.ndarray, State], tuple[Mapping[str, np.ndarray], np.ndarray]]
-"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and the
-raw actions [D, P] of that."""
+"""Of raw actions [D, P] in states [*shape, P] what is played, per action fluent [*shape, P], and
+its raw actions [D, P]."""
+Draw = Callable[[int, np.random.Generator], np.ndarray]
+"""So many random plans [H, D, P]."""
 
 
 class _Way(NamedTuple):
@@ -37,26 +39,29 @@ class Archive:
     def __init__(
         self,
         simulator: Simulator,
-        genes: Genes,
+        width: int,
         act: Act,
+        draw: Draw,
         states: Sequence[Mapping[str, np.ndarray]],
     ) -> None:
         """Knows where episodes begin.
 
         Args:
           simulator: of the problem.
-          genes: how plans are written.
+          width: raw actions D of a step.
           act: what plans play.
+          draw: random plans, with which episodes go on.
           states: visited by some plans [*shape, P], whose spread says how wide a cell is.
         """
-        self._simulator, self._genes, self._act = simulator, genes, act
+        self._simulator, self._act, self._draw = simulator, act, draw
+        self._horizon = simulator.problem.horizon
         self._widths = {
             name: _width([each[name] for each in states])
             for name, value in states[0].items()
             if value.dtype.kind == "f"
         }
         self._cells: dict[int, int] = {}
-        self._ways = [_Way(-1, np.zeros((0, len(genes.kind)), np.float32))]
+        self._ways = [_Way(-1, np.zeros((0, width), np.float32))]
         state = simulator.initial(1)
         self._size, self._bytes = sum(value.nbytes for value in state.values()), 0
         self._states = {name: _Rows(value) for name, value in state.items()}
@@ -67,21 +72,20 @@ class Archive:
 
     def explore(self, count: int, random: np.random.Generator) -> np.ndarray:
         """Goes on from cells, and gives the plans [H, D, P] that were paid most on the way."""
-        genes, simulator = self._genes, self._simulator
-        size = len(self)
+        simulator, horizon, size = self._simulator, self._horizon, len(self)
         taken = self._taken.values[:size]
-        is_open = self._steps.values[:size] < genes.horizon
+        is_open = self._steps.values[:size] < horizon
         weights = is_open / np.sqrt(1.0 + taken)
         origin = random.choice(size, count, p=weights / weights.sum())
         np.add.at(taken, origin, 1.0)
         state = {name: rows.of(origin) for name, rows in self._states.items()}
         steps, totals = self._steps.values[origin].astype(int), self._totals.values[origin].copy()
-        plans = random_plans(genes, count, random)
+        plans = self._draw(count, random)
         is_over = simulator.ended(state)
         best, reached = totals.copy(), np.zeros(count, int)
         discount = simulator.problem.model.discount
         for step in range(len(plans)):
-            is_over = is_over | (steps + step >= genes.horizon)
+            is_over = is_over | (steps + step >= horizon)
             if is_over.all():
                 break
             actions, plans[step] = self._act(plans[step], state)
@@ -93,8 +97,8 @@ class Archive:
             best, reached = np.maximum(best, totals), np.where(is_better, step + 1, reached)
             is_over = ~is_played | after.terminated | after.broken
             if not (step + 1) & step:  # after 1, 2, 4, 8 .. steps
-                self._add(state, np.flatnonzero(~is_over), origin, plans[: step + 1], steps, totals)
-        paid = np.argsort(self._totals.values[origin] - best, kind="stable")[:16]
+                self._add(state, np.flatnonzero(~is_over), origin, plans[: step + 1], totals)
+        paid = np.argsort(self._totals.values[origin] - best, kind="stable")[:_PAID]
         return np.stack([self._plan(origin[k], plans[: reached[k], :, k]) for k in paid], axis=-1)
 
     def _plan(self, cell: int, after: np.ndarray) -> np.ndarray:
@@ -104,24 +108,32 @@ class Archive:
             way = self._ways[place]
             parts.append(way.plan)
             place = way.before
-        steps = np.concatenate(parts[::-1])[: self._genes.horizon]
-        return np.pad(steps, [(0, self._genes.horizon - len(steps)), (0, 0)])
+        steps = np.concatenate(parts[::-1])[: self._horizon]
+        return np.pad(steps, [(0, self._horizon - len(steps)), (0, 0)])
 
     def _add(
         self,
-        state: Mapping[str, np.ndarray],
+        state: State,
         places: np.ndarray,
         origin: np.ndarray,
         plans: np.ndarray,
-        steps: np.ndarray,
         totals: np.ndarray,
     ) -> None:
-        """Keeps the states of some places [P] whose cells are new, or reached in fewer steps."""
+        """Keeps states whose cells are new, or reached in fewer steps.
+
+        Args:
+          state: of P episodes [*shape, P].
+          places: of those that go on.
+          origin: the cells from which they came [P].
+          plans: what they did since then [T, D, P].
+          totals: discounted rewards so far [P].
+        """
         if not len(places):
             return
         keys = _keys({n: v[..., places] for n, v in state.items()}, self._widths)
         keys, first = np.unique(keys, return_index=True)
-        places, now = places[first], steps[places[first]] + len(plans)
+        places = places[first]
+        now = self._steps.values[origin[places]].astype(int) + len(plans)
         known = np.array([self._cells.get(key, -1) for key in keys.tolist()])
         is_new = (known < 0) | (self._steps.values[known] > now)
         size = self._size + plans[..., 0].nbytes

@@ -62,6 +62,11 @@ class Genes(NamedTuple):
     part: np.ndarray
     limits: Sequence[Limit]
 
+    @property
+    def size(self) -> int:
+        """Bytes of a plan."""
+        return 4 * self.horizon * len(self.kind)
+
     def tree(self, plans: np.ndarray) -> dict[str, np.ndarray]:
         """Plans [H, D, ...] per action fluent [H, *shape, ...]."""
         return {
@@ -70,7 +75,7 @@ class Genes(NamedTuple):
         }
 
     def flat(self, raw: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Of one step per action fluent [*shape, P], or of several [T, *shape, P], as [.., D, P]."""
+        """Per action fluent [*shape, P], or of several steps [T, *shape, P], as [.., D, P]."""
         columns = [
             each.reshape(*each.shape[: each.ndim - 1 - len(self.shapes[name])], -1, each.shape[-1])
             for name, each in ((name, raw[name]) for name in self.places)
@@ -148,14 +153,16 @@ def genes_of(simulator: Simulator, family: Family) -> Genes:
         types = model.variable_params[name]
         first = np.indices(shape)[0].ravel() if shape else np.zeros(1, int)
         part = [parts.setdefault((types[0] if types else "", int(k)), len(parts)) for k in first]
-        rows = [np.full(noop.size, kind), noop > 0, unit, lower, upper, part]
+        rows: list[Any] = [np.full(noop.size, kind), noop > 0, unit, lower, upper, part]
         columns.append([np.ravel(row) for row in rows])
         places[name] = slice(start, start + noop.size)
         start += noop.size
-    kinds, is_true, *rest = map(np.concatenate, zip(*columns, strict=True))
+    joined = [np.concatenate(each) for each in zip(*columns, strict=True)]
+    kinds, is_true, unit_of, lowers, uppers, part_of = joined
     shapes = {name: simulator.shapes[name] for name in simulator.actions}
     limits = _limits(simulator.problem, places, is_true & (kinds == BOOL))
-    return Genes(simulator.problem.horizon, places, shapes, kinds, *rest, limits)
+    columns_of = kinds, unit_of, lowers, uppers, part_of
+    return Genes(simulator.problem.horizon, places, shapes, *columns_of, limits)
 
 
 def _limits(problem: Problem, places: Mapping[str, slice], is_true: np.ndarray) -> list[Limit]:
@@ -244,10 +251,10 @@ def children(
     """Plans that each differ from a parent by changes of one kind.
 
     Most concern one place in a window of steps, of whatever length: its action is set to a value,
-    moved, jittered, not done, taken from another parent, or done some steps earlier or later. Others
-    concern all places: all actions are done earlier or later; those after a step, or of one object,
-    are another parent's; the plan moves toward another parent or away from it; or some of the
-    latest gains are added to it, once or more.
+    moved, jittered, not done, taken from another parent, or done some steps earlier or later.
+    Others concern all places: all actions are done earlier or later; those after a step, or of one
+    object, are another parent's; the plan moves as another parent differs from a third; or some of
+    the latest gains are added to it, once or more.
 
     Args:
       genes: of the plans.
@@ -265,13 +272,13 @@ def children(
     for kind, name in enumerate(KINDS):
         first, last = np.searchsorted(kinds, [kind, kind + 1])
         while first < last:
-            part, now = slice(first, last), plans[:, :, first:last]
+            now = plans[..., first:last]
             if name in _WHOLE:
                 _WHOLE[name](genes, parents, now, random)
             else:
                 _change(genes, parents, name, now, random)
             # fewer and fewer have one more change
-            last = first + random.binomial(part.stop - first, _ONE_MORE)
+            last = first + random.binomial(last - first, _ONE_MORE)
     plans[: parents.begin] = old[: parents.begin]
     return genes.tidied(plans, old, random), parent
 
@@ -285,43 +292,32 @@ def _windows(horizon: int, begin: int, count: int, random: np.random.Generator) 
     return (step >= np.maximum(first, begin)) & (step < first + length)
 
 
-def _sizes(count: int, random: np.random.Generator) -> np.ndarray:
-    """Changes of any order of size [P], in units."""
-    return _SMALLEST ** random.random(count) * random.normal(size=count)
-
-
 def _change(
     genes: Genes, parents: Parents, name: str, plans: np.ndarray, random: np.random.Generator
 ) -> None:
     """One change of one place in a window of each plan, written into."""
-    horizon, width, count = plans.shape
+    horizon, _, count = plans.shape
     # every fluent is as likely, however many objects it has
-    slices = list(genes.places.values())
-    starts, stops = np.array([(each.start, each.stop) for each in slices]).T
-    fluent = random.integers(len(slices), size=count)
+    starts, stops = np.array([(each.start, each.stop) for each in genes.places.values()]).T
+    fluent = random.integers(len(starts), size=count)
     place, column = random.integers(starts[fluent], stops[fluent]), np.arange(count)
-    mask = _windows(horizon, parents.begin, count, random)
-    track = plans[:, place, column]
-    kind = genes.kind[place]
+    mask, track = _windows(horizon, parents.begin, count, random), plans[:, place, column]
+    is_bool = genes.kind[place] == BOOL
     if name == "set":
-        first = mask.argmax(axis=0)
-        value = np.where(kind == BOOL, 1.0 - track[first, column], 0.0)
-        changed = np.where(kind == BOOL, value, random_values(genes, place, random))
+        turned = 1.0 - track[mask.argmax(axis=0), column]
+        changed = np.where(is_bool, turned, random_values(genes, place, random))
     elif name in ("move", "jitter"):
-        size = _sizes(count, random)
-        whole = (kind == INTEGER) | (kind == CHOICE)
-        # an integer's by one at least
-        least = np.where(whole, 1.0 / genes.unit[place], 0.0)
-        size = np.sign(size) * np.maximum(np.abs(size), least)
-        factor = random.normal(size=(horizon, count)) if name == "jitter" else 1.0
-        is_turned = np.abs(random.normal(size=(horizon, count)) if name == "jitter" else 1.0) > 0.9
-        changed = np.where((kind == BOOL) & is_turned, 1.0 - track, track + factor * size)
-        changed = np.where((kind == BOOL) & ~is_turned, track, changed)
+        shape = (horizon, count) if name == "jitter" else (1, count)
+        by = _SMALLEST ** random.random(count) * random.normal(size=shape)
+        is_whole = (genes.kind[place] != REAL) & ~is_bool
+        least = np.where(is_whole, 1.0 / genes.unit[place], 0.0)
+        moved = track + np.sign(by) * np.maximum(np.abs(by), least)
+        is_turned = (random.random(shape) < 0.5) | (name == "move")
+        changed = np.where(is_bool, np.where(is_turned, 1.0 - track, track), moved)
     elif name == "idle":
         changed = np.zeros_like(track)
     elif name == "borrow":
-        other = random.integers(parents.plans.shape[-1], size=count)
-        changed = parents.plans[:, place, other]
+        changed = parents.plans[:, place, random.integers(parents.plans.shape[-1], size=count)]
     else:
         changed = np.take_along_axis(track, _delayed(mask, random), axis=0)
     plans[:, place, column] = np.where(mask, changed, track)
@@ -338,37 +334,36 @@ def _delayed(mask: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return np.where(mask, moved, step)
 
 
-def _delay_all(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
-    del genes
+def _others(parents: Parents, count: int, random: np.random.Generator) -> np.ndarray:
+    """Parents at random [H, D, P]."""
+    return parents.plans[..., random.integers(parents.plans.shape[-1], size=count)]
+
+
+def _delay_all(_: Genes, parents: Parents, plans: np.ndarray, random: np.random.Generator) -> None:
     mask = _windows(len(plans), parents.begin, plans.shape[-1], random)
     plans[...] = np.take_along_axis(plans, _delayed(mask, random)[:, np.newaxis], axis=0)
 
 
-def _cut(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
-    del genes
-    horizon, _, count = plans.shape
-    other = parents.plans[:, :, random.integers(parents.plans.shape[-1], size=count)]
+def _cut(_: Genes, parents: Parents, plans: np.ndarray, random: np.random.Generator) -> None:
+    horizon, _width, count = plans.shape
     is_after = np.arange(horizon)[:, np.newaxis] >= random.integers(parents.begin, horizon, count)
-    np.copyto(plans, other, where=is_after[:, np.newaxis])
+    np.copyto(plans, _others(parents, count, random), where=is_after[:, np.newaxis])
 
 
-def _object(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
+def _object(genes: Genes, parents: Parents, plans: np.ndarray, random: np.random.Generator) -> None:
     count = plans.shape[-1]
-    other = parents.plans[:, :, random.integers(parents.plans.shape[-1], size=count)]
     part = random.integers(genes.part.max() + 1, size=count)
-    np.copyto(plans, other, where=genes.part[:, np.newaxis] == part)
+    is_of = genes.part[:, np.newaxis] == part
+    np.copyto(plans, _others(parents, count, random), where=is_of)
 
 
-def _toward(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
-    count = plans.shape[-1]
-    one, two = (
-        parents.plans[:, :, random.integers(parents.plans.shape[-1], size=count)] for _ in range(2)
-    )
-    plans += (one - two) * random.normal(size=count)
+def _toward(_: Genes, parents: Parents, plans: np.ndarray, random: np.random.Generator) -> None:
+    # differential evolution's, Storn and Price (1997)
+    one, two = (_others(parents, plans.shape[-1], random) for _ in range(2))
+    plans += (one - two) * random.normal(size=plans.shape[-1])
 
 
-def _add_gains(genes: Genes, parents: Parents, plans: np.ndarray, random: Any) -> None:
-    del genes
+def _add_gains(_: Genes, parents: Parents, plans: np.ndarray, random: np.random.Generator) -> None:
     count, known = plans.shape[-1], parents.gains.shape[-1]
     if not known:
         return

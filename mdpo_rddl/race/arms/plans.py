@@ -1,4 +1,10 @@
-"""The arm that evolves open-loop plans: actions by step, whatever the state."""
+"""The arm that evolves open-loop plans: actions by step, whatever the state.
+
+In every iteration the best plans and their children meet the same random numbers, new ones each
+time, and the best of all stay. Without chance a child is played from the first step on at which it
+may differ from its parent; an evolution that gains nothing any more begins again; and as long as no
+plan beats the no-op, and now and then after that, an archive of cells is explored, too.
+"""
 
 import functools
 from collections.abc import Mapping
@@ -7,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mdpo_rddl.problem.evaluation import lost_worth
-from mdpo_rddl.race.arm import Arm, Candidate, Context, Judged, Turn
+from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
 from mdpo_rddl.race.arms.plan_archive import Act, Archive
 from mdpo_rddl.race.arms.plan_mutations import (
     KINDS,
@@ -17,26 +23,30 @@ from mdpo_rddl.race.arms.plan_mutations import (
     genes_of,
     random_plans,
 )
-from mdpo_rddl.race.family import Family
 from mdpo_rddl.simulator.common import CommonNumbers
 from mdpo_rddl.simulator.rollouts import chosen, rollout
-from mdpo_rddl.simulator.simulator import Simulator, State
+from mdpo_rddl.simulator.simulator import State
 
 NAME = "plans"
-# episodes of a plan where chance plays a part, and episodes of all plans of an iteration: fewer
-# take hardly less time
+
+# episodes of a plan where chance plays a part; of all plans of an iteration: with a half or a
+# quarter of them RaceCar and UAV returned less after 2 and 5 s, MarsRover 3 and Zombies as much
 _EPISODES, _REPLICAS = 8, 1024
+# plans that stay (of RaceCar and UAV 32 returned less), and gains that are tried again
 _ELITES, _GAINS = 8, 16
-# steps of a plan from which its children go on, where chance plays no part
+# steps from which children go on, where chance plays no part
 _MARKS = 16
-# of the kinds of changes, those drawn whatever they were worth; what of their worth is remembered
+# of the kinds of changes, those drawn whatever they led to; what of that is remembered
 _ANY_KIND, _MEMORY = 0.3, 0.9
 # iterations of which one explores, once a plan is better than the no-op
 _RARELY = 8
 # iterations without a gain after which an evolution may have come to its end; the share of all that
 # it gained which counts as a gain
 _PATIENCE, _LEAST_GAIN = 20, 0.01
-_MOST_BYTES = 2**28
+# evolutions of which one begins with what the others have found
+_CROSSING = 3
+# of an iteration's plans
+_MOST_BYTES = 2**26
 
 
 class Point(NamedTuple):
@@ -54,92 +64,65 @@ class Point(NamedTuple):
 
     def of(self, places: np.ndarray) -> "Point":
         """Of some of the episodes."""
-        return Point(
-            {name: value[..., places] for name, value in self.state.items()},
-            self.total[places],
-            self.is_over[places],
-        )
+        state = {name: value[..., places] for name, value in self.state.items()}
+        return Point(state, self.total[places], self.is_over[places])
 
     def beside(self, other: "Point") -> "Point":
         """These episodes, then others."""
-        return Point(
-            {n: np.concatenate([v, other.state[n]], axis=-1) for n, v in self.state.items()},
-            np.concatenate([self.total, other.total]),
-            np.concatenate([self.is_over, other.is_over]),
-        )
+        state = {
+            name: np.concatenate([value, other.state[name]], axis=-1)
+            for name, value in self.state.items()
+        }
+        return Point(state, *map(np.append, self[1:], other[1:]))
 
 
 class Played(NamedTuple):
     """What P plans came to.
 
     Attributes:
-      plans: as they were played, without what was not legal [H, D, P]; where chance plays a part as
-        they were given.
-      returns: [P], the means of their episodes.
+      plans: [H, D, P]; where chance plays no part, what was played of them.
+      returns: means of their episodes [P].
       points: by step, where episodes stood.
     """
 
     plans: np.ndarray
     returns: np.ndarray
-    points: Mapping[int, Point]
+    points: Mapping[int, Point] = {}
 
     def of(self, places: np.ndarray) -> "Played":
         """Of some of the plans."""
         points = {step: point.of(places) for step, point in self.points.items()}
-        return Played(self.plans[:, :, places], self.returns[places], points)
+        return Played(self.plans[..., places], self.returns[places], points)
 
     def beside(self, other: "Played") -> "Played":
         """These plans, then others."""
-        return Played(
-            np.concatenate([self.plans, other.plans], axis=-1),
-            np.concatenate([self.returns, other.returns]),
-            {step: point.beside(other.points[step]) for step, point in self.points.items()},
-        )
+        points = {step: point.beside(other.points[step]) for step, point in self.points.items()}
+        plans = np.concatenate([self.plans, other.plans], axis=-1)
+        return Played(plans, np.append(self.returns, other.returns), points)
 
 
-class PlansState(NamedTuple):
-    """What the arm knows; see `mdpo_rddl.race.arm.State`.
+class Start(NamedTuple):
+    """From where plans are played.
 
     Attributes:
-      genes: how plans are written.
-      elites: the best plans of the latest iteration, the very best first.
-      gains: see `Parents` [H, D, G].
-      wins, tries: of each kind of changes, those that led to an elite, and all [K].
-      leader: whose actions were recorded last.
+      step: the first one.
+      point: where the plans stand before it; None for where episodes begin.
+      marks: steps before which it is kept where they stand.
     """
 
-    genes: Genes
-    elites: Played | None
-    gains: np.ndarray
-    wins: np.ndarray
-    tries: np.ndarray
-    leader: Candidate | None = None
-    archive: Archive | None = None
-    noop: float = -np.inf
-    run: "Run | None" = None
-    champions: Played | None = None
-    best: Played | None = None
-    certain: bool = False
-    total: Any = 0
-    found: tuple[Candidate, ...] = ()
-    claim: float = -np.inf
-    iterations: int = 0
-    is_ready: bool = True
-    is_exhausted: bool = False
-    details: Mapping[str, Any] = {}
+    step: int = 0
+    point: Point | None = None
+    marks: frozenset[int] = frozenset()
 
 
 class Run(NamedTuple):
-    """How an evolution from its first plans goes.
+    """How an evolution goes.
 
     Attributes:
-      number: of evolutions before it.
-      began: iteration of its first plans.
-      gained: iteration of the latest gain that counts.
-      first, record: returns of the best of the first plans, and after that gain.
+      began, gained: iterations of its first plans, and of the latest gain that counts.
+      first, record: returns of the best of these plans, and after that gain.
     """
 
-    number: int
     began: int
     gained: int
     first: float
@@ -156,14 +139,89 @@ class Run(NamedTuple):
         return iteration - self.gained > max(_PATIENCE, self.gained - self.began)
 
 
-def acting(family: Family, simulator: Simulator, genes: Genes) -> Act:
-    """What policies of a family do whose plan that is: legal actions, as far as there are any."""
+class PlansState(NamedTuple):
+    """See `mdpo_rddl.race.arm.State`.
+
+    Attributes:
+      genes: how plans are written.
+      gains: see `Parents` [H, D, G].
+      elites: the best plans of the latest iteration, the very best first; None before an evolution.
+      wins, tries: of each kind of changes, those that led to an elite, and all [K].
+      best: the plan that is offered.
+      noop: the no-op's return, where chance plays no part.
+      run: the evolution that goes on; None before the first.
+      champions: the best plans of those before it.
+      archive: where plans have led; it grows.
+      leader: whose actions were recorded last.
+    """
+
+    genes: Genes
+    gains: np.ndarray
+    elites: Played | None = None
+    wins: np.ndarray = np.zeros(len(KINDS))
+    tries: np.ndarray = np.zeros(len(KINDS))
+    best: Played | None = None
+    noop: float = -np.inf
+    run: Run | None = None
+    champions: Played | None = None
+    archive: Archive | None = None
+    leader: Candidate | None = None
+    found: tuple[Candidate, ...] = ()
+    claim: float = -np.inf
+    iterations: int = 0
+    is_ready: bool = True
+    is_exhausted: bool = False
+    details: Mapping[str, Any] = {}
+
+
+def plans() -> Arm:
+    """Evolves plans; where they are too large it does not apply."""
+
+    def init(context: Context) -> PlansState | None:
+        genes = genes_of(context.simulator, context.family)
+        if not 0 < genes.size <= _MOST_BYTES // (2 * _ELITES):
+            return None
+        return PlansState(genes, np.zeros((genes.horizon, len(genes.kind), 0), np.float32))
+
+    return Arm(NAME, init, _step)
+
+
+def _step(context: Context, state: PlansState, turn: Turn) -> PlansState:
+    """Evolves plans until the turn ends, and offers what is better than before."""
+    offered = state.best
+    while True:
+        state = _iterated(context, state, turn)
+        context.on_iteration()
+        if context.budget.clock() >= turn.until:
+            break
+    best = state.best
+    if not context.certain:
+        # what was the best of many is compared once more
+        assert state.elites is not None
+        best = state.elites.of(np.arange(1))
+        best = best if offered is None else offered.beside(best)
+        seed, episodes = _seed(context, state, 1), _REPLICAS // _EPISODES
+        fresh = play(context, state.genes, best.plans, seed, episodes)
+        best = fresh.of(np.array([np.argmax(fresh.returns)]))
+    assert best is not None
+    state = state._replace(best=best, claim=float(best.returns[0]), found=())
+    if offered is not None and np.array_equal(best.plans, offered.plans):
+        return state
+    plan, none = state.genes.tree(best.plans[..., 0]), context.family.noop
+    policy = context.family.policy({"own": none["own"], "plan": plan})
+    return state._replace(found=(Candidate(NAME, "plan", policy),))
+
+
+def acting(context: Context, genes: Genes) -> Act:
+    """What policies do that have nothing but a plan: legal actions, as far as there are any."""
+    family, simulator = context.family, context.simulator
     own = {name: {"bias": np.zeros(shape, np.float32)} for name, shape in genes.shapes.items()}
     empty = family.feedback.empty_memory()
 
     def act(raw: np.ndarray, state: State) -> tuple[Mapping[str, np.ndarray], np.ndarray]:
+        context.on_iteration()
         params = {"own": own, "plan": genes.tree(raw[np.newaxis])}
-        # which a plan does not read
+        # a plan does not read it
         memory = {
             name: np.broadcast_to(value[..., np.newaxis], (*value.shape, raw.shape[-1]))
             for name, value in empty.items()
@@ -180,9 +238,7 @@ def play(
     plans: np.ndarray,
     seed: Any,
     episodes: int,
-    begin: int = 0,
-    point: Point | None = None,
-    marks: frozenset[int] = frozenset(),
+    start: Start | None = None,
 ) -> Played:
     """Plays plans, all of them with the same random numbers.
 
@@ -192,28 +248,25 @@ def play(
       plans: raw numbers [H, D, P].
       seed: of the episodes.
       episodes: of each plan.
-      begin: the first step that is played.
-      point: where the plans stand before it; None for where episodes begin. There is but one
-        episode of each then.
-      marks: steps before which it is told where they stand; asks for one episode of each.
+      start: from where; there is but one episode of each then.
     """
     simulator, count = context.simulator, plans.shape[-1]
+    begin, point, marks = start = start or Start()
     most = max(1, simulator.block // episodes)
     if count > most:
         parts = []
         for first in range(0, count, most):
             some = np.arange(first, min(first + most, count))
-            own = None if point is None else point.of(some)
-            parts.append(play(context, genes, plans[..., some], seed, episodes, begin, own, marks))
+            own = start._replace(point=None if point is None else point.of(some))
+            parts.append(play(context, genes, plans[..., some], seed, episodes, own))
         return functools.reduce(Played.beside, parts)
-    act, replicas = acting(context.family, simulator, genes), count * episodes
-    generator = CommonNumbers(np.random.default_rng(seed), np.tile(np.arange(episodes), count))
+    which = np.tile(np.arange(episodes), count)
+    act, generator = acting(context, genes), CommonNumbers(np.random.default_rng(seed), which)
     if point is None:
-        state = simulator.initial(replicas)
-        point = Point(state, np.zeros(replicas), simulator.ended(state))
+        state = simulator.initial(count * episodes)
+        point = Point(state, np.zeros(count * episodes), simulator.ended(state))
     horizon, discount = genes.horizon, simulator.problem.model.discount
-    points: dict[int, Point] = {}
-    played = plans.copy()
+    played, points = plans.copy(), dict[int, Point]()
     for step in range(begin, horizon):
         if step in marks:
             points[step] = point
@@ -235,194 +288,165 @@ def play(
     return Played(played, totals.reshape(count, episodes).mean(axis=1), points)
 
 
-def init(context: Context) -> PlansState | None:
-    """Nothing is played yet; None where plans are too large to be evolved."""
-    genes = genes_of(context.simulator, context.family)
-    size = genes.horizon * len(genes.kind)
-    if not size or size * 4 * _ELITES * 2 > _MOST_BYTES:
-        return None
-    none = np.zeros(len(KINDS))
-    gains = np.zeros((genes.horizon, len(genes.kind), 0), np.float32)
-    return PlansState(genes, None, gains, none, none, certain=context.certain)
-
-
-def step(context: Context, state: PlansState, turn: Turn) -> PlansState:
-    """Evolves the plans."""
-    before = state.best
-    while True:
-        state = _iterated(context, state, turn)
-        context.on_iteration()
-        if context.budget.clock() >= turn.until:
-            break
-    elites = state.best
-    assert elites is not None and state.run is not None
-    best = elites.plans[:, :, 0]
-    details = {"runs": state.run.number + 1}
-    if before is not None and np.array_equal(best, before.plans[:, :, 0]):
-        return state._replace(found=(), details=details)
-    claim = float(elites.returns[0])
-    if not context.certain:
-        # its return was the best of many
-        seed = [context.seed, *NAME.encode(), state.iterations, 1]
-        fresh = play(context, state.genes, best[..., np.newaxis], seed, _REPLICAS // 8)
-        claim = float(fresh.returns[0])
-    found = (candidate(context, state.genes, best),)
-    return state._replace(found=found, claim=claim, details=details)
-
-
-def candidate(context: Context, genes: Genes, plan: np.ndarray) -> Candidate:
-    """The policy that plays a plan [H, D]."""
-    none = context.family.noop
-    return Candidate(
-        NAME, NAME, context.family.policy({"own": none["own"], "plan": genes.tree(plan)})
-    )
-
-
-def _population(genes: Genes, episodes: int) -> int:
-    """How many plans an iteration tries."""
-    size = genes.horizon * len(genes.kind) * 4
-    return int(np.clip(_MOST_BYTES // (8 * size), _ELITES, _REPLICAS // episodes))
+def _seed(context: Context, state: PlansState, number: int) -> list[int]:
+    return [context.seed, *NAME.encode(), state.iterations, number]
 
 
 def _iterated(context: Context, state: PlansState, turn: Turn) -> PlansState:
-    genes, simulator = state.genes, context.simulator
-    random = context.generator(NAME, state.iterations)
-    seed = [context.seed, *NAME.encode(), state.iterations, 0]
-    episodes = 1 if context.certain else _EPISODES
-    count = _population(genes, episodes)
-    marks: frozenset[int] = frozenset()
-    if context.certain:
-        marks = frozenset(
-            np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int).tolist()
-        )
-    newcomers, leader = _recorded(context, state, turn.leader)
-    state = state._replace(leader=leader)
-    if marks and state.run is not None and state.elites is not None:
-        is_nothing = state.elites.returns[0] <= state.noop
-        if is_nothing or state.run.is_stale(state.iterations):
-            state = _restarted(state)
-    elites = state.elites
-    often = 1 if state.best is None or state.best.returns[0] <= state.noop else _RARELY
-    if state.archive is not None and state.iterations % often == 0:
-        newcomers = np.concatenate([newcomers, state.archive.explore(count, random)], axis=-1)
-    if elites is None:
-        plans = random_plans(genes, count, random)
-        plans[:, :, -1] = 0.0
-        plans = np.concatenate([newcomers, plans], axis=-1)
-        played = play(context, genes, plans, seed, episodes, marks=marks)
-        if state.run is None:
-            states = [point.state for point in played.points.values()]
-            archive = (
-                Archive(simulator, genes, acting(context.family, simulator, genes), states)
-                if marks
-                else None
-            )
-            state = state._replace(archive=archive, noop=float(played.returns[-1]))
-        return _selected(state, played, played.returns[:0], None, None)
-    # one in two goes on where the one before began, so that what it gained can be added up
-    begins = context.generator(NAME, state.iterations // 2, 2)
-    begin = int(begins.choice(sorted(marks))) if marks else 0
-    if newcomers.shape[-1]:
-        begin = 0
+    """The next iteration."""
+    genes, random = state.genes, np.random.default_rng(_seed(context, state, 0))
+    count = _REPLICAS // _episodes(context)
+    count = int(np.clip(_MOST_BYTES // genes.size, _ELITES, count))
+    state, newcomers = _recorded(context, state, turn.leader.candidate)
+    if context.certain and state.run is not None and state.elites is not None:
+        is_paid = state.elites.returns[0] > state.noop
+        if not is_paid or state.run.is_stale(state.iterations):
+            state = _ended(state)
+    if state.archive is not None and state.best is not None:
+        is_paid = state.best.returns[0] > state.noop
+        if not is_paid or state.iterations % _RARELY == 0:
+            explored = state.archive.explore(count, random)
+            newcomers = np.concatenate([newcomers, explored], axis=-1)
+    if state.elites is None:
+        return _begun(context, state, newcomers, random_plans(genes, count, random))
+    return _bred(context, state, newcomers, count, random)
+
+
+def _episodes(context: Context) -> int:
+    """Of each plan in an iteration."""
+    return 1 if context.certain else _EPISODES
+
+
+def _marks(context: Context, genes: Genes) -> frozenset[int]:
+    """Steps from which children may go on."""
+    marks = np.linspace(0, genes.horizon, _MARKS, endpoint=False).astype(int)
+    return frozenset(marks.tolist() if context.certain else [])
+
+
+def _begun(
+    context: Context, state: PlansState, newcomers: np.ndarray, plans: np.ndarray
+) -> PlansState:
+    """The first iteration of an evolution."""
+    genes = state.genes
+    noop = genes.tidied(np.zeros((*plans.shape[:2], 1), np.float32))
+    plans = np.concatenate([newcomers, plans, noop], axis=-1)
+    start = Start(marks=_marks(context, genes))
+    played = play(context, genes, plans, _seed(context, state, 2), _episodes(context), start)
+    if state.run is None and context.certain:
+        seen = [point.state for point in played.points.values()]
+        act, draw = acting(context, genes), functools.partial(random_plans, genes)
+        archive = Archive(context.simulator, len(genes.kind), act, draw, seen)
+        state = state._replace(archive=archive, noop=float(played.returns[-1]))
+    return _selected(state, played, context.certain)
+
+
+def _bred(
+    context: Context,
+    state: PlansState,
+    newcomers: np.ndarray,
+    count: int,
+    random: np.random.Generator,
+) -> PlansState:
+    """An iteration in which elites have so many children."""
+    genes, elites, seed = state.genes, state.elites, _seed(context, state, 2)
+    assert elites is not None
+    marks, begin = _marks(context, genes), 0
+    if marks and not newcomers.shape[-1]:
+        # one in two begins where the one before did, so that what that gained can be added up
+        pair = context.generator(NAME, state.iterations // 2, 3)
+        begin = int(pair.choice(sorted(marks)))
     worth = (state.wins + 1.0) / (state.tries + len(KINDS))
     chances = _ANY_KIND / len(KINDS) + (1.0 - _ANY_KIND) * worth / worth.sum()
     kinds = np.sort(random.choice(len(KINDS), count, p=chances))
     plans, parent = children(genes, Parents(elites.plans, state.gains, begin), kinds, random)
-    if marks:
-        point = elites.points[begin].of(parent)
-        played = play(context, genes, plans, seed, 1, begin, point, marks)
-        earlier = {s: p.of(parent) for s, p in elites.points.items() if s < begin}
+    if context.certain:
+        start = Start(begin, elites.points[begin].of(parent), marks)
+        played = play(context, genes, plans, seed, 1, start)
+        earlier = {step: p.of(parent) for step, p in elites.points.items() if step < begin}
         played = played._replace(points={**earlier, **played.points})
         if newcomers.shape[-1]:
-            played = played.beside(play(context, genes, newcomers, seed, 1, marks=marks))
+            played = played.beside(play(context, genes, newcomers, seed, 1, Start(marks=marks)))
         played = played.beside(elites)
     else:
-        every = np.concatenate([plans, newcomers, elites.plans], axis=-1)
-        played = play(context, genes, every, seed, episodes)
-    before = played.returns[-elites.plans.shape[-1] :]
-    return _selected(state, played, before, kinds, parent)
+        plans = np.concatenate([plans, newcomers, elites.plans], axis=-1)
+        played = play(context, genes, plans, seed, _EPISODES)
+    return _selected(_learnt(state, played, kinds, parent), played, context.certain)
 
 
-def _restarted(state: PlansState) -> PlansState:
-    """Begins another evolution: with random plans, or, in turn, with what the others have found."""
-    assert state.run is not None and state.elites is not None
-    number = state.run.number + 1
-    champions = state.elites.of(np.arange(1))
-    if state.champions is not None:
-        champions = champions.beside(state.champions)
-        champions = champions.of(_best(champions.returns))
-    run = Run(number, state.iterations, state.iterations, np.nan, np.nan)
-    elites = champions if number % 3 == 2 else None
-    if elites is not None:
-        first = float(elites.returns[0])
-        run = run._replace(first=first, record=first)
-    return state._replace(elites=elites, champions=champions, run=run, gains=state.gains[:, :, :0])
-
-
-def _selected(
-    state: PlansState, played: Played, before: np.ndarray, kinds: Any, parent: Any
-) -> PlansState:
-    """The best plans of all; a child that is as good as its parent comes first."""
-    returns = np.where(np.isnan(played.returns), -np.inf, played.returns)
-    chosen = _best(returns)
-    elites = played.of(chosen)
-    iterations, top = state.iterations + 1, float(elites.returns[0])
-    run = state.run
-    if run is None:
-        run = Run(0, iterations, iterations, top, top)
-    elif np.isnan(run.first):
-        run = run._replace(first=top, record=top)
-    best = state.best
-    if best is None or top > best.returns[0] or not state.certain:
-        best = elites.of(np.arange(1))
-    run = run.after(iterations, top)
-    state = state._replace(elites=elites, iterations=iterations, run=run, best=best)
-    if kinds is None:
-        return state
-    count, every = len(kinds), len(KINDS)
-    gained = returns[:count] - before[parent]
-    led = chosen[(chosen < count)]
-    led = led[gained[led] > 0]
-    wins = _MEMORY * state.wins + np.bincount(kinds[led], minlength=every)
-    tries = _MEMORY * state.tries + np.bincount(kinds, minlength=every) / count * _ELITES
+def _learnt(state: PlansState, played: Played, kinds: np.ndarray, parent: np.ndarray) -> PlansState:
+    """With what children [P] tell, whose parents are the last of the plans."""
+    assert state.elites is not None
+    count, first = len(kinds), len(played.returns) - len(state.elites.returns)
+    gained = played.returns[:count] - played.returns[first + parent]
     order = np.argsort(-gained, kind="stable")[:_GAINS]
-    order = order[gained[order] > 0]
-    old = played.plans[:, :, len(returns) - len(before) :]
-    gains = played.plans[:, :, order] - old[:, :, parent[order]]
+    order = order[gained[order] > 0.0]
+    led = _best(played.returns)
+    led = led[led < count]
+    led = led[gained[led] > 0.0]
+    won, tried = (np.bincount(each, minlength=len(KINDS)) for each in (kinds[led], kinds))
     return state._replace(
-        total=state.total + np.bincount(kinds[led], minlength=every),
-        wins=wins,
-        tries=tries,
-        gains=gains,
+        wins=_MEMORY * state.wins + won,
+        # in units of the elites that all kinds together may lead to
+        tries=_MEMORY * state.tries + tried * _ELITES / count,
+        gains=played.plans[..., order] - played.plans[..., first + parent[order]],
     )
 
 
 def _best(returns: np.ndarray) -> np.ndarray:
-    """Places of the best of some returns, the first of those that are equal."""
-    values, first = np.unique(-returns, return_index=True)
-    return first[:_ELITES]
+    """Places of the best returns; of equal ones the first, which is a child's."""
+    return np.unique(-returns, return_index=True)[1][:_ELITES]
+
+
+def _selected(state: PlansState, played: Played, is_certain: bool) -> PlansState:
+    """After an iteration in which plans were played."""
+    elites, iterations, best = played.of(_best(played.returns)), state.iterations + 1, state.best
+    top = float(elites.returns[0])
+    if is_certain and (best is None or top > best.returns[0]):
+        best = elites.of(np.arange(1))
+    run = Run(iterations, iterations, top, top)
+    if state.run is not None and state.elites is not None:
+        run = state.run.after(iterations, top)
+    return state._replace(elites=elites, iterations=iterations, run=run, best=best)
+
+
+def _ended(state: PlansState) -> PlansState:
+    """Before another evolution: from random plans, or, in turn, from what others have found."""
+    assert state.elites is not None
+    champions, number = state.elites.of(np.arange(1)), state.details.get("evolutions", 0) + 1
+    if state.champions is not None:
+        champions = champions.beside(state.champions)
+        champions = champions.of(_best(champions.returns))
+    state = state._replace(champions=champions, gains=state.gains[..., :0])
+    state = state._replace(details={"evolutions": number}, elites=None)
+    if number % _CROSSING < _CROSSING - 1:
+        return state
+    now, first = state.iterations, float(champions.returns[0])
+    return state._replace(elites=champions, run=Run(now, now, first, first))
 
 
 def _recorded(
-    context: Context, state: PlansState, leader: Judged
-) -> tuple[np.ndarray, Candidate | None]:
+    context: Context, state: PlansState, leader: Candidate
+) -> tuple[PlansState, np.ndarray]:
     """What the leader plays, as plans [H, D, P]; none if that is known, or a plan."""
-    genes, known = state.genes, leader.candidate
-    none = np.zeros((genes.horizon, len(genes.kind), 0), np.float32)
-    if known is state.leader or known.arm == NAME:
-        return none, state.leader
-    policy = known.policy.replicated()
+    genes, none = state.genes, state.gains[..., :0]
+    if leader is state.leader or leader.arm == NAME:
+        return state, none
+    state, policy = state._replace(leader=leader), leader.policy.replicated()
     if policy is None:
-        return none, known
-    episodes = 1 if context.certain else _EPISODES
-    found = rollout(context.simulator, policy, episodes, context.seed, keep=True)
-    assert found.trajectories is not None
-    moved = {n: np.moveaxis(v, 0, -1) for n, v in found.trajectories.actions.items()}
-    raw = {n: np.moveaxis(v, -1, 0) for n, v in context.family.raw(moved).items()}
+        return state, none
+
+    def watched(step: int, observation: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
+        context.on_iteration()
+        actions = policy(step, observation)
+        if hasattr(policy, "were_played"):
+            policy.were_played(actions)
+        return actions
+
+    given = _episodes(context), context.seed
+    found = rollout(context.simulator, watched, *given, keep=True).trajectories
+    assert found is not None
+    moved = {name: np.moveaxis(each, 0, -1) for name, each in found.actions.items()}
+    raw = {name: np.moveaxis(v, -1, 0) for name, v in context.family.raw(moved).items()}
     plans = genes.flat(raw)
-    return genes.tidied(np.pad(plans, [(0, genes.horizon - len(plans)), (0, 0), (0, 0)])), known
-
-
-def plans() -> Arm:
-    """The arm; where plans are not too large to be evolved."""
-    return Arm(NAME, init, step)
+    rest = [(0, genes.horizon - len(plans)), (0, 0), (0, 0)]
+    return state, genes.tidied(np.pad(plans, rest))

@@ -1,7 +1,6 @@
 """Weights of the feedback policy by covariance matrix adaptation, without a gradient.
 
-Hansen (2016), https://arxiv.org/abs/1604.00772, and its separable form for many weights, Ros and
-Hansen (2008), by the package cmaes. Three scopes:
+Three scopes of one search (`mdpo_rddl.race.cma`), whose covariance is diagonal for many weights:
 
 - random rules: simple rules, linear in the state and the same at all times, drawn at random;
 - shared weights: those that all objects have in common; first those of a simple rule, from the best
@@ -9,18 +8,16 @@ Hansen (2008), by the package cmaes. Three scopes:
 - own weights: shared ones and each object's own, around the best feedback policy so far.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mdpo_rddl.policy.formula import without_idle
+from mdpo_rddl.problem.evaluation import LOST
+from mdpo_rddl.race import cma
 from mdpo_rddl.race.arm import Arm, Candidate, Context, Turn
-from mdpo_rddl.race.weights import Params, Weights, without_idle
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # of optional parts that are not installed
-    from cmaes import CMA, SepCMA
+from mdpo_rddl.race.weights import Params, Weights
 
 RULES, SHARED, OWN = "random rules", "shared weights", "own weights"
 
@@ -44,6 +41,9 @@ _MOST_FULL, _MOST = 100, 5000
 # episodes in which what was found is compared with what was known
 _COMPARED = 32
 _WORST = -1e30
+# of a lost episode, in ranges of the returns of others; and so many times more episodes are played
+# where some are lost, to tell how rarely
+_PENALTY, _LEAST, _TELLING = 10.0, 1e-3, 3
 
 
 class _Adaptation(NamedTuple):
@@ -51,19 +51,19 @@ class _Adaptation(NamedTuple):
 
     Attributes:
       weights: what its vectors stand for.
-      optimizer: of cmaes, which changes as it is told.
+      search: where it is.
       medians: of the population's returns, of each iteration.
     """
 
     weights: Weights
-    optimizer: Any
+    search: cma.Search
     medians: tuple[float, ...] = ()
 
     @property
     def has_stalled(self) -> bool:
         """Whether it gains little, or nothing can be told apart any more."""
         count = len(self.medians)
-        if count and self.optimizer.should_stop():
+        if count and cma.is_over(self.search):
             return True
         if count < _FEWEST:
             return False
@@ -79,7 +79,7 @@ class WeightsState(NamedTuple):
     Attributes:
       params: the best policy so far.
       adaptation: that goes on; None between two.
-      begun: adaptations so far.
+      begun: adaptations so far; of random rules the iteration of the best one.
       parent: whose policy the adaptation began with, if it was another arm's.
     """
 
@@ -96,14 +96,17 @@ class WeightsState(NamedTuple):
 
 
 def rules() -> Arm:
-    """Random rules, until a draw finds none that is better; where none is paid, on and on."""
+    """Random rules, until many find none that is better; where none is paid, on and on."""
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
         simple = _simple(context)
-        drawn, state = _drawn(context, RULES, simple, state._replace(found=()))
+        drawn, state = _drawn(context, RULES, simple, state._replace(found=()), turn.until)
         state = _offered(context, state, RULES, simple.params(drawn[0]))
+        if state.found:
+            return state._replace(begun=state.iterations)
         is_paid = state.params is not context.family.noop
-        return state._replace(is_exhausted=is_paid and not state.found)
+        idle = _POPULATION * (state.iterations - state.begun)
+        return state._replace(is_exhausted=is_paid and idle >= _DRAWN)
 
     return Arm(RULES, lambda context: WeightsState(context.family.noop), step)
 
@@ -118,22 +121,22 @@ def shared_weights() -> Arm:
             start = weights.start
             sigma = max(_SIMPLE_SIGMA, _RELATIVE_SIGMA * float(np.sqrt(np.mean(start**2))))
         elif state.begun % 2:  # all weights, from the best so far
-            base = without_idle(state.params)
+            base = _varied(state.params)
             weights = Weights(base, {"shared": _all(base["shared"])})
             start, sigma = weights.start, _ALL_SIGMA
         else:
             weights = _simple(context)
             drawn, state = _drawn(context, SHARED, weights, state)
             start, sigma = drawn[0], _SIMPLE_SIGMA
-        adaptation = _adaptation(context, SHARED, state, weights, start, sigma)
+        adaptation = _adaptation(weights, start, sigma)
         return state._replace(adaptation=adaptation, begun=state.begun + 1)
 
     def step(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
         known = turn.best_feedback
-        if known is not None and known.candidate.arm == RULES:
-            if known.candidate is not state.parent:
-                begun = state.begun + state.begun % 2
-                state = state._replace(parent=known.candidate, adaptation=None, begun=begun)
+        rule = None if known is None or known.candidate.arm != RULES else known.candidate
+        if rule is not None and rule is not state.parent:
+            begun = state.begun + state.begun % 2
+            state = state._replace(parent=rule, adaptation=None, begun=begun)
         return _adapted(context, state, turn, SHARED, begin)
 
     return Arm(SHARED, lambda context: WeightsState(context.family.noop), step, improves=True)
@@ -152,14 +155,14 @@ def own_weights() -> Arm:
         params = parent.policy.params
 
         def begin(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
-            base = without_idle(params)
+            base = _varied(params)
             full = {**base, "own": params["own"]}
             varies = {part: _all(full[part]) for part in ("shared", "own") if part in full}
             weights = Weights(full, varies)
             if weights.start.size > _MOST:
                 weights = Weights(base, {"shared": varies["shared"]})
             sigma = _OWN_SIGMAS[state.begun % len(_OWN_SIGMAS)]
-            adaptation = _adaptation(context, OWN, state, weights, weights.start, sigma)
+            adaptation = _adaptation(weights, weights.start, sigma)
             return state._replace(adaptation=adaptation, begun=state.begun + 1)
 
         state = state._replace(params=params, claim=leader.mean)
@@ -181,16 +184,16 @@ def _adapted(
         if state.adaptation is None:
             state = begin(context, state, turn)
         assert state.adaptation is not None
-        weights, optimizer, medians = state.adaptation
+        weights, search, medians = state.adaptation
         context.on_iteration()
-        asked = np.stack([optimizer.ask() for _ in range(_POPULATION)])
+        asked = cma.ask(search, _POPULATION, context.generator(name, state.iterations, 2))
         means = _means(context, weights, asked, [state.iterations, *name.encode()])
-        optimizer.tell(list(zip(asked, -means, strict=True)))
-        adaptation = _Adaptation(weights, optimizer, (*medians, float(np.median(means))))
+        search = cma.tell(search, asked, means)
+        adaptation = _Adaptation(weights, search, (*medians, float(np.median(means))))
         state = state._replace(adaptation=adaptation, iterations=state.iterations + 1)
         is_over = context.budget.clock() >= turn.until
         if adaptation.has_stalled or is_over:
-            found = weights.params(optimizer.mean)
+            found = weights.params(search.mean)
             state = _offered(context, state, name, found)
         if adaptation.has_stalled:
             state = state._replace(adaptation=None)
@@ -198,19 +201,8 @@ def _adapted(
             return state
 
 
-def _adaptation(
-    context: Context,
-    name: str,
-    state: WeightsState,
-    weights: Weights,
-    start: np.ndarray,
-    sigma: float,
-) -> _Adaptation:
-    seed = int(context.generator(name, state.begun).integers(1, 2**31))
-    kind = CMA if start.size <= _MOST_FULL else SepCMA
-    return _Adaptation(
-        weights, kind(mean=start.copy(), sigma=sigma, population_size=_POPULATION, seed=seed)
-    )
+def _adaptation(weights: Weights, start: np.ndarray, sigma: float) -> _Adaptation:
+    return _Adaptation(weights, cma.begin(start, sigma, is_full=start.size <= _MOST_FULL))
 
 
 def _offered(context: Context, state: WeightsState, name: str, params: Params) -> WeightsState:
@@ -229,21 +221,23 @@ def _offered(context: Context, state: WeightsState, name: str, params: Params) -
 
 
 def _drawn(
-    context: Context, name: str, simple: Weights, state: WeightsState
+    context: Context, name: str, simple: Weights, state: WeightsState, until: float = np.inf
 ) -> tuple[np.ndarray, WeightsState]:
-    """The best of random rules [P, D], the very best first."""
+    """The best of random rules [P, D], the very best first; of fewer if the time is over."""
     random = context.generator(name, state.iterations, 1)
-    size = (_DRAWN, simple.start.size)
-    vectors = random.normal(size=size) * random.choice(_SCALES, size=size, p=_SHARES)
-    vectors[::4] *= 10.0 ** random.uniform(0.0, _STRONGER, size=(len(vectors[::4]), 1))
-    parts = []
-    for first in range(0, _DRAWN, _POPULATION):
+    best, means, episodes = np.zeros((0, simple.start.size)), np.zeros(0), [state.iterations]
+    for _ in range(0, _DRAWN, _POPULATION):
         context.on_iteration()
-        some = vectors[first : first + _POPULATION]
-        parts.append(_means(context, simple, some, [state.iterations, *name.encode()], _FEW))
-    order = np.argsort(-np.concatenate(parts), kind="stable")
-    state = state._replace(iterations=state.iterations + len(parts))
-    best = vectors[order[: _POPULATION // 2]]
+        size = (_POPULATION, simple.start.size)
+        vectors = random.normal(size=size) * random.choice(_SCALES, size=size, p=_SHARES)
+        vectors[::4] *= 10.0 ** random.uniform(0.0, _STRONGER, size=(len(vectors[::4]), 1))
+        new = _means(context, simple, vectors, [*episodes, *name.encode()], _FEW)
+        best, means = np.concatenate([best, vectors]), np.concatenate([means, new])
+        order = np.argsort(-means, kind="stable")[: _POPULATION // 2]
+        best, means = best[order], means[order]
+        state = state._replace(iterations=state.iterations + 1)
+        if context.budget.clock() >= until:
+            break
     return best[np.argsort(-_fresh(context, simple, best), kind="stable")], state
 
 
@@ -260,9 +254,26 @@ def _means(
     seed: Any,
     episodes: int = _EPISODES,
 ) -> np.ndarray:
-    """Mean returns [P] of vectors [P, D]; those that are not finite are the worst."""
-    episodes = 1 if context.certain else episodes
+    """Mean returns [P] of vectors [P, D]; those that are not finite are the worst.
+
+    A lost episode counts as one that returns less than all others of the population by so many
+    times their range: a policy that is seldom lost is near one that never is.
+    """
+    if context.certain:
+        episodes = 1
     returns = context.family.returns(weights, vectors, episodes, [context.seed, *seed])
+    lost = returns <= LOST
+    if lost.any() and not lost.all():
+        if not context.certain:
+            more = [context.seed, *seed, 1]
+            again = context.family.returns(weights, vectors, _TELLING * episodes, more)
+            returns = np.concatenate([returns, again], axis=1)
+            lost = returns <= LOST
+        known = returns[~lost]
+        worst = known.min() - _PENALTY * max(
+            float(np.ptp(known)), _LEAST * abs(known.min()), _LEAST
+        )
+        returns = np.where(lost, worst, returns)
     return np.maximum(np.nan_to_num(returns.mean(axis=1), nan=_WORST), _WORST)
 
 
@@ -273,7 +284,12 @@ def _simple(context: Context, params: Params | None = None) -> Weights:
         name: np.array([not n.endswith("^2") and not n.startswith("cos(") for n in names])
         for name, names in ((n, feedback.names(n)) for n in feedback.action_shapes)
     }
-    return Weights(without_idle(params or context.family.noop), {"shared": varies})
+    return Weights(_varied(params or context.family.noop), {"shared": varies})
+
+
+def _varied(params: Params) -> Params:
+    """What plays the same, with shared weights that have no effect yet."""
+    return {**without_idle(params), "shared": params["shared"]}
 
 
 def _all(tree: Any) -> Any:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # which import JAX
 
 logger = logging.getLogger(__name__)
 
-_NOISE_NAMES = {"NoNoise": "none", "ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
+_NOISE_NAMES = {"ConstantNoise": "constant", "AdaptiveNoise": "adaptive"}
 # where each update with noise has one without beside it
 _BESIDE = ", beside updates without"
 _POLICY_NAMES = {
@@ -67,28 +67,22 @@ def planner_figures(config: PlannerConfig) -> dict[str, Any]:
 
     Without a section `[Noise]` all numbers of the default are given, since nobody has named one.
     """
-    rule, plan = config.noise(), config.policy_method
-    name = type(rule).__name__
-    numbers = config.noise_numbers if "Noise" in config.sections else asdict(cast(Any, rule))
-    is_paired = rule.paired and not rule.silent
-    return {
-        "noise": _NOISE_NAMES.get(name, name) + (_BESIDE if is_paired else ""),
-        "noise_parameters": numbers,
-        "policy": _POLICY_NAMES.get(plan, plan),
-    }
+    plan, noise, numbers = config.policy_method, "none", config.noise_numbers
+    if config.section("Noise").get("method") != "NoNoise":  # other rules import JAX
+        rule = config.noise()
+        name = type(rule).__name__
+        noise = _NOISE_NAMES.get(name, name)
+        noise += _BESIDE if rule.paired and not rule.silent else ""
+        numbers = numbers if "Noise" in config.sections else asdict(cast(Any, rule))
+    policy = _POLICY_NAMES.get(plan, plan)
+    return {"noise": noise, "noise_parameters": numbers, "policy": policy}
 
 
-def policy_figures(policy: AnyPolicy, uses_noise: bool = True) -> dict[str, Any]:
-    """The noise that a policy was trained with, and its kind.
-
-    Args:
-      policy: whatever was found.
-      uses_noise: whether it was trained with the noise of its configuration.
-    """
-    without = {"noise": "none", "noise_parameters": {}}
+def policy_figures(policy: AnyPolicy) -> dict[str, Any]:
+    """The noise that a policy was trained with, and its kind."""
     if isinstance(policy, PlannerlessPolicy):
-        return {**without, "policy": policy.name}
-    figures = planner_figures(policy.config) | ({} if uses_noise else without)
+        return {"noise": "none", "noise_parameters": {}, "policy": policy.name}
+    figures = planner_figures(policy.config)
     return {**figures, "policy": "vote over a belief"} if policy.votes else figures
 
 

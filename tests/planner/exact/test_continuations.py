@@ -74,7 +74,9 @@ def test_a_return_that_hangs_on_rounding_is_not_certain():
     problem, config = problem_from(EDGE), auto_preset("edge").without_section("Search")
     planner = build_planner(problem, config).planner
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
-    policy = Policy(problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner))
+    policy = Policy(
+        problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner)
+    )
     place = 0, [(0.0,), (1.0,)], 64, {"height": np.array(0.7, np.float32)}
     assert np.all(returns(policy, *place) == 4.0)
     found = returns(policy, *place, is_rounded=True)
@@ -123,7 +125,9 @@ def test_later_additions_to_reals_that_are_illegal_are_not_played():
     problem, config = problem_from(domain + instance), auto_preset("t").without_section("Search")
     planner = build_planner(problem, config).planner
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
-    policy = Policy(problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner))
+    policy = Policy(
+        problem, config, params, unit_hyperparams(planner), seed=0, compiled=Compiled(planner)
+    )
     start = {"x": np.array([0.0, 0.0])}
     plan = [(0.25, 0.25), (0.375, 0.5)]
     assert returns_of_plan(policy, plan, start) == -2 * (0.25 + 0.0625 + 0.0625)

@@ -6,8 +6,8 @@ import pytest
 from helpers.lakes import preset
 from helpers.toys import problem_from
 
-from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
 from mdpo_rddl.planner.exact.exact import compile_exact_returns
 from mdpo_rddl.planner.model.exact_model import ExactModel

@@ -7,8 +7,8 @@ from helpers.functions import BEYOND_THE_GROUND, EXPRESSIONS, in_the_environment
 from helpers.lakes import preset
 from helpers.toys import problem_from
 
-from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.problem.load import make_environment
 
 ALL = {**EXPRESSIONS, **BEYOND_THE_GROUND}

@@ -7,8 +7,8 @@ from helpers.lakes import preset
 from helpers.toys import problem_from
 from scipy import stats
 
-from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import without_scales
 from mdpo_rddl.planner.upstream import INVALID_PARAMETERS
 from mdpo_rddl.problem.load import make_environment
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.toys import FOLDER, problem_from, toy
 
-from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.build import build_planner
+from mdpo_rddl.planner.config.fitting import greedy
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.plans.greedy_plan import GreedyPlan
 from mdpo_rddl.planner.plans.opened import open_plan

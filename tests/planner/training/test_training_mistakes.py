@@ -8,13 +8,13 @@ from helpers.problems import assert_same_bits, tiny_files
 from helpers.toy_mdps import lamp
 from helpers.trainings import CART, CART_INSTANCE, Scripted, cart_planner, paper_config, trained
 
-from mdpo_rddl.auto import plan_automatically
-from mdpo_rddl.auto.race.options import RaceOptions
 from mdpo_rddl.planner.build import build_planner
 from mdpo_rddl.planner.config.presets.auto import auto_preset
 from mdpo_rddl.planner.training.diagnosis import origin
 from mdpo_rddl.planner.upstream import JaxRDDLCompiler
 from mdpo_rddl.problem.load import load_problem
+from mdpo_rddl.race.budget import Budget
+from mdpo_rddl.race.race import RaceOptions, race
 
 
 def test_a_run_without_a_finite_return_is_an_input_error(tmp_path):
@@ -157,7 +157,7 @@ def test_a_problem_without_actions_is_told_before_its_optimum(tmp_path):
     found, stages = lamp(tmp_path, 3), []
     found.model.action_fluents.clear()
     options = RaceOptions(on_stage=stages.append)
-    said = one_line(lambda: plan_automatically(found, auto_preset(""), 0, options))
+    said = one_line(lambda: race(found, auto_preset(""), Budget.of(9.0), 0, options))
     assert said == f"{found.domain_path}: it has no action fluent, nothing to plan"
     assert stages == []
 

@@ -9,7 +9,6 @@ from helpers.clocks import Ticking
 from helpers.tiger import NOTHING_SHOWN, listener
 from helpers.toys import toy
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -24,6 +23,7 @@ from mdpo_rddl.policy.lookahead.qmdp import try_qmdp
 from mdpo_rddl.policy.lookahead.sequences import Sequences
 from mdpo_rddl.policy.lookahead.simulator import NARROW
 from mdpo_rddl.policy.lookahead.trials import NO_TIME
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.policy import Policy
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.load import make_environment

@@ -10,9 +10,9 @@ from helpers.clocks import Ticking
 from helpers.mistakes import one_line
 from helpers.x64 import enable_x64
 
-from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.policy.lookahead.choice import OPTIMAL, choose
 from mdpo_rddl.policy.lookahead.table_lookup import TableLookup
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.policy.table import ActionTable, Estimate
 from mdpo_rddl.policy.table_policy import TablePolicy
 from mdpo_rddl.problem.enumeration.irrelevance import Merge, merged

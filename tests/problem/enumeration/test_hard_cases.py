@@ -7,10 +7,7 @@ import pytest
 from helpers.clocks import Ticking
 from helpers.toys import problem_from
 
-from mdpo_rddl.auto.search.optimum import find_optimum
-from mdpo_rddl.auto.search.trials.backward import annuity, induct
-from mdpo_rddl.auto.search.trials.explored import Explored
-from mdpo_rddl.auto.search.trials.trials import TrialSearch
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
 from mdpo_rddl.problem.enumeration.joint_actions import joint_actions
 from mdpo_rddl.problem.enumeration.levels import Levels
@@ -194,33 +191,6 @@ def test_too_many_joint_actions_are_refused_before_they_are_made():
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize(("discount", "steps"), [(1.0, 7), (0.5, 3), (0.0, 2), (0.9, 0)])
-def test_an_annuity_is_the_sum_of_its_payments(discount, steps):
-    assert annuity(discount, steps) == pytest.approx(sum(discount**k for k in range(steps)))
-
-
-def test_what_was_not_seen_is_discounted():
-    idle = problem(_IDLE, 20, horizon=40, discount=0.5)
-    limits = EnumerationLimits(60.0)
-    explored = Explored(ground_model(idle, limits), limits)
-    # nothing was seen yet: the first action's reward, then the no-op's for ever
-    assert induct(explored, 0.0).value == pytest.approx(1.5 + 0.5 * 2.0, abs=1e-6)
-    assert np.all(np.isfinite(induct(explored, 1.0).rows))
-
-
-def test_next_states_that_follow_from_several_draws_have_all_their_probability():
-    limits = EnumerationLimits(60.0)
-    search = TrialSearch(
-        ground_model(problem(_RAIN, 4, horizon=40), limits), limits, 0, Ticking(0.01)
-    )
-    search.work(10.0)
-    explored = search.explored
-    mass = np.bincount(explored.origin.values, explored.probability.values)
-    assert mass[mass > 0.0] == pytest.approx(1.0)
-    # working in the rain for ever, and not where it is dry and pays half
-    assert search.found(0.0).value == pytest.approx(40.0)
-
-
 def test_the_largest_of_many_draws_is_worked_out_two_at_a_time():
     limits = EnumerationLimits(20.0, clock=Ticking(0.01))
     (law,) = ground_model(problem(_LARGEST, 40), limits).actions[0].laws
@@ -298,21 +268,6 @@ def test_values_that_are_never_allowed_are_not_counted():
     found = joint_actions(variables, 20, (graph, forbidden), EnumerationLimits(20.0))
     assert len(found) == 2**3
     assert not any(each[ground] for each in found for ground in [*variables][3:])
-
-
-@pytest.mark.parametrize("preconditions", ["", "action-preconditions { open => close; };"])
-def test_the_first_row_is_made_alone(preconditions):
-    limits = EnumerationLimits(20.0)
-    model = ground_model(problem(_GUARD.replace("PRECONDITIONS", preconditions)), limits)
-    search = TrialSearch(model, limits, 0, Ticking(0.01))
-    search.work(2.0)
-    maker, states = search.explored.maker, search.explored.index.states
-    every, first = maker.rows(states), maker.first(states)
-    places = np.searchsorted(every.state, np.arange(len(states)))
-    # without preconditions that is the no-op; with them it is not where the door is open
-    assert np.count_nonzero(first.action) == (1 if preconditions else 0)
-    for column, all_of_them in zip(first, every, strict=True):
-        np.testing.assert_array_equal(column, all_of_them[places])
 
 
 def test_a_chance_may_have_thousands_of_values():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import toy_mdps as toys
 
-from mdpo_rddl.auto.search.optimum import find_optimum
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration import irrelevance
 from mdpo_rddl.problem.enumeration.irrelevance import find_merges, merged
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits

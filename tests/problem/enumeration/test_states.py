@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import toy_mdps as toys
 
-from mdpo_rddl.auto.search.optimum import find_optimum
+from mdpo_rddl.policy.optimum import find_optimum
 from mdpo_rddl.problem.enumeration import irrelevance
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, NotEnumerableError

@@ -26,7 +26,7 @@ _WEIGHTS = (
 def auto_preset(domain_name: str) -> PlannerConfig:
     """The configuration, the same for every domain.
 
-    `[Search]` makes it one of `mdpo_rddl.auto`, which fills in units and scales.
+    `[Search]` makes it one of `mdpo_rddl.race`, which fills in units and scales.
     """
     del domain_name
     sections: dict[str, dict[str, Any]] = {
@@ -63,12 +63,7 @@ def auto_preset(domain_name: str) -> PlannerConfig:
             "quantile": 0.95,
             "analysis_samples": 0,
         },
-        "Search": {
-            "optimum_until": 0.4,
-            "shared_until": 0.2,
-            "own_until": 0.32,
-            "rounds_until": 0.92,
-        },
+        "Search": {},
         "MDPO": {"stop_at_termination": True, "iterations_per_call": 100, "test_every": 20},
     }
     return PlannerConfig(sections, "preset 'auto'")

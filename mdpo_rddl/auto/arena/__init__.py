@@ -1,1 +1,0 @@
-"""Where arms meet: the problem, its compiled planner, the judge and the clock."""

@@ -1,1 +1,0 @@
-"""The arms of `auto`: ways to find a policy, one to a file, behind the interface of `base`."""

@@ -1,1 +1,0 @@
-"""Planning where the state is observed in part."""

@@ -1,1 +1,0 @@
-"""What a race comes to, also where the judge has played nothing."""

@@ -1,1 +1,0 @@
-"""What the model says before anything is searched: units, bounds, chance, errors."""

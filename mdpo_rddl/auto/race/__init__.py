@@ -1,1 +1,0 @@
-"""The race itself: which arms take part, and who works when."""

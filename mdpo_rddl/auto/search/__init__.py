@@ -1,1 +1,0 @@
-"""What arms search with: adaptation, evolution, and populations played on the exact model."""
