@@ -146,7 +146,7 @@ def resampled(uniform: float, logs: np.ndarray) -> np.ndarray:
     points = (np.arange(count) + uniform) / count
     # episode b's sums and points lie between b and b + 1
     of_all = np.arange(episodes)[:, np.newaxis]
-    return np.searchsorted((sums + of_all).ravel(), (points + of_all).ravel())
+    return np.searchsorted((sums + of_all).ravel(), (points + of_all).ravel(), "right")
 
 
 def stepped(
