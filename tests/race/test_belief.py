@@ -30,7 +30,7 @@ def context_of(problem):
 
 
 def test_it_needs_a_hidden_state():
-    assert belief_vote().init(context_of(toy("boiler"))) is None
+    assert belief_vote().init(context_of(toy("track", START="0.0"))) is None
 
 
 def test_its_race_goes_on_in_slices_and_a_vote_is_offered_that_pays():
