@@ -6,7 +6,7 @@ near it:
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
 3. where that is still illegal, the no-op takes its changes one by one, the most probable first,
-   each only if the action stays legal; of a real's change it takes a legal share, found by bisection;
+   each only if the action stays legal; of a real's change it takes a legal share, by bisection;
    where the no-op itself is illegal, the most probable legal change of it comes first.
 
 Where no legal action is found like that, the proposal stands.

@@ -38,11 +38,13 @@ DYNAMIC_PROGRAMMING, RELAXED_PLANS = "dynamic programming", "relaxed plans"
 
 # what a process may take: a share of the machine's memory, at most so many bytes
 _MEMORY_SHARE, _MOST_MEMORY = 0.25, 4 * 2**30
-# rules that are tried, the most different ones first
+# rules that are tried, the most different ones first: the second returns -7.9 for the first one's
+# -20 on EarthObservation 1 and -100 for -151 on Elevators 5, the first one 9.0 for 7.1 on
+# CooperativeRecon 1; of 48 rules none is clearly better than these on any of four problems
 _RULES = (
     PlanRule(),
+    PlanRule(patience=1.0, prices=Prices(tries=True), searches=True),
     PlanRule(prices=Prices(tries=True), searches=True),
-    PlanRule(prices=Prices(0.97)),
     PlanRule(others=0.2),
 )
 # episodes of the first rule at most, since few do not show a disaster that is rare, and as many of
