@@ -113,7 +113,7 @@ def _race(
         family=family,
         certain=seen.is_certain,
         on_iteration=on_iteration,
-        race=_subordinate,
+        race=subordinate,
     )
     board = Board(context, options.on_judged)
     noop = Candidate(SIMPLE, NOOP, family.policy(family.noop))
@@ -157,7 +157,7 @@ def _race(
     )
 
 
-def _subordinate(
+def subordinate(
     problem: Problem,
     config: PlannerConfig,
     budget: Budget,
