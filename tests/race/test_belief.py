@@ -13,6 +13,7 @@ from mdpo_rddl.race.budget import Budget
 from mdpo_rddl.race.evaluator import Evaluator
 from mdpo_rddl.race.family import Family
 from mdpo_rddl.race.probe import probe
+from mdpo_rddl.race.race import subordinate
 from mdpo_rddl.simulator.simulator import Simulator
 
 
@@ -26,7 +27,7 @@ def context_of(problem):
     config = scaled(auto_preset(problem).without_section("Search"), seen)
     family = Family(problem, simulator, with_memory(config, problem), 1, _nothing)
     given = Budget.of(100.0), 1, family, seen.is_certain, _nothing
-    return Context(problem, simulator, Evaluator(simulator, 1), *given)
+    return Context(problem, simulator, Evaluator(simulator, 1), *given, race=subordinate)
 
 
 def test_it_needs_a_hidden_state():
