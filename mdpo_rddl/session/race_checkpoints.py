@@ -1,19 +1,18 @@
-"""What a race leaves behind if it is stopped: the best policy of each arm, and where it was."""
+"""What a race leaves behind if it is stopped: the best policy of each arm, and its seconds."""
 
 import json
-import logging
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
-from mdpo_rddl.errors import one_line_cause, printable
+from mdpo_rddl.errors import printable
 from mdpo_rddl.planner.config.config import PlannerConfig
-from mdpo_rddl.policy.container import MOST_POLICY_BYTES, Metadata, Tensors
+from mdpo_rddl.policy.container import Metadata, Tensors
 from mdpo_rddl.policy.plan_rule import parse_rule, rule_text
 from mdpo_rddl.policy.table import Estimate, parse_table, table_tensors, table_text
 from mdpo_rddl.policy.trees import flatten, unflatten
@@ -24,22 +23,16 @@ from mdpo_rddl.session.unfinished import RACE_FILES
 if TYPE_CHECKING:
     from mdpo_rddl.auto.common.candidate import Candidate, Judged
     from mdpo_rddl.auto.common.curve import Curve
-    from mdpo_rddl.auto.race.resumption import Snapshot
     from mdpo_rddl.auto.resuming.earlier import EarlierPolicy, EarlierRace
-    from mdpo_rddl.auto.resuming.race_state import RaceState
 
-logger = logging.getLogger(__name__)
-
+# those of earlier versions have the arms' states besides, which nobody reads
 _FORMAT = "mdpo-rddl race 4"
-_STATE = "state/"
-# of a file that can be read again, with room for its text
-_MOST_BYTES = MOST_POLICY_BYTES - 2**24
 # what a checkpoint may take at any time; of the race, if it takes longer
 _CHEAP_SECONDS, _MOST_SHARE = 0.1, 0.05
 
 
 class RaceCheckpoints:
-    """A race's best policies and its state, written with a new incumbent and now and then.
+    """A race's best policies and its seconds, written with a new incumbent and now and then.
 
     Attributes:
       start: what an earlier process has left; None if nothing.
@@ -65,13 +58,13 @@ class RaceCheckpoints:
         self._best: dict[str, Candidate] = {}
         self._curve: Curve = () if self.start is None else self.start.curve
         self._saved_at, self._cost, self._has_new = -math.inf, 0.0, False
-        self._snapshot: Snapshot | None = None
+        self._used: Callable[[], float] | None = None
 
-    def begun(self, snapshot: "Snapshot") -> None:
-        """A race has begun; what is given says where it is."""
-        self._snapshot = snapshot
-        used = 0.0 if self.start is None else self.start.seconds
-        self._ends = time.monotonic() + self._race_seconds - used
+    def begun(self, used: Callable[[], float]) -> None:
+        """A race has begun; what is given says how many seconds it has used."""
+        self._used = used
+        earlier = 0.0 if self.start is None else self.start.seconds
+        self._ends = time.monotonic() + self._race_seconds - earlier
 
     def judged(self, judged: "Judged") -> None:
         """A candidate was judged."""
@@ -134,10 +127,9 @@ class RaceCheckpoints:
             best_so_far = self._incumbent
         elif self.start is not None:  # it was not judged yet in this race
             best_so_far = self.start.incumbent
-        state = None if self._snapshot is None else self._snapshot()
         if seconds is None:
-            assert state is not None
-            seconds = state.seconds
+            assert self._used is not None
+            seconds = self._used()
         others: list[Candidate | EarlierPolicy] = [
             best for best in self._best.values() if best is not best_so_far
         ]
@@ -163,26 +155,7 @@ class RaceCheckpoints:
             "about": json.dumps(about),
             "curve": json.dumps([dict(point) for point in self._curve]),
         }
-        own, words = _flat(state)
-        if sum(each.nbytes for each in (*tensors.values(), *own.values())) < _MOST_BYTES:
-            tensors |= own
-            text |= words
         self._kept.write(tensors, text)
-
-
-def _flat(state: "RaceState | None") -> tuple[Tensors, Metadata]:
-    """A state as a file holds it; one that cannot be written costs the state, not the race."""
-    if state is None:
-        return {}, {}
-    try:
-        flat = state.flat()
-        tensors = {
-            _STATE + name: np.asarray(each, order="C") for name, each in flat.tensors.items()
-        }
-        return tensors, {"state": json.dumps(dict(flat.values))}
-    except Exception as error:
-        logger.warning("the arms' states are not kept: %s", one_line_cause(error))
-        return {}, {}
 
 
 def _is_policy(found: "Candidate") -> bool:
@@ -211,21 +184,7 @@ def _start(text: Metadata, tensors: Tensors) -> "EarlierRace":
     if not (math.isfinite(seconds) and seconds >= 0.0):
         raise ValueError("its seconds are not those of a race")
     curve = read_curve(json.loads(text["curve"]), seconds)
-    return EarlierRace(seconds, incumbent, tuple(others), _state(text, tensors), curve)
-
-
-def _state(text: Metadata, tensors: Tensors) -> "RaceState | None":
-    """Where the race was; one that is damaged costs the arms' states, not the policies."""
-    from mdpo_rddl.auto.common.state import UNFIT, State
-    from mdpo_rddl.auto.resuming.race_state import RaceState
-
-    if "state" not in text:
-        return None
-    try:
-        return RaceState.of(State(_part(tensors, _STATE), json.loads(text["state"])))
-    except UNFIT as error:
-        logger.warning("the arms begin anew from their best policies: %s", one_line_cause(error))
-        return None
+    return EarlierRace(seconds, incumbent, tuple(others), curve)
 
 
 def _part(tensors: Tensors, prefix: str) -> Tensors:

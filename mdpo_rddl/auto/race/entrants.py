@@ -120,15 +120,6 @@ class Entrants:
         # the gradient on these is the same
         return best.arm != SHOOTING
 
-    def trained(self, name: str, until: float) -> CompilingArm | None:
-        """The arm of a name, if it trains a policy of JaxPlan's; None for another.
-
-        Args:
-          name: of the arm.
-          until: how long it may work, by the clock.
-        """
-        return self.straight_line(until) if name == SHOOTING else None
-
     def gradient(
         self, until: float, arms: Sequence[Arm] = (), warns: bool = True
     ) -> CompilingArm | None:

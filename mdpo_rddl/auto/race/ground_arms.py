@@ -12,7 +12,6 @@ from mdpo_rddl.auto.arms.dynamic_programming import DynamicProgrammingArm
 from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
 from mdpo_rddl.auto.race.options import RaceOptions
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.search_section import Search as Shares
 from mdpo_rddl.problem.enumeration.discrete import is_discrete
@@ -70,36 +69,27 @@ class GroundSlices:
         if shares.optimum_until > 0.0 and is_discrete(problem) and not problem.raises:
             self.arms.exact = DynamicProgrammingArm(problem, config, self._clock)
 
-    def enumerate(self, resumption: Resumption, deadline: float) -> None:
+    def enumerate(self, deadline: float) -> None:
         """Looks for the optimum for a share of what is left.
 
         An arm that has given up has made the ground models, which others need.
 
         Args:
-          resumption: where the race goes on.
           deadline: when the race ends, by the clock.
         """
         exact, now = self.arms.exact, self._clock()
         assert exact is not None
-        resumption.enter(exact)
         self._options.on_pulse()
         until = now + self._shares.optimum_until * max(0.0, deadline - now)
-        is_over = resumption.marks.is_over(exact.name)
-        is_left_out = exact.name in self._shares.without
-        others = resumption.goes_on(TRIALS) or self._plans_go_on(resumption)
-        if not (is_over or is_left_out):
-            exact.work(until)
-        elif is_left_out or others:
+        if exact.name in self._shares.without:
             exact.ground(until)
-        resumption.marks.ended(exact.name)
+        else:
+            exact.work(until)
 
-    def search(
-        self, resumption: Resumption, deadline: float, on_stage: Callable[[str], None]
-    ) -> None:
+    def search(self, deadline: float, on_stage: Callable[[str], None]) -> None:
         """Relaxed plans, then trials, if there is a ground model.
 
         Args:
-          resumption: where the race goes on.
           deadline: when the race ends, by the clock.
           on_stage: called with the name of each part as it begins.
         """
@@ -110,33 +100,21 @@ class GroundSlices:
         if opened is not None and RELAXED_PLANS not in without:
             on_stage("searching")
             self.arms.plans = RelaxedPlansArm(*given, opened, self._options.on_pulse)
-            resumption.enter(self.arms.plans)
-            if not resumption.marks.is_over(RELAXED_PLANS):
-                for _ in range(_PLANS_SLICES):
-                    if self.arms.plans.is_undecided:
-                        self.arms.plans.work(min(self._until(_PLANS_SHARE), deadline))
-        resumption.marks.ended(RELAXED_PLANS)
+            for _ in range(_PLANS_SLICES):
+                if self.arms.plans.is_undecided:
+                    self.arms.plans.work(min(self._until(_PLANS_SHARE), deadline))
         if model is not None and TRIALS not in without:
             on_stage("searching")
             more = model, self._options.on_pulse
             self.arms.trials = TrialsArm(self._problem, *given, *more)
-            resumption.enter(self.arms.trials)
-            if not resumption.marks.is_over(TRIALS):
-                self._begin(self.arms.trials, deadline)
-
-    def _plans_go_on(self, resumption: Resumption) -> bool:
-        """Whether there are relaxed plans to be tried in a race that goes on."""
-        is_over = resumption.marks.is_over(RELAXED_PLANS)
-        may_plan = RELAXED_PLANS not in self._shares.without
-        return may_plan and (not is_over or resumption.goes_on(RELAXED_PLANS))
+            self._begin(self.arms.trials, deadline)
 
     def _begin(self, trials: TrialsArm, deadline: float) -> None:
         """Two slices, of which the second is given only to what promises something.
 
-        They need no compilation and thus come before it. A search that goes on has had the first.
+        They need no compilation and thus come before it.
         """
-        begun = int(trials.state() is not None)
-        for share in _TRIALS_SHARES[begun:]:
+        for share in _TRIALS_SHARES:
             if not trials.is_exhausted:
                 trials.work(min(self._until(share), deadline))
 

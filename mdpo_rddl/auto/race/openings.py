@@ -14,7 +14,6 @@ from mdpo_rddl.auto.common.gains import return_to_beat
 from mdpo_rddl.auto.outcome.unsearched import correct_by_probing, known_by_probing
 from mdpo_rddl.auto.race.affording import Affording
 from mdpo_rddl.auto.race.entrants import Entrants
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.race.slices import SHORTEST_SECONDS, Slices, Terms
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
@@ -32,14 +31,11 @@ _MARGIN = 2.0
 # of the time left, that others' programs may take where one of these leads: where greedy does, and
 # where it does among numbers; where a plan does which gains no more, and where it still does
 _GREEDY_LEADS_SHARE, _AMONG_NUMBERS_SHARE, _STALLED_SHARE, _RISING_SHARE = 0.3, 0.6, 0.5, 0.15
-_STALLED, _FAR_AHEAD = "plan stalled", "greedy is far ahead"
 # times what the best of all others has gained over the no-op, that greedy has among numbers: then
 # these are unlikely to come as far; and errors by which it must lead
 _FAR, _LEAD_ERRORS = 2.0, 2.0
 # of the time left, at most, for relaxed plans that may lead, and where no constant beats the no-op
 _PLANS_SHARE, _HOPE_SHARE = 0.2, 0.6
-_MORE_PLANS = "more relaxed plans"
-_GREEDY_FIRST, _PLAN_FIRST = "greedy first", "plan first"  # parts
 # of the time left, that the judge's program and a population's may take together; else rules are
 # searched by the program of the probing, in all of it
 _COMPILING_SHARE = 0.8
@@ -57,7 +53,6 @@ class Openings(Slices):
         arena: Arena,
         shares: Shares,
         on_stage: Callable[[str], None],
-        resumption: Resumption | None = None,
     ) -> None:
         """Gives nothing yet.
 
@@ -65,14 +60,15 @@ class Openings(Slices):
           arena: where the arms meet.
           shares: of the time, and which arms are left out.
           on_stage: called with the name of each part as it begins.
-          resumption: where the race goes on; None if it begins.
         """
-        super().__init__(arena, on_stage, resumption, shares.without)
+        super().__init__(arena, on_stage, shares.without)
         self._shares, self._affording = shares, Affording(arena)
         self._entrants = Entrants(arena, self._affording, shares.without)
         self.plans: RelaxedPlansArm | None = None
         # with what probing has said of them
         self._probed: list[Candidate] = []
+        # whether a straight-line plan has had its slices and gains no more
+        self._has_stalled = False
 
     def _judge_plans(self) -> None:
         """What relaxed plans have found, after another slice if they may lead."""
@@ -84,9 +80,7 @@ class Openings(Slices):
         is_hope = arm.is_untried and not arm.misses_numbers
         if not arm.is_exhausted and (is_hope or seems_to_lead):
             pays = self._arena.beats_noop(self._best)
-            until = self._arena.until(_PLANS_SHARE if pays else _HOPE_SHARE)
-            for end in self._marks.once(_MORE_PLANS, self._arena, until):
-                self.give(arm, end)
+            self.give(arm, self._arena.until(_PLANS_SHARE if pays else _HOPE_SHARE))
         self._judge_candidates(arm)
 
     def _finds_reward(self) -> bool:
@@ -166,7 +160,7 @@ class Openings(Slices):
         Where all actions and states are bools it has most of the time in any case.
         """
         can_go_on = any(arm.name == GREEDY and not arm.is_exhausted for arm in self.arms)
-        return can_go_on and bool(self._marks.decided(_FAR_AHEAD, self._leads_by_far))
+        return can_go_on and self._leads_by_far()
 
     def _leads_by_far(self) -> bool:
         """Whether greedy leads by more than the best of all others has gained over the no-op."""
@@ -190,15 +184,15 @@ class Openings(Slices):
         """
         if GREEDY in {arm.name for arm in self.arms}:
             return False
-        if not self._marks.decided("learns first", self._finds_reward):
-            self._learn_value(LESS_GREEDY_SHARE, is_rare=True)
-        else:
+        if self._finds_reward():
             self._learn_value(self._greedy_share)
+        else:
+            self._learn_value(LESS_GREEDY_SHARE, is_rare=True)
         return self._is_greedy_far_ahead()
 
     def _climb_first(self) -> None:
         """Slices for straight-line plans, where a constant is better than the no-op."""
-        if self._marks.decided("climbs first", self._finds_reward):
+        if self._finds_reward():
             self._climb()
 
     def _climb(self) -> None:
@@ -207,9 +201,9 @@ class Openings(Slices):
         plan = self._entrants.straight_line(self._arena.until(self._shares.rounds_until))
         if plan is None:
             return
-        until = self._end(_PLAN_FIRST, _PLAN_SHARE)
-        self._begin_with(_PLAN_FIRST, plan, Terms(_PLAN_SHARE, lambda: _LEAST_GAIN))
-        self._marks.decided(_STALLED, lambda: self._arena.clock() < until - SHORTEST_SECONDS)
+        until = self._arena.until(_PLAN_SHARE)
+        self._begin_with(plan, Terms(until, lambda: _LEAST_GAIN))
+        self._has_stalled = self._arena.clock() < until - SHORTEST_SECONDS
 
     def _open_gradient(self, until: float) -> None:
         """Opens the gradient before the searches in turn, if they would leave it too little time.
@@ -229,8 +223,7 @@ class Openings(Slices):
 
     def _others_share(self) -> float:
         """Of the time left, that others' programs may take where a straight-line plan leads."""
-        has_stalled = self._marks.decided(_STALLED, lambda: False)
-        return _STALLED_SHARE if has_stalled else _RISING_SHARE
+        return _STALLED_SHARE if self._has_stalled else _RISING_SHARE
 
     @property
     def _greedy_share(self) -> float:
@@ -243,9 +236,8 @@ class Openings(Slices):
           share: of the time left, for all of them.
           is_rare: whether no reward was found yet; its policies must soon find some then.
         """
-        if not self._entrants.may_be_greedy(share):
-            return  # its part may begin later
-        arm = self._entrants.greedy(self._end(_GREEDY_FIRST, share), share)
+        until = self._arena.until(share)
+        arm = self._entrants.greedy(until, share)
         if arm is None:
             return
         least = _NUMBERS_AT_LEAST if self._entrants.has_numbers else _GREEDY_AT_LEAST
@@ -253,5 +245,4 @@ class Openings(Slices):
         def at_least() -> float:
             return 0.0 if is_rare and not self._arena.beats_noop(self._best) else least
 
-        terms = Terms(share, at_least=at_least, by_policies=lambda: is_rare)
-        self._begin_with(_GREEDY_FIRST, arm, terms)
+        self._begin_with(arm, Terms(until, at_least=at_least, by_policies=lambda: is_rare))

@@ -10,7 +10,6 @@ from mdpo_rddl.auto.arena.arena import UNLIMITED, Arena
 from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.curve import Curve
 from mdpo_rddl.auto.common.timing import Clock
-from mdpo_rddl.auto.race.resumption import Snapshot
 from mdpo_rddl.auto.resuming.earlier import EarlierRace
 from mdpo_rddl.planner.training.training import Progress
 
@@ -32,8 +31,8 @@ def _no_candidates(arena: Arena) -> Sequence[Candidate]:
     return ()
 
 
-def _ignore_snapshot(snapshot: Snapshot) -> None:
-    del snapshot
+def _ignore_used(used: Clock) -> None:
+    del used
 
 
 def _ignore_pulse() -> None:
@@ -54,8 +53,8 @@ class RaceOptions:
       clock: what everybody asks for the time.
       most_iterations: of one training with a gradient.
       earlier: what a race that was stopped has left, whose seconds count as used.
-      on_begun: given what says, whenever it is called by `on_judged` or `on_pulse`, where the race
-        is.
+      on_begun: given what says how many seconds the race has used, those of earlier processes
+        included.
       on_pulse: called between two iterations of whichever arm works, and before a part that has
         none.
       at_the_latest: when the race ends, by the clock, if the judge's program would come too late in
@@ -70,7 +69,7 @@ class RaceOptions:
     clock: Clock = time.monotonic
     most_iterations: int = UNLIMITED
     earlier: EarlierRace | None = None
-    on_begun: Callable[[Snapshot], None] = _ignore_snapshot
+    on_begun: Callable[[Clock], None] = _ignore_used
     on_pulse: Callable[[], None] = _ignore_pulse
     at_the_latest: float = -math.inf
 

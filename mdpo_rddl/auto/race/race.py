@@ -37,7 +37,6 @@ from mdpo_rddl.auto.probing.raising import RAISING_SHARE, watched
 from mdpo_rddl.auto.race.early_rules import EarlyRulesArm
 from mdpo_rddl.auto.race.ground_arms import GroundArms, GroundSlices
 from mdpo_rddl.auto.race.options import RaceOptions
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.race.schedule import Schedule
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.machine.device import computing_on
@@ -71,8 +70,7 @@ def run_race(
     clock, earlier = options.clock, options.earlier
     used = 0.0 if earlier is None else earlier.seconds
     started = clock() - used
-    resumption = Resumption(lambda: clock() - started, None if earlier is None else earlier.state)
-    options.on_begun(resumption.snapshot)
+    options.on_begun(lambda: clock() - started)
     seconds, shares = config.budget().seconds, _shares(config)
     if not problem.model.observ_fluents:  # else it was watched before
         by = clock() + RAISING_SHARE * seconds
@@ -92,14 +90,14 @@ def run_race(
             options.on_judged(Judged(first, clock() - started, became_incumbent=True))
         try:
             if exact is not None:
-                ground.enumerate(resumption, started + seconds)
+                ground.enumerate(started + seconds)
                 if exact.solution is not None:
                     return _proven(exact, seed, started, options)
-                ground.search(resumption, started + seconds, options.on_stage)
+                ground.search(started + seconds, options.on_stage)
             options.on_stage("probing")
             options.on_pulse()
-            arena = _arena(problem, config, seed, started, options, resumption)
-            return _raced(arena, shares, ground.arms, options, resumption)
+            arena = _arena(problem, config, seed, started, options)
+            return _raced(arena, shares, ground.arms, options)
         except (KeyboardInterrupt, Cancelled, NothingPlayedError) as end:
             note_heard(end)
             if exact is not None and exact.solution is not None:
@@ -110,20 +108,14 @@ def run_race(
             return replace(ended_by(outcome, end), earlier=options.earlier_curve)
 
 
-def _raced(
-    arena: Arena,
-    shares: Shares,
-    ground: GroundArms,
-    options: RaceOptions,
-    resumption: Resumption,
-) -> RaceOutcome:
+def _raced(arena: Arena, shares: Shares, ground: GroundArms, options: RaceOptions) -> RaceOutcome:
     """The race of all arms but the exact one.
 
     Raises:
       KeyboardInterrupt, Cancelled: if interrupted before any candidate was judged.
     """
     initial = [*options.initial(arena)]
-    schedule = Schedule(arena, shares, options.on_stage, initial, resumption)
+    schedule = Schedule(arena, shares, options.on_stage, initial)
     interrupted, chosen = False, None
     schedule.arms += [] if ground.exact is None else [ground.exact]
     schedule.plans, schedule.early = ground.plans, ground.trials
@@ -153,7 +145,7 @@ def _raced(
         arena.compilations.close()
         for arm in schedule.arms:
             arm.close()
-    outcome = _outcome(schedule, arena, resumption, interrupted, chosen)
+    outcome = _outcome(schedule, arena, interrupted, chosen)
     outcome = replace(outcome, earlier=options.earlier_curve)
     policy = outcome.policy
     if isinstance(policy, Policy):
@@ -191,12 +183,7 @@ def _proven(
 
 
 def _arena(
-    problem: Problem,
-    config: PlannerConfig,
-    seed: int,
-    began: float,
-    options: RaceOptions,
-    resumption: Resumption | None = None,
+    problem: Problem, config: PlannerConfig, seed: int, began: float, options: RaceOptions
 ) -> Arena:
     """Probes, and compiles the planner that suits the problem."""
     clock, shares = options.clock, _shares(config)
@@ -205,18 +192,14 @@ def _arena(
     now, deadline, latest = clock(), _deadline(began, seconds), _deadline(began, longest)
     config = config.without_section(SEARCH)
     # the same for all seeds, whose programs then are the same too
-    plain, probed = without_scales(config), None
+    plain = without_scales(config)
     bare = build_planner(problem, plain).planner
-    seen = None if resumption is None else resumption.probe
-    if seen is None or not seen.fits(bare):
-        until = now + shares.shared_until * (deadline - now)
-        probed = Probed(plain, constants_for(bare, _PROBING_SEED, until, clock, latest))
-        try:
-            seen = probe(probed.plays, _PROBING_SEED)
-        except TooLateError as error:
-            raise NothingPlayedError(noop_of(bare, plain, seed), clock() - now) from error
-    if resumption is not None:
-        resumption.probe = seen
+    until = now + shares.shared_until * (deadline - now)
+    probed = Probed(plain, constants_for(bare, _PROBING_SEED, until, clock, latest))
+    try:
+        seen = probe(probed.plays, _PROBING_SEED)
+    except TooLateError as error:
+        raise NothingPlayedError(noop_of(bare, plain, seed), clock() - now) from error
     if now < deadline < latest and clock() + seen.compile_seconds > deadline:
         # the judge's program would come too late
         deadline, config = latest, config.with_values("Optimize", train_seconds=longest)
@@ -256,18 +239,13 @@ def _deadline(began: float, seconds: float) -> float:
 
 
 def _outcome(
-    schedule: Schedule,
-    arena: Arena,
-    resumption: Resumption,
-    interrupted: bool,
-    chosen: Candidate | None,
+    schedule: Schedule, arena: Arena, interrupted: bool, chosen: Candidate | None
 ) -> RaceOutcome:
     seconds, chosen = arena.clock() - arena.began, chosen or arena.judge.incumbent
     assert chosen is not None
     noop = arena.judge.latest(NOOP)
     # copies: what is still compiled in a thread is noted in the arms' own
     logs = [replace(arm.log) for arm in schedule.arms]
-    logs = [*resumption.left_out(schedule.arms), *logs]
     return RaceOutcome(
         policy=policy_of(chosen, arena.problem, arena.seed),
         chosen=chosen,

@@ -17,7 +17,7 @@ the no-op, or a few of many only and chance plays no part.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
@@ -33,10 +33,8 @@ from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.outcome.unsearched import constant_without_rollouts, found_by_probing
 from mdpo_rddl.auto.race.openings import LESS_GREEDY_SHARE, Openings
 from mdpo_rddl.auto.race.polishing import polishing_arm
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.race.rounds import gives_way, next_contender
 from mdpo_rddl.auto.race.slices import SHORTEST_SECONDS
-from mdpo_rddl.auto.resuming.marks import RANDOM, SLICES
 from mdpo_rddl.planner.config.search_section import Search as Shares
 
 logger = logging.getLogger(__name__)
@@ -67,16 +65,17 @@ class Schedule(Openings):
         shares: Shares,
         on_stage: Callable[[str], None],
         initial: Sequence[Candidate] = (),
-        resumption: Resumption | None = None,
     ) -> None:
         """Does nothing yet; the other arguments are those of `Openings`.
 
         Args:
           initial: policies to begin with, whoever found them.
         """
-        super().__init__(arena, shares, on_stage, resumption)
+        super().__init__(arena, shares, on_stage)
         self._initial = initial
         self._polishers: dict[bool, Arm] = {}
+        # whether its plan is what has made the best feedback policy the best
+        self._has_plan = False
         self.early: Arm | None = None
         self.random_return: float | None = None
 
@@ -95,7 +94,7 @@ class Schedule(Openings):
             judge.record(candidate)
         self._judge_plans()
         if self.early is not None:
-            until = self._end("early", _EARLY_SHARES[self._finds_reward()])
+            until = arena.until(_EARLY_SHARES[self._finds_reward()])
             makes_late = begins_at_once and self._makes_greedy_late(until)
             self._try_early(self.early, arena.clock() if makes_late else until)
         if begins_at_once:
@@ -128,24 +127,22 @@ class Schedule(Openings):
             self._finish()
             return
         self._climb_first()
-        until = self._end("all", self._shares.rounds_until)
-        plan_leads = self._marks.decided("plan leads", lambda: self._best.arm == SHOOTING)
         self._on_stage("searching")
-        if not plan_leads:
-            self._play_rules(simple)
         shared = SharedWeightsArm(arena, RANDOM_RULE)
-        if plan_leads:
+        if self._best.arm == SHOOTING:
             self._improve(shared)
             return
-        is_rare = self._marks.decided("is rare", lambda: self._is_reward_rare(simple))
+        self._play_rules(simple)
+        is_rare = self._is_reward_rare(simple)
         if is_rare:
-            for until in self._once("more rules", _MORE_RULES_SHARE):
-                simple.rules = Rules.MANY
-                self.give(simple, until)
+            simple.rules = Rules.MANY
+            self.give(simple, arena.until(_MORE_RULES_SHARE))
         # a rule that comes upon a rare reward is far from the best plan, where there is one
         explores = is_rare and arena.has_plan and arena.plans.deterministic
-        improves = self._marks.decided("improves", lambda: not explores and self._finds_reward())
-        (self._improve if improves else self._explore)(shared)
+        if not explores and self._finds_reward():
+            self._improve(shared)
+        else:
+            self._explore(shared)
 
     def _is_reward_rare(self, simple: SimpleArm) -> bool:
         """Whether none was found yet, or by a few of many random rules only."""
@@ -157,12 +154,10 @@ class Schedule(Openings):
     def _play_rules(self, simple: SimpleArm) -> None:
         """A few random rules, and what random actions return."""
         arena = self._arena
-        for until in self._once("rules", _RULES_SHARE * self._shares.shared_until):
-            simple.rules = Rules.FEW
-            self.give(simple, until)
+        simple.rules = Rules.FEW
+        self.give(simple, arena.until(_RULES_SHARE * self._shares.shared_until))
         if arena.has_plan and self._affording.population():
-            random = self._marks.decided(RANDOM, arena.random_return)
-            self.random_return = float(random)
+            self.random_return = arena.random_return()
 
     def _end_with_constant(self) -> None:
         """Where a rollout takes too long for any search on the compiled model."""
@@ -176,8 +171,7 @@ class Schedule(Openings):
         """Slices for one that may have worked already, while each finds a better policy."""
         self._enter(arm)
         is_better = self._judge_candidates(arm)
-        # it has had the short ones, and what it found is kept from here on
-        self._marks.ended(arm.name)
+        # it has had the short ones
         contender = self._contend(arm, lambda: arm.reached, FIRST_SLICES if is_better else 0)
         self._on_stage("searching")
         if is_better:
@@ -189,26 +183,20 @@ class Schedule(Openings):
         """Whether it is better than the no-op, and no random rule."""
         return self._arena.beats_noop(candidate) and candidate.arm != SIMPLE
 
-    def _once(self, part: str, share: float) -> Iterator[float]:
-        """One turn with the end of a part, or none if it is over."""
-        return self._marks.once(part, self._arena, self._arena.until(share))
-
     def _explore(self, shared: SharedWeightsArm) -> None:
         """Where neither a constant nor one of few random rules beats the no-op."""
         arena = self._arena
         exploration = ExplorationArm(arena)
         # less where a net has found something already
         share = _EXPLORATION_SHARE * (_LESS if self._was_searched(self._best) else 1.0)
-        for until in self._once("exploration", share):
-            self._search_plans(exploration, until)
+        self._search_plans(exploration, arena.until(share))
         if not arena.beats_noop(arena.incumbent) or not arena.plans.deterministic:
-            for until in self._once("shared weights", self._shares.shared_until):
-                self.give(shared, until)
-                self._has_plan &= arena.incumbent.arm == exploration.name
-        if self._marks.decided("explores on", lambda: not self._was_searched(arena.incumbent)):
+            self.give(shared, arena.until(self._shares.shared_until))
+            self._has_plan &= arena.incumbent.arm == exploration.name
+        if not self._was_searched(arena.incumbent):
             self._contend(exploration, lambda: arena.incumbent.mean)
-        found = self._marks.decided("found", lambda: arena.beats_noop(self._best))
-        rounds_until = self._end("rounds", self._shares.rounds_until if found else _OTHERS_SHARE)
+        found = arena.beats_noop(self._best)
+        rounds_until = arena.until(self._shares.rounds_until if found else _OTHERS_SHARE)
         self._open_programs(rounds_until, opens_gradient=False)
         self._compete(rounds_until, polishing=found)
         self._has_plan |= arena.incumbent.arm == exploration.name
@@ -225,7 +213,7 @@ class Schedule(Openings):
         if not has_rival and not self._affording.population(self._others_share()):
             self._finish()
             return
-        rounds_until = self._end("rounds", self._shares.rounds_until)
+        rounds_until = self._arena.until(self._shares.rounds_until)
         if has_rival:
             self._open_gradient(rounds_until)
             self._search_in_turn(shared)
@@ -236,30 +224,20 @@ class Schedule(Openings):
 
     def _search_in_turn(self, shared: SharedWeightsArm) -> None:
         """What searches without a gradient, each once before the rounds."""
-        arena, own_until = self._arena, self._end("in turn", self._shares.own_until)
-        for until in self._once("shared weights", self._shares.shared_until):
-            self.give(shared, until)
+        arena = self._arena
+        own_until = arena.until(self._shares.own_until)
+        self.give(shared, arena.until(self._shares.shared_until))
         if arena.has_plan and self._affording.plans():
             # where chance plays a part, a plan that leads now may yet be worse than own weights
             share = 1.0 if arena.plans.deterministic else _PLAN_SHARE
             plan_until = arena.clock() + share * (own_until - arena.clock())
-            for until in self._marks.once("plan", arena, plan_until):
-                self._search_plans(PlanArm("plan", arena, Evolving()), until)
+            self._search_plans(PlanArm("plan", arena, Evolving()), plan_until)
         if not (self._has_plan and arena.plans.deterministic):
             around = Around(begins_with=SHARED_WEIGHTS)
             compiling = arena.plans.compile_seconds if arena.has_plan else 0.0
-            for until in self._marks.once("own weights", arena, own_until + compiling):
-                self.give(OwnWeightsArm("own weights", arena, around), until)
-                self._has_plan &= arena.incumbent.arm == "plan"
-
-    @property
-    def _has_plan(self) -> bool:
-        """Whether its plan is what has made the best feedback policy the best."""
-        return bool(self._marks.decided("has plan", lambda: False))
-
-    @_has_plan.setter
-    def _has_plan(self, value: bool) -> None:
-        self._marks.decide("has plan", value)
+            until = min(own_until + compiling, arena.deadline)
+            self.give(OwnWeightsArm("own weights", arena, around), until)
+            self._has_plan &= arena.incumbent.arm == "plan"
 
     def _search_plans(self, arm: Arm, until: float) -> None:
         """Whether its plan is the best feedback policy decides what is polished."""
@@ -291,7 +269,7 @@ class Schedule(Openings):
         if polishing:
             self._contend(self._polisher, lambda: arena.incumbent.mean)
         self._on_stage("racing")
-        number = int(self._marks.decided(SLICES, lambda: 0))
+        number = 0
         while (left := until - arena.clock()) > SHORTEST_SECONDS:
             pending = [one.arm for one in self._contenders if one.arm.is_pending]
             chosen = next_contender(self._contenders, number, judge.best_mean, left)
@@ -302,31 +280,18 @@ class Schedule(Openings):
                 continue
             self._give_slice(chosen, until)
             number += 1
-            self._marks.decide(SLICES, number)
 
     def _finish(self) -> None:
         """The rest of the time is for whoever leads."""
         best = self._best
         self._on_stage("polishing")
         leader = next((arm for arm in self.arms if arm.name == best.arm), None)
-        leader = leader or self._reopened(best.arm)
         is_feedback = best.planner is self._arena.planner
         if is_feedback or leader is None:
             self._end_with(self._polisher)
         # it goes on where there is no time to compile what polishes its policy
         if leader is not None and (leader.name == GRADIENT or not is_feedback):
             self._end_with(leader)
-
-    def _reopened(self, name: str) -> Arm | None:
-        """The arm that led a race which was stopped after its rounds; None if it cannot go on."""
-        arena, polisher, deadline = self._arena, self._polisher, self._arena.deadline
-        arm = self._entrants.trained(name, deadline)
-        if arm is None:
-            return None
-        self._open(arm, deadline, self._affording.patience(deadline))
-        while arm.is_pending and not polisher.is_exhausted and arena.clock() < deadline:
-            self.give(polisher, min(deadline, arena.clock() + self._slice_seconds))
-        return None if arm.is_exhausted else arm
 
     @property
     def _polisher(self) -> Arm:

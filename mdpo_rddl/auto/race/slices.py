@@ -10,7 +10,6 @@ from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.gains import finite_gain
 from mdpo_rddl.auto.outcome.failures import incumbent_kept
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.race.rounds import Contender, Reached, raising
 from mdpo_rddl.errors import Cancelled, note_heard, one_line_cause
 
@@ -29,7 +28,7 @@ class Terms:
     """On which an arm has slices before others.
 
     Attributes:
-      share: of the time left, for all of them.
+      until: when the last of them ends, by the clock.
       least_gain: says which share of what the first slice has gained each must gain.
       at_least: says of the time left, after the first slice, for another one that it has whatever
         the first one gains.
@@ -37,7 +36,7 @@ class Terms:
         progress.
     """
 
-    share: float
+    until: float
     least_gain: Callable[[], float] = lambda: 0.0
     at_least: Callable[[], float] = lambda: 0.0
     by_policies: Callable[[], bool] = lambda: False
@@ -54,7 +53,6 @@ class Slices:
         self,
         arena: Arena,
         on_stage: Callable[[str], None],
-        resumption: Resumption | None,
         without: Collection[str] = (),
     ) -> None:
         """Gives nothing yet.
@@ -62,13 +60,10 @@ class Slices:
         Args:
           arena: where the arms meet.
           on_stage: called with the name of each part as it begins.
-          resumption: where the race goes on; None if it begins.
           without: names of arms that get none.
         """
         self._arena, self._on_stage, self._judge = arena, on_stage, arena.judge
         self._without = without
-        self._resumption = Resumption(lambda: 0.0) if resumption is None else resumption
-        self._marks = self._resumption.marks
         self.arms: list[Arm] = []
         self._contenders: list[Contender] = []
 
@@ -104,10 +99,9 @@ class Slices:
         return self._judge_candidates(arm)
 
     def _enter(self, arm: Arm) -> None:
-        """An arm takes part; it goes on where one of its name was stopped."""
+        """An arm takes part."""
         if arm not in self.arms:
             self.arms.append(arm)
-            self._resumption.enter(arm)
 
     def _contend(self, arm: Arm, reached: Callable[[], float | None], slices: int = 0) -> Contender:
         """Has an arm take part in the rounds; the arguments are those of `Contender`."""
@@ -117,7 +111,6 @@ class Slices:
             return contender
         self._enter(arm)
         self._contenders.append(contender)
-        self._resumption.contend(contender)
         return contender
 
     def _judge_given(self, candidates: Iterable[Candidate]) -> None:
@@ -165,8 +158,7 @@ class Slices:
         contender = self._contend(arm, reached)
         if not arm.is_exhausted:
             arm.begin(patience)
-        # one that goes on has its turn in the rounds
-        if not (arm.is_exhausted or arm.is_pending or contender.slices):
+        if not (arm.is_exhausted or arm.is_pending):
             self._give_slice(contender, until)
         return contender
 
@@ -219,23 +211,16 @@ class Slices:
         slices = max(1.0, (until - self._arena.clock()) / self._slice_seconds)
         return max(0.0, (self._judge.best_mean - arm.progress) / slices)
 
-    def _end(self, part: str, share: float) -> float:
-        """The end of a part that begins now, or of one that had begun in an earlier process."""
-        return self._marks.end(part, self._arena, self._arena.until(share))
-
-    def _begin_with(self, part: str, arm: CompilingArm | None, terms: Terms) -> None:
+    def _begin_with(self, arm: CompilingArm, terms: Terms) -> None:
         """Slices before others', while they gain.
 
         Each must gain enough for the arm to reach the incumbent of another one in time.
 
         Args:
-          part: its name.
-          arm: that must compile; None for no slices.
+          arm: that must compile.
           terms: on which it has them.
         """
-        if arm is None:
-            return
-        arena, until = self._arena, self._end(part, terms.share)
+        arena, until = self._arena, terms.until
         patience = arena.until(_FIRST_PATIENCE)
         contender = self._open(arm, until, arena.clock())
         if arm.is_pending or not contender.slices:
@@ -247,8 +232,7 @@ class Slices:
         def least() -> float:
             return max(terms.least_gain() * gain, self._to_catch_up(arm, until))
 
-        for _ in self._marks.once(part, arena, until):
-            if (at_least := terms.at_least()) and not arm.is_exhausted:
-                self.give(arm, min(until, arena.until(at_least)))
-            level, progress = (lambda: contender.level), (lambda: arm.progress)
-            self._give_while(contender, until, level if terms.by_policies() else progress, least)
+        if (at_least := terms.at_least()) and not arm.is_exhausted:
+            self.give(arm, min(until, arena.until(at_least)))
+        level, progress = (lambda: contender.level), (lambda: arm.progress)
+        self._give_while(contender, until, level if terms.by_policies() else progress, least)

@@ -8,7 +8,6 @@ from typing import Any
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.common.candidate import Candidate, has_structure
 from mdpo_rddl.auto.common.curve import Curve
-from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.policy.file import SavedTable, problem_identity
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
@@ -107,14 +106,12 @@ class EarlierRace:
       seconds: that it had used.
       incumbent: its best policy.
       others: the best policy of each other arm.
-      state: where the race was; None if that is not known.
       curve: all candidates that it had judged.
     """
 
     seconds: float
     incumbent: EarlierPolicy
     others: tuple[EarlierPolicy, ...] = ()
-    state: RaceState | None = None
     curve: Curve = ()
 
     def candidates(self, arena: Arena) -> list[Candidate]:
