@@ -1,20 +1,13 @@
 """What every arm is: something that looks for a policy for a slice of time, and can go on."""
 
-import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import replace
 
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.common.timing import Clock
-from mdpo_rddl.errors import InputError, one_line_cause
 from mdpo_rddl.planner.plans.feedback import Params
-
-logger = logging.getLogger(__name__)
 
 FIRST_SLICES = 2
 """Slices of the rounds, shorter ones, that an arm has before anything is made of its pace."""
@@ -37,9 +30,7 @@ class Arm(ABC):
         self.is_exhausted = False
         self._log = ArmLog(name)
         self._is_prepared = False
-        self._at_work_since: float | None = None
         self._new: list[Candidate] = []
-        self._unjudged = 0
 
     def prepare(self) -> None:
         """Compiles what the first slice needs; done once, at the latest by `work`."""
@@ -61,13 +52,12 @@ class Arm(ABC):
           until: when to end, by the clock.
         """
         self.prepare()
-        started = self._at_work_since = self._clock()
+        started = self._clock()
         self._log.slices += 1
         try:
             self._work(until)
         finally:
             self._log.seconds += self._clock() - started
-            self._at_work_since = None
 
     @property
     def is_pending(self) -> bool:
@@ -97,15 +87,9 @@ class Arm(ABC):
 
     def judged(self, candidate: Candidate) -> None:
         """Is told what the judge says of one of its candidates."""
-        self._unjudged -= 1
         best = self._log.best_return
         mean = candidate.known_mean
         self._log.best_return = mean if best is None else max(best, mean)
-
-    @property
-    def is_over(self) -> bool:
-        """Whether another slice would be of no use, and all that it has found was judged."""
-        return self.is_exhausted and not self._unjudged
 
     @property
     def reached(self) -> float | None:
@@ -125,43 +109,6 @@ class Arm(ABC):
     def close(self) -> None:  # noqa: B027  (most have nothing to give back)
         """The race is over; the state is what it was."""
 
-    @property
-    def log_so_far(self) -> ArmLog:
-        """A copy of the log, with the seconds of the slice that goes on."""
-        since, log = self._at_work_since, self.log
-        more = 0.0 if since is None else self._clock() - since
-        return replace(log, seconds=log.seconds + more)
-
-    def take_over(self, log: ArmLog, is_exhausted: bool) -> None:
-        """Counts on from what an arm of its name has done in another process."""
-        for each in ("slices", "seconds", "compile_seconds", "iterations", "best_return"):
-            setattr(self._log, each, getattr(log, each))
-        self._log.details, self.is_exhausted = dict(log.details), is_exhausted
-
-    def state(self) -> State | None:
-        """What it needs to go on in another process; None if it has nothing but its best policy.
-
-        It is asked for between two iterations of a slice, and between slices.
-        """
-        return None
-
-    def restore(self, state: State) -> None:  # noqa: B027  (most have nothing to restore)
-        """Goes on, before its first slice, with what `state` has said in another process.
-
-        Raises:
-          AttributeError, LookupError, OverflowError, TypeError, ValueError: if that does not fit
-            this problem; the arm begins as if there were none then.
-        """
-
-    def _try(self, restore: Callable[[State], None], state: State) -> bool:
-        """Whether a state could be restored; one that does not fit is left out, which is said."""
-        try:
-            restore(state)
-        except (InputError, *UNFIT) as error:
-            logger.info("%s: its state is left out: %s", self.name, one_line_cause(error))
-            return False
-        return True
-
     def _prepare(self) -> None:  # noqa: B027  (an arm may have nothing to prepare)
         """What `prepare` does once."""
 
@@ -171,7 +118,6 @@ class Arm(ABC):
 
     def _offer(self, candidate: Candidate) -> None:
         self._new.append(candidate)
-        self._unjudged += 1
 
 
 class ArenaArm(Arm):

@@ -2,11 +2,8 @@
 
 import math
 
-import numpy as np
-
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
-from mdpo_rddl.auto.common.state import State, joined
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.plan_population import PLAN
 from mdpo_rddl.errors import Cancelled, note_heard
@@ -28,34 +25,9 @@ class ExplorationArm(ArenaArm):
         super().__init__("exploration", arena)
         self._params: Params = arena.noop
         self._archive: Archive | None = None
-        # of a slice that was stopped, before it goes on
-        self._elites: np.ndarray | None = None
-        self._works = False
-
-    def state(self) -> State | None:
-        """The plan, or the best plans of the slice that goes on, and the archive."""
-        plans = self._arena.plans
-        if self._archive is None:
-            return None
-        elites = plans.elites if self._works else self._elites
-        if elites is None:
-            elites = plans.plan_of(self._params)[np.newaxis]
-        return joined(State({"elites": elites}), self._archive.state().within("archive"))
-
-    def restore(self, state: State) -> None:
-        """Goes on with the plans and the archive."""
-        plans, horizon = self._arena.plans, self._arena.planner.horizon
-        elites = plans.elites_of(state, self._params)
-        archive = plans.archive(self._params)
-        if archive is None:
-            raise ValueError("there is no archive")
-        archive.restore(state.part("archive"), horizon)
-        self._params = plans.with_plan(self._params, elites[0])
-        self._archive, self._elites = archive, elites
 
     def _prepare(self) -> None:
-        if self._archive is None:
-            self._archive = self._arena.plans.archive(self._params)
+        self._archive = self._arena.plans.archive(self._params)
 
     def _work(self, until: float) -> None:
         """Evolves a plan.
@@ -64,18 +36,16 @@ class ExplorationArm(ArenaArm):
           Cancelled: if interrupted; the best plan till then is offered.
         """
         plans = self._arena.plans
-        elites, self._elites, self._works = self._elites, None, True
         before = plans.iterations
         until = self._arena.after_plans_compile(self._params, until)
         goal = plans.goal(until, self._arena.noop_return, -math.inf, restarting=False)
         try:
-            self._params = plans.evolved(self._params, goal, self._archive, elites)
+            self._params = plans.evolved(self._params, goal, self._archive)
         except (KeyboardInterrupt, Cancelled) as stop:
             note_heard(stop)
             if plans.elites is not None:
                 self._offer_plan(plans.with_plan(self._params, plans.elites[0]))
             raise
-        self._works = False
         self._log.iterations += plans.iterations - before
         self._log.details = {"cells": 0 if self._archive is None else len(self._archive)}
         self._offer_plan(self._params)

@@ -5,19 +5,17 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from mdpo_rddl.auto.arena.arena import Arena
-from mdpo_rddl.auto.arms.trained import REPLAY_SECONDS, TrainedArm
+from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.draws import Draws, key_for
-from mdpo_rddl.auto.common.state import State, count_of, joined
-from mdpo_rddl.auto.common.training_state import checkpoints_of, state_of
 from mdpo_rddl.errors import Cancelled, InputError
 from mdpo_rddl.noise import ActionNoise
 from mdpo_rddl.planner.built import Built
@@ -39,6 +37,8 @@ _SHRINK = 0.3
 _LEAST_SECONDS = 0.1
 # the arm's slices end a training
 _FOREVER = 1e9
+# to find what is not finite, while the other arms wait
+_REPLAY_SECONDS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +58,7 @@ class PhaseLog:
     candidates: Sequence[str]
 
 
-class _Earlier(NamedTuple):
-    """What had ended in another process: phases, and their iterations."""
-
-    phases: int = 0
-    iterations: int = 0
-
-
-class GradientArm(TrainedArm):
+class GradientArm(CompilingArm):
     """Trains with MDPO in phases.
 
     The first goes from the best policy so far and from the best constant, with several step
@@ -88,33 +81,18 @@ class GradientArm(TrainedArm):
         """
         super().__init__(GRADIENT, arena, usual_seconds)
         self.phases: list[PhaseLog] = []
+        self._training: Training | None = None
         self._parent = arena.incumbent
         self._steps: Sequence[float] = ()
         self._noise: Sequence[float] = ()
         self._best_before = -math.inf
-        self._earlier = _Earlier()
-        # phases of this process that are over: the latest is not in `phases` before its first slice
+        # phases that are over: the latest is not in `phases` before its first slice
         self._ended = 0
-
-    def state(self) -> State | None:
-        """The phase's training, and what its restarts differ in."""
-        training = self._training
-        latest = None if training is None else training.state()
-        if latest is None:
-            return self._resumed
-        done, earlier = self.phases[: self._ended], self._earlier
-        values = {
-            "ended": earlier.phases + len(done),
-            "iterations": earlier.iterations + sum(each.result.iterations for each in done),
-            "steps": list(self._steps),
-            "noise": list(self._noise),
-        }
-        return joined(State({}, values), state_of(latest).within("training"))
 
     @property
     def log(self) -> ArmLog:
         """With the recorded iterations of all phases, one after the other."""
-        log, done = self._log, self._earlier.iterations
+        log, done = self._log, 0
         records: list[Record] = []
         for phase in self.phases:
             records += [r._replace(iteration=r.iteration + done) for r in phase.result.history]
@@ -122,10 +100,13 @@ class GradientArm(TrainedArm):
         if self.phases:
             log.records, log.iterations = tuple(records), done
             log.sigma = np.concatenate([phase.result.sigma for phase in self.phases])
-        # what an earlier process has told stays until there is a phase of this one
-        told = log.details.get("phases", []) if not self.phases else map(self._summary, self.phases)
-        log.details = {**log.details, "phases": list(told)}
+        log.details = {**log.details, "phases": [self._summary(phase) for phase in self.phases]}
         return log
+
+    def close(self) -> None:
+        """Leaves the planner as it was before the training."""
+        if self._training is not None:
+            self._training.close()
 
     def _work(self, until: float) -> None:
         """Goes on with the phase, or begins the next; at first it may only wait.
@@ -140,13 +121,7 @@ class GradientArm(TrainedArm):
             self._best_before = self._arena.judge.best_mean
             if self._is_compiled(until):
                 self._train(until)
-                self._resumed = None  # it fits
         except InputError as error:
-            if self._resumed is not None:
-                logger.info("%s: its state is left out: %s", self.name, error)
-                self._resumed, self._earlier = None, _Earlier()
-                self._begin()
-                return
             # other arms find a policy without the gradient
             logger.warning("the gradient is of no use: %s", error)
             self.is_exhausted = True
@@ -158,42 +133,13 @@ class GradientArm(TrainedArm):
         return is_better and self._training is not None and not self._training.has_ended
 
     def _begin(self) -> None:
-        """Begins a phase, or goes on with that of another process."""
-        arena, number = self._arena, self._earlier.phases + len(self.phases)
+        """Begins a phase; its program is compiled in a thread, for nothing interrupts that."""
+        arena, planner, number = self._arena, self._arena.planner, len(self.phases)
         self._parent = best = arena.incumbent
-        if self._training is not None:
-            self._training.close()
-        if self._resumed is not None and self._try(self._go_on, self._resumed):
-            return
+        self.close()
         starts = [best.params] if number else [best.params, arena.constant]
-        self._steps, self._noise = self._steps_and_noise(arena.planner)
-        self._begin_training(number, starts)
+        self._steps, self._noise = self._steps_and_noise(planner)
 
-    def _go_on(self, state: State) -> None:
-        """Begins the training with a state."""
-        values, count = state.values, self._arena.planner.parallel_updates
-        earlier = _Earlier(count_of(values["ended"]), count_of(values["iterations"]))
-        steps, noise = (list(map(float, values[name])) for name in ("steps", "noise"))
-        if len(steps) != count or len(noise) != count:
-            raise ValueError(f"its steps are not those of {count} restarts")
-        for value in (*steps, *noise):
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"a step or noise is {value}, and not between 0 and infinity")
-        self._steps, self._noise = steps, noise
-        self._begin_training(earlier.phases, [self._parent.params], state.part("training"))
-        self._earlier = earlier
-
-    def _begin_training(
-        self, number: int, starts: Sequence[Params], state: State | None = None
-    ) -> None:
-        """Compiles in a thread, for nothing interrupts that.
-
-        Args:
-          number: of phases before this one.
-          starts: what the restarts begin with.
-          state: with which the training goes on, if it does.
-        """
-        arena, planner = self._arena, self._arena.planner
         guesses = _spread(starts, planner.parallel_updates)
         planner.vary_restarts(learning_rate=self._steps, noise=_scaled_noise(planner, self._noise))
         training = Training(
@@ -201,7 +147,6 @@ class GradientArm(TrainedArm):
             jax.random.fold_in(key_for(Draws.GRADIENT, arena.seed), number),
             Budget(arena.most_iterations, max(_LEAST_SECONDS, arena.deadline - self._clock())),
             arena.tell,
-            checkpoints_of(state),
         )
         is_first = self._training is None
         self._training, self._ended = training, len(self.phases)
@@ -214,15 +159,25 @@ class GradientArm(TrainedArm):
         if not training.train_seconds:
             training.limit(_FOREVER)
         training.advance(until - self._clock())
-        result = training.result(seconds=REPLAY_SECONDS)
+        result = training.result(seconds=_REPLAY_SECONDS)
         self._note_not_finite(training, result)
-        number = self._earlier.phases + self._ended + 1
+        number = self._ended + 1
         labels = f"phase {number}", f"phase {number}, last iterate"
         self.phases[self._ended :] = [PhaseLog(self._steps, self._noise, result, labels)]
         for label, params in zip(labels, (result.best_params, result.last_params), strict=True):
             self._offer(self._trained(self._parent, label, params, result))
         if result.status == "interrupted":
             raise Cancelled
+
+    def _note_not_finite(self, training: Training, result: TrainingResult) -> None:
+        """Counts what is not finite, in the worst phase, and says once where it arises."""
+        count, details = result.not_finite + result.lost_sensitivities, self._log.details
+        if count and "advice" not in details:
+            advice = result.advice or training.diagnosis(seconds=_REPLAY_SECONDS)
+            self._log.details = {**details, "advice": advice}
+        if count:
+            count = max(count, details.get("not_finite", 0))
+            self._log.details = {**self._log.details, "not_finite": count}
 
     def _trained(
         self, parent: Candidate, label: str, params: Params, result: TrainingResult

@@ -8,7 +8,6 @@ import numpy as np
 from mdpo_rddl.auto.arena.adapting import Adapting
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
-from mdpo_rddl.auto.common.state import State, joined
 from mdpo_rddl.auto.search.cma import Adaptation, Sampling
 from mdpo_rddl.auto.search.object_wise import FEWEST_OBJECTS, ObjectWise, objects_of
 from mdpo_rddl.auto.search.weights import Weights, flat_vector, weights_of
@@ -73,24 +72,10 @@ class OwnWeightsArm(ArenaArm):
         """
         super().__init__(name, arena)
         self._around = around
-        self._adapting = Adapting(arena, self._try)
-        # of the slice's adaptation
-        self._start = self._begun = np.zeros(0)
+        self._adapting = Adapting(arena)
+        # where the slice's adaptation begins
+        self._begun = np.zeros(0)
         self._latest: _Latest | None = None
-
-    def state(self) -> State | None:
-        """The latest adaptation, and the policy that its slice, or the next one, begins with."""
-        start, found, latest = self._start, self._adapting.state(), self._latest
-        if found is None and latest is not None:
-            start, found = latest.led_to, latest.adaptation.state()
-        if found is None:
-            return None
-        return joined(State({"start": start}), found.within("adaptation"))
-
-    def restore(self, state: State) -> None:
-        """Goes on with the adaptation if the slice begins where that of another process did."""
-        self._start = state.array("start", (None,))
-        self._adapting.restore(state.part("adaptation"))
 
     def _prepare(self) -> None:
         self._arena.compile_population()
@@ -109,9 +94,6 @@ class OwnWeightsArm(ArenaArm):
             weights = weights_of(parent.params, ["shared"])
         until = arena.after_population_compiles(weights, until)
         start, self._begun = flat_vector(parent.params), weights.start
-        if not np.array_equal(start, self._start):
-            self._adapting.restore(None)
-        self._start = start
         try:
             latest = self._adaptation(start, weights, until)
             adaptation = latest.adaptation
@@ -139,8 +121,7 @@ class OwnWeightsArm(ArenaArm):
             return latest._replace(has_missed=True)
         # with samples and rollouts of its own; the generator refuses the seed 0
         seed, sigma = self._arena.seed + max(1, self._log.slices), self._around.sigma
-        if not self._adapting.is_resumed:
-            self._change_objects(weights, seed, until)
+        self._change_objects(weights, seed, until)
         if self._begun is not weights.start:
             sigma = min(sigma, _SIGMA_AFTER)
         count = self._arena.population.population

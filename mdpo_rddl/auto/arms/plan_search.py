@@ -3,13 +3,9 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.search.plan_population import PLAN
-from mdpo_rddl.auto.search.weights import flat_vector
 from mdpo_rddl.errors import Cancelled, note_heard
 
 
@@ -42,20 +38,6 @@ class PlanArm(ArenaArm):
         """
         super().__init__(name, arena)
         self._evolving = evolving
-        self._start: np.ndarray | None = None
-        self._resumed: State | None = None
-
-    def state(self) -> State | None:
-        """The best plans of the slice that goes on, and where it began."""
-        elites = self._arena.plans.elites if self._start is not None else None
-        if self._start is None or elites is None:
-            return self._resumed
-        return State({"start": self._start, "elites": elites})
-
-    def restore(self, state: State) -> None:
-        """Goes on with these plans if the slice begins where that of another process did."""
-        self._arena.plans.elites_of(state, self._arena.noop)
-        self._resumed = state
 
     def _work(self, until: float) -> None:
         """Evolves a plan.
@@ -67,23 +49,17 @@ class PlanArm(ArenaArm):
         parent = None if evolving.begins_with_noop else arena.incumbent
         params = arena.noop if parent is None else parent.params
         until = arena.after_plans_compile(params, until)
-        start, state = flat_vector(params), self._resumed
-        elites = None
-        if state is not None and np.array_equal(state.tensors.get("start", ()), start):
-            elites = arena.plans.elites_of(state, params)
-        self._start, self._resumed = start, None
         incumbent_return = -math.inf if parent is not None else arena.judge.best_mean
         noop = arena.noop_return
         goal = arena.plans.goal(until, noop, incumbent_return, evolving.restarting)
         before = arena.plans.iterations
         try:
-            params = arena.plans.evolved(params, goal, elites=elites)
+            params = arena.plans.evolved(params, goal)
         except (KeyboardInterrupt, Cancelled) as stop:
             note_heard(stop)
             if (found := arena.plans.elites) is not None:
                 best = arena.plans.with_plan(params, found[0])
                 self._offer_child(parent, evolving.label, best)
             raise
-        self._start = None
         self._log.iterations += arena.plans.iterations - before
         self._offer_child(parent, evolving.label, params)

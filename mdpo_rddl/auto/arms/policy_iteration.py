@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -17,7 +16,6 @@ from mdpo_rddl.auto.common.candidate import Candidate
 from mdpo_rddl.auto.common.compilations import TooLateError
 from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.span import Span
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.probing.fitting import greedy
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.build import build_planner
@@ -33,8 +31,6 @@ from mdpo_rddl.planner.programs.quick import Jit, light_jit
 from mdpo_rddl.problem.evaluation import mean_and_error
 
 GREEDY = "greedy"
-# what another process needs of the learner: all but the rollouts
-_LEARNER, _KEPT = "learner", ("weights", "moments", "times", "scale")
 # what a policy is made of
 _POLICY = ("weights", "times", "scale")
 # Adam's, of the value; of it, after the first part, and what is left at the end of each
@@ -101,8 +97,6 @@ class PolicyIterationArm(CompilingArm):
         self._lost, self._iteration_seconds = 0, 0.0
         # of the rollouts of a policy that is handed in
         self._judging_seconds = 0.0
-        # what another process has left, until it is known to fit
-        self._resumed: State | None = None
         # arms that the first iteration's guide goes back to
         self._parents: tuple[str, ...] = ()
         self._best: _Best | None = None
@@ -115,31 +109,11 @@ class PolicyIterationArm(CompilingArm):
         """
         return float(np.mean(self._means)) if self._means else -math.inf
 
-    def state(self) -> State | None:
-        """The value, without the rollouts that it was fitted to, and the part's seconds."""
-        if self._learner is None:
-            return self._resumed
-        leaves = jax.tree.leaves(_kept(self._learner))
-        tensors = {f"{_LEARNER}/{n}": np.asarray(leaf) for n, leaf in enumerate(leaves)}
-        began, ends = (each - self._arena.began for each in self._span)
-        values = {"began": began, "ends": ends, "parents": list(self._parents)}
-        return State(tensors, values)
-
-    def restore(self, state: State) -> None:
-        """Keeps it until the program is compiled."""
-        self._span_of(state.values)  # raises if there is none
-        self._resumed = state
-
     def _begin(self) -> None:
         self._start(self._compile)
 
     def _compile(self) -> None:
-        begun = self._build()
-        if self._resumed is not None:
-            self._try(lambda state: self._go_on(begun, state), self._resumed)
-
-    def _build(self) -> Learner:
-        """Compiles what learns: a learner that has learnt nothing, not from the first rollouts.
+        """Compiles what learns.
 
         Raises:
           TooLateError: if an iteration of it takes too long, as is known before it is compiled.
@@ -149,33 +123,16 @@ class PolicyIterationArm(CompilingArm):
         plan = self._planner.plan
         assert isinstance(plan, GreedyPlan)
         least = least_seconds(plan, self._batch_seconds)
-        if self._resumed is None and is_too_long(least, self._arena.seconds):
+        if is_too_long(least, self._arena.seconds):
             raise TooLateError(f"an iteration would take {least:.1f} s at least")
         learning = Learning(rollouts=learning_rollouts(plan))
         self._iteration = PolicyIteration(self._planner, arena.plan, learning, self._jit)
-        begun = self._begun()
-        jax.block_until_ready(self._iterated(begun, self._trial_key, 0.0, is_first=True))
-        return begun
+        trial = self._iterated(self._begun(), self._trial_key, 0.0, is_first=True)
+        jax.block_until_ready(trial)
 
     def _begun(self) -> Learner:
         """The learner before the first iteration, the same each time."""
         return self._iteration.begin(np.random.default_rng([self._arena.seed, Draws.GREEDY]))
-
-    def _go_on(self, begun: Learner, state: State) -> None:
-        """Restores the value, its part and the parents."""
-        leaves, tree = jax.tree.flatten(_kept(begun))
-        found = [
-            jnp.asarray(state.array(f"{_LEARNER}/{number}", np.shape(leaf)), leaf.dtype)
-            for number, leaf in enumerate(leaves)
-        ]
-        span, parents = self._span_of(state.values), tuple(map(str, state.values["parents"]))
-        self._span, self._parents = span, parents
-        self._learner = begun._replace(
-            **dict(zip(_KEPT, jax.tree.unflatten(tree, found), strict=True))
-        )
-
-    def _span_of(self, values: Mapping[str, Any]) -> Span:
-        return Span.of(values, self._arena.began, self._arena.seconds)
 
     def _work(self, until: float) -> None:
         """Goes on learning.
@@ -319,7 +276,3 @@ class PolicyIterationArm(CompilingArm):
         found = mean_and_error(np.concatenate(shown))
         self._judging_seconds = self._clock() - started
         return found
-
-
-def _kept(learner: Learner) -> tuple[Any, ...]:
-    return tuple(getattr(learner, name) for name in _KEPT)

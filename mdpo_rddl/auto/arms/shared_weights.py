@@ -8,7 +8,6 @@ from mdpo_rddl.auto.arena.adapting import Adapting
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, ArenaArm
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.common.state import State, count_of, joined
 from mdpo_rddl.auto.search.cma import FEWEST_TO_STALL, Adaptation, Sampling
 from mdpo_rddl.auto.search.rules import FEW_RULES, REFINING_SIGMA, Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights, weights_of
@@ -21,8 +20,8 @@ _SIGMA = 0.5
 _RANDOM_SIGMA = 0.2
 # of a simple rule: what was gained by the quarter of its iterations before it is left
 _LEAST_GAIN = 0.01
-# of a slice: what the simple rules begin with, and their adaptations; of all weights, likewise
-_MOST_SIMPLE, _MOST_EVERY = 16, 4
+# of a slice: what the simple rules begin with, and their adaptations
+_MOST_SIMPLE = 16
 # of generators of rules, beside the race's seed: others are the first rules'
 _RESTARTS, _EVERY = 2, 3
 # of so many parts of an adaptation's time one at most is for the rules at which it begins
@@ -69,38 +68,7 @@ class SharedWeightsArm(ArenaArm):
         self._begins_at_rule = True
         # the best of all weights in slices before
         self._known: np.ndarray | None = None
-        self._adapting = Adapting(arena, self._try)
-
-    def state(self) -> State | None:
-        """What the adaptations of the slice that goes on have found, and the one at work."""
-        if not self._simple:
-            return None
-        tensors = {"simple": np.stack(self._simple)}
-        if self._every:
-            tensors["every"] = np.stack(self._every)
-        values = {"ended": self._ended, "others": self._others, "at_rule": self._begins_at_rule}
-        state = State(tensors, values)
-        latest = self._adapting.state()
-        return state if latest is None else joined(state, latest.within("adaptation"))
-
-    def restore(self, state: State) -> None:
-        """Goes on with the slice."""
-        arena = self._arena
-        simple, every = simple_weights(arena.noop, arena.plan), self._all_weights(arena.noop)
-        begun = list(state.array("simple", (None, simple.start.size)))
-        refined = []
-        if "every" in state.tensors:
-            refined = list(state.array("every", (None, every.start.size)))
-        if not 0 < len(begun) <= _MOST_SIMPLE or len(refined) > _MOST_EVERY:
-            counts = f"{len(begun)} and {len(refined)}"
-            most = f"{_MOST_SIMPLE} and {_MOST_EVERY}"
-            raise ValueError(f"its adaptations are {counts}, and {most} are the most")
-        ended, others = count_of(state.values["ended"]), count_of(state.values["others"])
-        begins_at_rule = bool(state.values["at_rule"])
-        if "adaptation" in state.values:
-            self._adapting.restore(state.part("adaptation"))
-        self._begins_at_rule = begins_at_rule
-        self._simple, self._every, self._ended, self._others = begun, refined, ended, others
+        self._adapting = Adapting(arena)
 
     def _prepare(self) -> None:
         self._arena.compile_population()
@@ -150,13 +118,13 @@ class SharedWeightsArm(ArenaArm):
         arena = self._arena
         parent = arena.judge.latest(self._begins_with)
         simple, every = simple_weights(arena.noop, arena.plan), self._all_weights(arena.noop)
-        if not self._every and not self._begin(simple, parent, until):
+        if not self._begin(simple, parent, until):
             return
         vectors = self._every
         starts = _STARTS if self._begins_at_rule else (_Start.RANDOM,)
-        for number in range(len(vectors) - 1, len(starts)):
+        for number, place in enumerate(starts):
             end = self._part(until, len(starts) - number)
-            start, sigma = self._start(starts[number], every, end)
+            start, sigma = self._start(place, every, end)
             vectors.append(self._adapted(every, start, self._sampling(sigma), end))
         self._known = self._offer_best(every, vectors, None if self._ended else parent)
         self._every = []
@@ -178,7 +146,6 @@ class SharedWeightsArm(ArenaArm):
         self._begins_at_rule = rule is not None
         start = self._known if rule is None else self._all_weights(simple.to_params(rule)).start
         self._every = [self._all_weights(self._arena.noop).start if start is None else start]
-        self._adapting.restore(None)  # it was one of a simple rule
         return True
 
     @staticmethod
@@ -189,8 +156,8 @@ class SharedWeightsArm(ArenaArm):
         """Where an adaptation of all weights begins, and its first deviation."""
         if start is _Start.RULE:
             return self._every[0], REFINING_SIGMA
-        # what is resumed knows its place, and nothing is drawn too late
-        if start is _Start.NOOP or self._adapting.is_resumed or self._clock() >= until:
+        # nothing is drawn too late
+        if start is _Start.NOOP or self._clock() >= until:
             return every.start, _SIGMA
         random = np.random.default_rng((self._arena.seed, _EVERY, 1 + self._ended))
         drawing = Drawing(until=self._part(until, _DRAWING), clock=self._clock)
@@ -201,12 +168,11 @@ class SharedWeightsArm(ArenaArm):
     def _first_rule(self, simple: Weights, parent: Candidate | None, until: float) -> np.ndarray:
         """The best of rules that were adapted in the first half of the first slice."""
         params = self._arena.noop if parent is None else parent.params
-        self._simple = self._simple or [simple_weights(params, self._arena.plan).start]
-        vectors, half = self._simple, self._part(until, 2)
-        starts = vectors[0], simple.start
-        for start in starts[len(vectors) - 1 :]:
-            end = self._part(half, max(1, 3 - len(vectors)))
-            vectors.append(self._adapted(simple, start, self._sampling(_SIGMA, _LEAST_GAIN), end))
+        first = simple_weights(params, self._arena.plan).start
+        self._simple, half = [first], self._part(until, 2)
+        for start, end in ((first, self._part(half, 2)), (simple.start, half)):
+            adapted = self._adapted(simple, start, self._sampling(_SIGMA, _LEAST_GAIN), end)
+            self._simple.append(adapted)
         self._adapt_others(simple, half)
         return self._best_of(simple)
 

@@ -10,7 +10,6 @@ import numpy as np
 from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.compiling import CompilingArm
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.common.state import State, count_of
 from mdpo_rddl.auto.search.crossing import Plans, crossed, parts_of
 from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.planner import MDPOPlanner
@@ -71,18 +70,6 @@ class ShootingArm(CompilingArm):
         # of the phase: which it is, and its iterations so far
         self._number = self._done = 0
         self._test_seconds, self._offered = 0.0, -math.inf
-        self._resumed: State | None = None
-
-    def state(self) -> State | None:
-        """The best plan, and the number of the phase, which begins again from it."""
-        if self._best is None:
-            return self._resumed
-        return State(self._best, {"phase": self._number})
-
-    def restore(self, state: State) -> None:
-        """Keeps it until the program is compiled."""
-        count_of(state.values["phase"])  # raises if there is none
-        self._resumed = state
 
     def _begin(self) -> None:
         self._start(self._compile)
@@ -93,17 +80,10 @@ class ShootingArm(CompilingArm):
         noop = self._shooting.noop()
         numbers = sum(plan.size for plan in noop.values())
         self._count = int(np.clip(_MOST_NUMBERS // numbers, _FEWEST_PLANS, _MOST_PLANS))
-        if self._resumed is None or not self._try(self._go_on, self._resumed):
-            found = self._earlier_params(self._planner)
-            self._best = noop if found is None else dict(found)
+        found = self._earlier_params(self._planner)
+        self._best = noop if found is None else dict(found)
         self._begin_phase()
         self._advance(1)
-
-    def _go_on(self, state: State) -> None:
-        """Begins with the plan and the phase of another process."""
-        shapes = {name: plan.shape for name, plan in self._begun.noop().items()}
-        best = {name: state.array(name, shape) for name, shape in shapes.items()}
-        self._number, self._best = count_of(state.values["phase"]), best
 
     @property
     def _planner(self) -> MDPOPlanner:

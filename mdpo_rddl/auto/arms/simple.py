@@ -8,7 +8,6 @@ from mdpo_rddl.auto.arena.arena import Arena
 from mdpo_rddl.auto.arms.base import ArenaArm
 from mdpo_rddl.auto.common.candidate import NOOP
 from mdpo_rddl.auto.common.gains import return_to_beat
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.search.population import PopulationReturns
 from mdpo_rddl.auto.search.rules import Drawing, random_rules
 from mdpo_rddl.auto.search.weights import Weights, simple_weights
@@ -43,16 +42,6 @@ class SimpleArm(ArenaArm):
         super().__init__(SIMPLE, arena)
         self.rules: Rules | None = None
         self.paid_share: float | None = None
-        self._best: np.ndarray | None = None
-
-    def state(self) -> State | None:
-        """The best rule of the latest slice."""
-        return None if self._best is None else State({"rule": self._best})
-
-    def restore(self, state: State) -> None:
-        """Has the rule to offer once more."""
-        rules = simple_weights(self._arena.noop, self._arena.plan)
-        self._best = state.array("rule", rules.start.shape)
 
     def _work(self, until: float) -> None:
         arena = self._arena
@@ -60,9 +49,6 @@ class SimpleArm(ArenaArm):
         if self.rules is None:
             self._offer(arena.candidate(self.name, NOOP, arena.noop))
             self._offer(arena.candidate(self.name, CONSTANT, arena.constant))
-            if self._best is not None:
-                known = rules.to_params(self._best)
-                self._offer(arena.candidate(self.name, RANDOM_RULE, known))
             return
         started = self._clock()
         arena.compile_population()
@@ -72,14 +58,12 @@ class SimpleArm(ArenaArm):
         until = min(until + compile_seconds, arena.deadline)
         found = self._random_rules(arena.population, rules, self.rules, until)
         best = arena.population.best(rules, found)
-        self._best = best
         self._offer(arena.candidate(self.name, RANDOM_RULE, rules.to_params(best)))
 
     def _random_rules(
         self, population: PopulationReturns, rules: Weights, which: Rules, until: float
     ) -> list[np.ndarray]:
         """Of many vectors [D], those of the largest returns: at least one population is drawn."""
-        # a race that goes on has not drawn what comes before
         random = np.random.default_rng((self._arena.seed, int(which)))
         to_beat = return_to_beat(self._arena.noop_return.mean, 0.0)
         drawing = Drawing(_COUNTS[which], until, self._clock, to_beat)

@@ -2,13 +2,12 @@
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
 from mdpo_rddl.auto.arms.base import FIRST_SLICES, Arm
 from mdpo_rddl.auto.common.candidate import Candidate
-from mdpo_rddl.auto.common.state import State, count_of, joined
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.tables import action_table
 from mdpo_rddl.auto.search.trials.backward import Greedy
@@ -74,9 +73,6 @@ class TrialsArm(Arm):
         self._problem, self._config, self._seed = problem, config, seed
         self._model, self._pulse = model, pulse
         self._search: TrialSearch | None = None
-        # of a search in another process, until this one knows what that has known
-        self._resumed: State | None = None
-        self._steps: Iterator[None] = iter(())
         self._best, self._closing, self._episodes = -np.inf, 0.0, _EPISODES
         # see `progress`; it rises by what is more than rounding
         self._known = -np.inf
@@ -87,30 +83,6 @@ class TrialsArm(Arm):
     def progress(self) -> float:
         """Value of the best policy on what was seen, where the rest is worth the no-op."""
         return self._known
-
-    def state(self) -> State | None:
-        """What was seen, and where the search is."""
-        if self.is_over or self._search is None or self._resumed is not None:
-            return self._resumed
-        own = {"closing": self._closing, "without_gain": self._without_gain}
-        if math.isfinite(self._known):
-            own["known"] = self._known
-        return joined(State({}, own), self._search.state().within("search"))
-
-    def restore(self, state: State) -> None:
-        """Keeps it until the first slice."""
-        closing = float(state.values["closing"])
-        state.part("search")  # raises if there is none
-        if not (math.isfinite(closing) and closing >= 0.0):
-            raise ValueError(f"its closing takes {closing} s")
-        self._without_gain = count_of(state.values["without_gain"])
-        known = float(state.values.get("known", -np.inf))
-        if math.isnan(known) or known == np.inf:
-            raise ValueError(f"a value of {known} is known")
-        self._known = known
-        self._closing, self._resumed = closing, state
-        # better ones were not judged, and are found again
-        self._best = -np.inf if self._log.best_return is None else self._log.best_return
 
     def _work(self, until: float) -> None:
         left = until - self._clock()
@@ -123,9 +95,10 @@ class TrialsArm(Arm):
             return
         self._skipped = 0
         try:
-            if (search := self._begun(until, closing)) is None:
-                return
-            self._explore(search, until, closing)
+            if self._search is None:
+                limits = self._limits(until)
+                self._search = TrialSearch(self._model, limits, self._seed, self._clock)
+            self._explore(self._search, until, closing)
         except OutOfTimeError as error:
             if self._was_late:
                 self._give_up(f"what it needs is not made in time: {error}")
@@ -134,33 +107,6 @@ class TrialsArm(Arm):
             self._give_up(str(error))
         except Exception as error:  # the other arms need no ground model
             self._give_up(f"{type(error).__name__}: {one_line_cause(error)}")
-
-    def _begun(self, until: float, closing: float) -> TrialSearch | None:
-        """The search, with all that was known in another process; None if that takes too long.
-
-        Args:
-          until: when the slice ends.
-          closing: seconds to be left then.
-        """
-        if self._search is None:
-            limits = self._limits(until)
-            self._search = TrialSearch(self._model, limits, self._seed, self._clock)
-            if self._resumed is not None:
-                self._steps = self._search.restoring(self._resumed.part("search"))
-        if self._resumed is not None and not self._try(
-            lambda _: self._go_on(until - closing), self._resumed
-        ):
-            self._search, self._resumed, self._best = None, None, -np.inf
-            return self._begun(until, closing)
-        return self._search if self._resumed is None else None
-
-    def _go_on(self, until: float) -> None:
-        """Takes more steps of what is restored, until none is left."""
-        for _ in self._steps:
-            self._pulse()
-            if self._clock() >= until:
-                return
-        self._resumed = None
 
     def _explore(self, search: TrialSearch, until: float, closing: float) -> None:
         """Trials, and what they have found, if there is time to see that."""

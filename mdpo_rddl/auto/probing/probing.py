@@ -10,18 +10,15 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mdpo_rddl.auto.common.sizes import Batches, fitting_batches, is_large, judge_rollouts
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.probing.constants import Constant, Constants
 from mdpo_rddl.auto.probing.lookup_scales import lookup_scales
 from mdpo_rddl.planner.planner import MDPOPlanner
 from mdpo_rddl.planner.plans.feedback_plan import box_width
-from mdpo_rddl.planner.plans.lookups import lookups
 from mdpo_rddl.planner.update.action_scales import SIZES, answering_size
 from mdpo_rddl.problem.chance import has_draws
 
@@ -86,62 +83,6 @@ class Probe:
         # without chance few rollouts are as good
         limit = 0.0 if self.deterministic else _SLOW_ONE * left
         return judge_rollouts(most, self.policy_seconds, limit)
-
-    def state(self) -> State:
-        """All of it, for another process."""
-        values = dataclasses.asdict(dataclasses.replace(self, start={}))
-        return State({name: np.asarray(each) for name, each in self.start.items()}, values)
-
-    @classmethod
-    def of(cls, state: State) -> "Probe":
-        """What `state` has made a state of.
-
-        Raises:
-          AttributeError, LookupError, TypeError, ValueError: if it is damaged.
-        """
-        values = dict(state.values)
-        seconds = values["policy_seconds"]
-        found = cls(
-            units={str(name): float(unit) for name, unit in values["units"].items()},
-            state_scales=_scales_of(values["state_scales"]),
-            noop_return=float(values["noop_return"]),
-            start={name: state.array(name, values.shape) for name, values in state.tensors.items()},
-            start_return=float(values["start_return"]),
-            deterministic=bool(values["deterministic"]),
-            certain=bool(values["certain"]),
-            policy_seconds=None if seconds is None else float(seconds),
-            compile_seconds=float(values["compile_seconds"]),
-            batch_seconds=float(values["batch_seconds"]),
-            # a race of an earlier version looks nothing up
-            lookup_scales=_scales_of(values.get("lookup_scales", {})),
-        )
-        scales = [*found.state_scales.values(), *found.lookup_scales.values()]
-        sizes = [*found.units.values(), *(scale for _, scale in scales)]
-        centers = [center for center, _ in scales]
-        for value in sizes:
-            if not 0.0 < value < np.inf:
-                raise ValueError(f"a unit is {value}, and not between 0 and infinity")
-        if not np.isfinite(centers).all():
-            raise ValueError(f"its centers are {centers!r:.40}, and not finite")
-        return found
-
-    def fits(self, planner: MDPOPlanner) -> bool:
-        """Whether it can be of a planner's problem: its fluents and their shapes are.
-
-        Args:
-          planner: with a `FeedbackPlan`.
-        """
-        params = planner.feedback_plan.noop(0)
-        shapes = {name: np.shape(own["bias"]) for name, own in params["own"].items()}
-        starts = {name: values.shape for name, values in self.start.items()}
-        seen = planner.rddl.observ_fluents or planner.rddl.state_fluents
-        is_of_the_states = set(self.state_scales) == set(seen)
-        is_of_the_states &= set(self.lookup_scales) <= set(lookups(planner.rddl))
-        return starts == shapes and set(self.units) <= set(shapes) and is_of_the_states
-
-
-def _scales_of(values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    return {str(name): (float(center), float(scale)) for name, (center, scale) in values.items()}
 
 
 def constants_for(

@@ -10,15 +10,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mdpo_rddl.auto.common.state import State, generator_place, set_generator
 from mdpo_rddl.auto.search.mutations import Layout, random_values
 
 # of a state's scale
 _CELL = 0.5
 _FARTHEST = 120
 _MOST_BYTES, _MOST_CELLS = 2 * 10**8, 200_000
-# of the plans that another process goes on with
-_MOST_STATE_BYTES = 2**25
 _PLACES = 0.3
 _LONGEST_HOLD = 40.0
 _HOLD, _BOOL = 0.7, 0.3
@@ -108,78 +105,6 @@ class Archive:
         chosen = self._random.choice(len(self), size=count, p=weights / np.sum(weights))
         np.add.at(self._taken, chosen, 1)
         return self._gone_on(chosen)
-
-    def state(self) -> State:
-        """The cells and their plans, the first ones if there are too many of them.
-
-        The plans are [U, H, D], the cells' names [C, L] bytes.
-        """
-        numbers: dict[int, int] = {}
-        plans: list[np.ndarray] = []
-        shape = (self._horizon, len(self._layout.is_bool))
-        kept: list[tuple[bytes, int, int, int]] = []
-        used = 0
-        for cell, place in self._cells.items():
-            plan, step = self._prefixes[place], int(self._steps[place])
-            if id(plan) not in numbers:
-                whole = np.zeros(shape, plan.dtype)
-                used += whole.nbytes
-                if used > _MOST_STATE_BYTES:
-                    break
-                whole[: len(plan)] = plan
-                numbers[id(plan)] = len(plans)
-                plans.append(whole)
-            kept.append((cell, numbers[id(plan)], step, int(self._taken[place])))
-        values = {"generator": generator_place(self._random)}
-        if not kept:
-            return State({}, values)
-        names, of_plan, steps, taken = zip(*kept, strict=True)
-        tensors = {
-            "cells": np.frombuffer(b"".join(names), np.uint8).reshape(len(names), -1),
-            "plans": np.stack(plans),
-            "cell_plans": np.array(of_plan),
-            "steps": np.array(steps),
-            "taken": np.array(taken),
-        }
-        return State(tensors, values)
-
-    def restore(self, state: State, horizon: int) -> None:
-        """Knows what another archive of the same states and plans has known.
-
-        Raises:
-          LookupError, OverflowError, TypeError, ValueError: if the state does not fit; the
-            archive is of no use then.
-        """
-        set_generator(self._random, state.values["generator"])
-        if not state.tensors:
-            return
-        cells = state.array("cells", (None, None))
-        plans = state.array("plans", (None, horizon, len(self._layout.is_bool)))
-        count = len(cells)
-        of_plan, steps, taken = (
-            state.array(name, (count,)) for name in ("cell_plans", "steps", "taken")
-        )
-        for numbers, least, most in (
-            (of_plan, 0, len(plans) - 1),
-            (steps, 1, horizon),
-            (taken, 0, np.inf),
-        ):
-            if numbers.dtype.kind != "i" or np.any((numbers < least) | (numbers > most)):
-                raise ValueError("its cells lead nowhere")
-        if cells.dtype != np.uint8 or count > _MOST_CELLS:
-            raise ValueError(
-                f"its cells are {count} of {cells.dtype}, not uint8 or over {_MOST_CELLS}"
-            )
-        names = [cell.tobytes() for cell in cells]
-        if len(set(names)) != count:
-            raise ValueError("its cells are not different ones")
-        self._cells = dict(zip(names, range(count), strict=True))
-        rows = [plan.copy() for plan in plans]
-        self._prefixes = [rows[number] for number in of_plan.tolist()]
-        self._uses = Counter(map(id, self._prefixes))
-        self._horizon = horizon
-        self._steps[:count], self._taken[:count] = steps, taken
-        self._bytes = sum(rows[number].nbytes for number in np.unique(of_plan))
 
     def _cell(self, name: str, values: np.ndarray) -> np.ndarray:
         center, scale = self._scales[name]

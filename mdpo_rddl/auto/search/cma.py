@@ -4,16 +4,13 @@ Hansen (2016), https://arxiv.org/abs/1604.00772, and its separable form for many
 and Hansen (2008), by the package cmaes.
 """
 
-import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.auto.common.state import State, count_of
 from mdpo_rddl.auto.common.timing import Clock
 
 with warnings.catch_warnings():
@@ -27,11 +24,6 @@ FEWEST_TO_STALL = 60
 """Iterations before an adaptation may end for want of a gain."""
 
 _WORST = -1e30
-# the optimiser's arrays that change from one iteration to the next
-_ARRAYS = ("mean", "C", "p_sigma", "pc", "funhist_values")
-_LARGEST_MEAN = 1e30
-# of the generator MT19937
-_WORDS = 624
 
 
 @dataclass(frozen=True)
@@ -58,7 +50,7 @@ class Sampling:
 
 
 class Adaptation:
-    """A distribution of weights that moves to where returns are large; it can be resumed.
+    """A distribution of weights that moves to where returns are large.
 
     Attributes:
       iterations: done so far.
@@ -80,8 +72,6 @@ class Adaptation:
             population_size=sampling.population,
             seed=sampling.seed,
         )
-        # cmaes leaves what was in memory there; a state must be restorable, and the same each time
-        self._optimizer._funhist_values[:] = 0.0
         self.iterations, self._flat = 0, 0
         # of the candidates, at each iteration
         self._medians: list[float] = []
@@ -90,45 +80,6 @@ class Adaptation:
     def mean(self) -> np.ndarray:
         """Mean of the distribution [D]."""
         return np.asarray(self._optimizer.mean)
-
-    def state(self) -> State:
-        """The distribution, the evolution paths and the generator's state."""
-        optimizer = self._optimizer
-        tensors = {name: np.asarray(getattr(optimizer, f"_{name}")) for name in _ARRAYS}
-        tensors["medians"] = np.asarray(self._medians)
-        name, tensors["words"], *rest = optimizer._rng.get_state()
-        values = {
-            "sigma": float(optimizer._sigma),
-            "generation": optimizer.generation,
-            "iterations": self.iterations,
-            "flat": self._flat,
-            "generator": [name, *rest],
-        }
-        return State(tensors, values)
-
-    def restore(self, state: State) -> None:
-        """Goes on where another adaptation was, of as many weights and candidates.
-
-        Raises:
-          LookupError, OverflowError, TypeError, ValueError: if the state does not fit; nothing
-            has changed then.
-        """
-        optimizer, values = self._optimizer, state.values
-        arrays = {name: np.shape(getattr(optimizer, f"_{name}")) for name in _ARRAYS}
-        found = {f"_{n}": state.array(n, shape).astype(float) for n, shape in arrays.items()}
-        sigma, generation = float(values["sigma"]), count_of(values["generation"])
-        if not 0.0 < sigma < math.inf:
-            raise ValueError(f"its sigma is {sigma}, and not between 0 and infinity")
-        if (largest := np.abs(found["_mean"]).max()) > _LARGEST_MEAN:
-            raise ValueError(f"its mean has {largest:g}, and {_LARGEST_MEAN:g} is the most")
-        covariance = found["_C"]  # symmetric but for the rounding
-        if not np.allclose(covariance, covariance.T, atol=1e-9 * np.abs(covariance).max()):
-            raise ValueError("its covariance C is not symmetric")
-        iterations, flat = count_of(values["iterations"]), count_of(values["flat"])
-        random = _generator(values["generator"], state.array("words", (_WORDS,)))
-        medians = state.array("medians", (iterations,)).astype(float)
-        vars(optimizer).update(found, _sigma=sigma, _g=generation, _rng=random, _B=None, _D=None)
-        self.iterations, self._flat, self._medians = iterations, flat, medians.tolist()
 
     @property
     def converged(self) -> bool:
@@ -164,22 +115,3 @@ class Adaptation:
             self.iterations += 1
             self._medians.append(float(np.median(returns)))
             self._flat = self._flat + 1 if np.ptp(returns) == 0.0 else 0
-
-
-def _generator(values: Sequence[Any], words: np.ndarray) -> np.random.RandomState:
-    """A generator at the place of another one; numpy itself looks at little of it.
-
-    Raises:
-      TypeError, ValueError: if that is no such place.
-    """
-    name, place, has_gauss, gauss = values
-    # numpy would read beyond the words
-    if count_of(place) > _WORDS:
-        raise ValueError(f"its generator is at word {place}, and {_WORDS} is the last")
-    if words.dtype != np.uint32:
-        raise ValueError(f"its generator's words are {words.dtype}, and not uint32")
-    if has_gauss not in (0, 1) or not math.isfinite(gauss):
-        raise ValueError(f"its generator keeps {gauss!r:.40}, {has_gauss!r:.40} times")
-    random = np.random.RandomState()
-    random.set_state((name, words, int(place), int(has_gauss), float(gauss)))
-    return random

@@ -29,8 +29,6 @@ Evaluate = Callable[[int, np.ndarray], Evaluation]
 """(iteration, plans [P, H, D]) -> their evaluation."""
 
 _ELITES = 8
-MOST_ELITES = 2 * _ELITES
-"""Plans that an evolution can go on with."""
 _EXPLORERS = 0.5
 _PATIENCE = 0.3
 # an evolution may have converged after so many iterations, if a gain is this share of all it gained

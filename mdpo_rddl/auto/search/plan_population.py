@@ -12,13 +12,11 @@ from jax import Array
 from mdpo_rddl.auto.common.draws import Draws, key_for
 from mdpo_rddl.auto.common.gains import NoopReturn, return_to_beat_by_luck
 from mdpo_rddl.auto.common.sizes import PLANS, visits_fit
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.auto.search.archive import Archive
 from mdpo_rddl.auto.search.by_parts import ByParts
 from mdpo_rddl.auto.search.evolution import (
-    MOST_ELITES,
     Breeding,
     Evaluation,
     Evolved,
@@ -122,7 +120,6 @@ class PlanPopulation:
         params: Params,
         goal: Goal,
         archive: Archive | None = None,
-        elites: np.ndarray | None = None,
     ) -> Params:
         """A policy with a better plan; an evolution that has converged begins again.
 
@@ -130,13 +127,10 @@ class PlanPopulation:
           params: of the policy with the first plan; all but the plan stays.
           goal: when to end.
           archive: where plans have led; None for no exploration.
-          elites: plans [E, H, D] of an evolution that was stopped, to go on with; None to begin
-            with the policy's own.
         """
         layout = self._layout(params)
         start = layout.vector(params["plan"])[np.newaxis]
-        first = start if elites is None else elites
-        best = result = self._evolve(params, first, goal, archive)
+        best = result = self._evolve(params, start, goal, archive)
         restarted = dataclasses.replace(goal, incumbent_return=-math.inf)
         while result.converged and best.best >= goal.incumbent_return:
             result = self._evolve(params, np.zeros_like(start), restarted, archive, best.elites[:1])
@@ -146,17 +140,6 @@ class PlanPopulation:
     def plan_of(self, params: Params) -> np.ndarray:
         """A policy's plan [H, D]."""
         return self._layout(params).vector(params["plan"])
-
-    def elites_of(self, state: State, params: Params) -> np.ndarray:
-        """The elites [E, H, D] that a state holds, for plans of a policy's shape.
-
-        Raises:
-          KeyError, ValueError: if there are none that fit.
-        """
-        elites = state.array("elites", (None, *self.plan_of(params).shape))
-        if not 0 < len(elites) <= MOST_ELITES:
-            raise ValueError(f"there are {len(elites)} plans")
-        return elites
 
     def with_plan(self, params: Params, plan: np.ndarray) -> Params:
         """A policy with another plan [H, D]."""

@@ -1,11 +1,9 @@
 """What trials have seen of a ground model: states, what may be done there, and what followed."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from mdpo_rddl.auto.common.state import State, joined
-from mdpo_rddl.auto.search.trials.compact import level_state, read_levels, read_numbers, small
 from mdpo_rddl.auto.search.trials.growing import Growing
 from mdpo_rddl.problem.enumeration.afterstates import Afterstates, Draws
 from mdpo_rddl.problem.enumeration.index import StateIndex
@@ -20,8 +18,6 @@ NEVER = np.iinfo(np.int32).max
 _FEW = 4
 # rows that are made together where the states are known before, if all actions are legal
 _ROWS_TOGETHER = 500_000
-# of the probabilities of all next states that are known
-_ROUNDING = 1e-6
 
 
 class Explored:
@@ -70,8 +66,6 @@ class Explored:
         self.probability = Growing(float)
         self._is_complete = Growing(bool)
         self._drawn = StateIndex(1 + model.packing.words)
-        # numbers of the states whose rows were made together
-        self._batches = Growing(np.int64)
         self.add(model.initial[np.newaxis], np.zeros(1, np.int32))
 
     @property
@@ -192,8 +186,6 @@ class Explored:
         self.row_count.add(counts)
         self.depth.add(np.full(len(counts), NEVER, np.int32))
         self.visits.add(np.zeros(len(counts), np.int64))
-        # last: these states are whole, whatever interrupts
-        self._batches.add(np.array([len(counts)]))
 
     def _remember(self, drawn: Draws, numbers: np.ndarray) -> None:
         """Keeps what was not drawn before; several states may have been joined to one number."""
@@ -204,108 +196,3 @@ class Explored:
         self.origin.add(drawn.origin[new])
         self.next.add(numbers[new])
         self.probability.add(drawn.probability[new])
-
-    def state(self) -> State:
-        """What was seen, without what follows from it and the model.
-
-        What an interruption has left half done is left out.
-        """
-        batches = self._batches.values
-        size = int(batches.sum())
-        rows = int(self.row_count.values[:size].sum())
-        after = int(self.afterstate.values[:rows].max(initial=-1)) + 1
-        drawn = min(self.origin.count, self.next.count, self.probability.count)
-        own = {
-            "states": self.index.states[:size].copy(),
-            "batches": small(batches),
-            "depth": small(np.minimum(self.depth.values[:size], self.model.horizon)),
-            "visits": small(self.visits.values[:size]),
-            "tried": small(self.tried.values[:rows]),
-            "complete": small(self._is_complete.values[:after].astype(np.int64)),
-            "drawn": self._drawn.states[:drawn].copy(),
-            "probability": self.probability.values[:drawn].copy(),
-        }
-        return joined(State(own), level_state(self.afterstates.levels()).within("levels"))
-
-    def restoring(self, state: State, most_together: int) -> Iterator[None]:
-        """Makes the rows of what another one has seen, while nothing was drawn here.
-
-        Args:
-          state: of the other one, which had the same model.
-          most_together: states that may have been added at once.
-
-        Yields:
-          Between two parts of the work.
-
-        Raises:
-          NotEnumerableError: if it has no such rows.
-          KeyError, OverflowError, TypeError, ValueError: if it does not fit.
-        """
-        states = state.array("states", (None, self.model.packing.words))
-        batches = read_numbers(state, "batches", None, most_together)
-        if len(states) != batches.sum() or not np.array_equal(states[:1], self.index.states):
-            raise ValueError("its states are not those of its batches")
-        self._check(states)
-        if np.any(merged(states, self.merges) != states):
-            raise ValueError("its states have what does not matter")
-        self.afterstates.know(read_levels(state.part("levels")))
-        self.index = StateIndex.of(states)
-        most = _ROWS_TOGETHER // len(self.model.actions)
-        for some in _together(batches.tolist()[1:], most):
-            counts, rows = self._rows(states[self.depth.count :][: sum(some)])
-            for own in np.split(counts, np.cumsum(some)[:-1]):
-                self._append(own, Rows(*(each[: own.sum()] for each in rows)))
-                rows = Rows(*(each[own.sum() :] for each in rows))
-            yield
-        self._restore_counts(state)
-        self._restore_draws(state)
-
-    def _check(self, states: np.ndarray) -> None:
-        """Raises ValueError if packed states [N, words] have bits that are no variable's."""
-        if states.dtype != np.uint64:
-            raise ValueError(f"its states are {states.dtype}")
-        used = np.zeros(states.shape[1], np.uint64)
-        for place in self.model.packing.places:
-            used[place.word] |= place.mask
-        if np.any(states & ~used):
-            raise ValueError("its states have values of no variable")
-
-    def _restore_counts(self, state: State) -> None:
-        size, many = self.size, np.iinfo(np.int32).max
-        self.depth.values[:] = read_numbers(state, "depth", size, self.model.horizon)
-        self.visits.values[:] = read_numbers(state, "visits", size, many)
-        self.tried.values[:] = read_numbers(state, "tried", self.tried.count, many)
-        complete = read_numbers(state, "complete", None, 1)
-        if len(complete) > self.after_index.count:
-            raise ValueError("its afterstates are too many")
-        self._is_complete.add(complete.astype(bool))
-
-    def _restore_draws(self, state: State) -> None:
-        drawn = state.array("drawn", (None, 1 + self.model.packing.words))
-        probability = state.array("probability", (len(drawn),)).astype(float)
-        origin, states = drawn[:, 0], drawn[:, 1:]
-        self._check(states)
-        if np.any(origin >= self.after_index.count):
-            raise ValueError("its draws are after nothing")
-        numbers = self.index.known(merged(states, self.merges))
-        total = np.bincount(origin.astype(np.int64), probability)
-        if np.any(numbers < 0) or np.any(probability < 0.0) or np.any(total > 1.0 + _ROUNDING):
-            raise ValueError("its draws lead nowhere, or their probabilities are none")
-        self._drawn = StateIndex.of(drawn)
-        self.origin.add(origin)
-        self.next.add(numbers)
-        self.probability.add(probability)
-
-
-def _together(batches: Sequence[int], most: int) -> Iterator[Sequence[int]]:
-    """Batches of about so many states at most: many small calls take longer than large ones."""
-    some: list[int] = []
-    total = 0
-    for count in batches:
-        some.append(count)
-        total += count
-        if total >= most:
-            yield some
-            some, total = [], 0
-    if some:
-        yield some

@@ -9,22 +9,15 @@ trials begin at a state that has a rare value of some variable, and prefer what 
 """
 
 import contextlib
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
-from mdpo_rddl.auto.common.state import State, count_of, generator_place, joined, set_generator
 from mdpo_rddl.auto.common.timing import Clock
 from mdpo_rddl.auto.search.trials.backward import Greedy, induct
 from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.auto.search.trials.guide import guide
-from mdpo_rddl.auto.search.trials.kept_policy import policy_state, read_policy
-from mdpo_rddl.problem.enumeration.limits import (
-    EnumerationLimits,
-    NotEnumerableError,
-    OutOfTimeError,
-)
+from mdpo_rddl.problem.enumeration.limits import EnumerationLimits, OutOfTimeError
 from mdpo_rddl.problem.enumeration.model import GroundModel
 
 _TRIALS = 512
@@ -44,8 +37,6 @@ _ROW_SECONDS = 2e-8
 # of a trial that begins anywhere
 _STEPS, _CHOICES, _OUTCOMES = 8, 3, 2
 _MOST_STATES, _MOST_ROWS, _MOST_DECISIONS = 400_000, 4_000_000, 20_000_000
-_MOST_TOGETHER = _STATES_OF_ONE * _TRIALS
-"""States that one step of all trials may add."""
 
 
 class TrialSearch:
@@ -55,7 +46,7 @@ class TrialSearch:
       explored: what was seen.
       is_full: whether there is no room for more.
       batches: of trials, so far.
-      has_ended: whether one of them has come to the end of its trials, in this process.
+      has_ended: whether one of them has come to the end of its trials.
     """
 
     def __init__(
@@ -125,58 +116,6 @@ class TrialSearch:
           check_time: see `induct`.
         """
         return induct(self.explored, trust, check_time)
-
-    def state(self) -> State:
-        """All that another search of the same model needs to go on as this one would."""
-        values = {
-            "batches": self.batches,
-            "is_full": self.is_full,
-            "inductions": self._inductions,
-            "searching": self._searching,
-            "inducting": self._inducting,
-            "row_seconds": self._row_seconds,
-            "generator": generator_place(self._random),
-        }
-        policy = policy_state(self._greedy, self.explored)
-        return joined(
-            State({}, values), self.explored.state().within("explored"), policy.within("policy")
-        )
-
-    def restoring(self, state: State) -> Iterator[None]:
-        """Goes on, before its first trial, where another search was.
-
-        Args:
-          state: of the other one.
-
-        Yields:
-          Between two parts of the work, which may take a share of what the search has taken.
-
-        Raises:
-          ArithmeticError, AttributeError, LookupError, TypeError, ValueError: if it does not fit;
-            this search is of no use then.
-        """
-        values, own = state.values, state.part("explored")
-        seconds = [float(values[each]) for each in ("searching", "inducting", "row_seconds")]
-        if not all(math.isfinite(each) and each >= 0.0 for each in seconds):
-            raise ValueError(f"it has searched for {seconds} s")
-        if len(own.tensors["states"]) > self._most_states + _MOST_TOGETHER:
-            raise ValueError(f"it has more than {self._most_states} states")
-        explored = self.explored
-        try:
-            for _ in explored.restoring(own, _MOST_TOGETHER):
-                if explored.reward.count > _MOST_ROWS + 2 * _MOST_TOGETHER * len(
-                    explored.model.actions
-                ):
-                    raise ValueError(f"it has more than {_MOST_ROWS} rows")
-                yield
-        except NotEnumerableError as error:
-            raise ValueError(str(error)) from error
-        self._greedy = read_policy(state.part("policy"), explored)
-        self._rarity = _rarity(explored, self._greedy.rows.shape[1])
-        self._searching, self._inducting, self._row_seconds = seconds
-        self._inductions, self.batches = count_of(values["inductions"]), count_of(values["batches"])
-        self.is_full = bool(values["is_full"])
-        set_generator(self._random, values["generator"])
 
     def _induct_if_grown(self, until: float) -> None:
         grown = self.explored.size > _GROWTH * self._greedy.rows.shape[1]
