@@ -16,7 +16,7 @@ NEVER = np.iinfo(np.int32).max
 """The depth of a state that was not reached from the initial one yet."""
 # next states after an afterstate that are all added with the first that is drawn
 _FEW = 4
-# rows that are made together where the states are known before, if all actions are legal
+# rows that are made together, if all actions are legal
 _ROWS_TOGETHER = 500_000
 
 
