@@ -199,12 +199,12 @@ def test_the_package_knows_no_measurements():
 def test_arms_see_each_other_only_through_their_interface():
     folder = PACKAGE / "auto" / "arms"
     # what an arm is, each of them more than the one before
-    kinds = ["base", "compiling", "trained"]
+    kinds = ["base", "compiling"]
     arms = {path.stem for path in folder.glob("*.py")} - {"__init__", *kinds}
     assert {"gradient", "plan_search", "shooting"} <= arms
     assert {end for _, end in edges_inside(folder)} == set(kinds)
     among = {(start, end) for start, end in edges_inside(folder) if start in kinds}
-    assert among == {("compiling", "base"), ("trained", "compiling")}
+    assert among == {("compiling", "base")}
     # what several of them search with are no arms, and know none
     assert violations(room("auto.search"), "mdpo_rddl.auto.arms", "mdpo_rddl.auto.arena") == []
 

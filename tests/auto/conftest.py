@@ -64,7 +64,7 @@ def compiled(lake):
 
 @pytest.fixture
 def in_one_arena(compiled, monkeypatch):
-    def as_new(problem, config, seed, began, options, resumption=None):
+    def as_new(problem, config, seed, began, options):
         judge = Judge(128, seed, CLOCK, began)
         judge._players = compiled.judge._players
         deadline = began + config.section("Optimize")["train_seconds"]

@@ -34,7 +34,7 @@ _TOYS = {
         "FIRST": "open(l1) = false;",
     },
 }
-# what `_build` makes
+# what `_compile` makes
 _PROGRAMS = ("_planner", "_iteration")
 
 
@@ -51,10 +51,9 @@ def ticking_arena(name: str = "lever") -> Arena:
 def compiled_arm(arena: Arena, until: float = 120.0) -> PolicyIterationArm:
     """An arm whose programs are compiled already, so that its thread is not waited for."""
     name = arena.problem.domain_name
-    arm, (built, begun) = PolicyIterationArm(arena, until), _built(name)
+    arm, built = PolicyIterationArm(arena, until), _built(name)
     for name in _PROGRAMS:
         setattr(arm, name, getattr(built, name))
-    arm._build = lambda: begun
     arm._is_compiled = lambda until: True
     return arm
 
@@ -86,7 +85,8 @@ def _compiled_arena(name: str) -> Arena:
 
 
 @functools.cache
-def _built(name: str) -> tuple[PolicyIterationArm, object]:
-    """An arm that has compiled what learns, and a learner that has begun."""
+def _built(name: str) -> PolicyIterationArm:
+    """An arm that has compiled what learns."""
     arm = PolicyIterationArm(_compiled_arena(name), 0.0)
-    return arm, arm._build()
+    arm._compile()
+    return arm

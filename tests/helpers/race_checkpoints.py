@@ -6,10 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.auto.common.candidate import Candidate, Judged
-from mdpo_rddl.auto.common.state import State
-from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.planner.config.presets import PRESETS
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
@@ -54,9 +51,3 @@ def kept(folder: Path, *found: Judged, seconds: float = 60.0) -> Any:
     for each in found:
         checkpoints.judged(each)
     return RaceCheckpoints(folder, terms(), seconds).start
-
-
-def state(seconds: float = 9.0) -> RaceState:
-    log = ArmLog("plan", slices=2, seconds=3.0, iterations=7, best_return=-5.0)
-    flat = State({"elites": np.ones((2, 3))}, {"number": 1})
-    return RaceState(seconds, logs={"plan": log}, states={"plan": flat})

@@ -9,18 +9,15 @@ import pytest
 from helpers import toy_mdps as toys
 from helpers.mistakes import one_line
 from helpers.problems import assert_same_bits
-from helpers.race_checkpoints import CONFIG, FORMAT, PARAMS, arena, judged, kept, state, terms
+from helpers.race_checkpoints import CONFIG, FORMAT, PARAMS, arena, judged, kept, terms
 
 from mdpo_rddl.auto.common import curve as curves
-from mdpo_rddl.auto.common.arm_log import ArmLog
 from mdpo_rddl.auto.common.candidate import Candidate, Judged
 from mdpo_rddl.auto.common.curve import candidate_figures
-from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.policy.container import read_container, write_container
 from mdpo_rddl.policy.plan_rule import PlanRule, Simulated
 from mdpo_rddl.policy.table import Estimate, table_tensors
-from mdpo_rddl.session import race_checkpoints
 from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
 
@@ -101,47 +98,16 @@ def test_a_long_curve_keeps_its_incumbents(monkeypatch):
         curves.read_curve(points[:4], 100.0)
 
 
-def test_where_the_race_is_comes_back_with_its_policies(tmp_path):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
-    checkpoints.begun(state)
-    checkpoints.judged(judged(-5.0, 1.0))
-    checkpoints.pulse()  # too early
+@pytest.mark.parametrize("state", [json.dumps({"race": {"seconds": 9.0}}), "damaged"])
+def test_the_arms_states_of_an_earlier_version_are_ignored(tmp_path, state):
+    kept(tmp_path, judged(-5.0, 1.0))
+    (path,) = tmp_path.iterdir()
+    text, tensors = read_container(path, (FORMAT,))
+    tensors["state/arm/plan/elites"] = np.ones((2, 3))
+    write_container(path, tensors, {**text, "state": state})
     start = RaceCheckpoints(tmp_path, terms(), 60.0).start
-    assert start.seconds == 1.0
-    assert start.state.logs["plan"].iterations == 7
-    np.testing.assert_array_equal(start.state.states["plan"].tensors["elites"], np.ones((2, 3)))
-    assert start.state.states["plan"].values == {"number": 1}
+    assert (start.incumbent.mean, start.seconds) == (-5.0, 1.0)
     assert_same_bits(start.incumbent.params, {**PARAMS, "b": np.full(2, -5.0, np.float32)})
-
-
-def test_a_damaged_state_costs_the_state_only(tmp_path, caplog):
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
-    checkpoints.begun(lambda: state(float("nan")))
-    checkpoints.judged(judged(-5.0, 1.0))
-    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
-    assert start.incumbent.mean == -5.0
-    assert start.state is None
-    assert "the arms begin anew from their best policies" in caplog.text
-
-
-def test_a_state_that_cannot_be_written_or_is_too_large_costs_the_state_only(
-    tmp_path, caplog, monkeypatch
-):
-    def unwritable() -> RaceState:
-        log = ArmLog("plan", details={"count": np.int64(3)})  # JSON has no such number
-        return RaceState(9.0, logs={"plan": log})
-
-    checkpoints = RaceCheckpoints(tmp_path, terms(), 60.0)
-    checkpoints.begun(unwritable)
-    checkpoints.judged(judged(-5.0, 1.0))
-    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
-    assert (start.incumbent.mean, start.state) == (-5.0, None)
-    assert "the arms' states are not kept" in caplog.text
-    checkpoints.begun(state)
-    monkeypatch.setattr(race_checkpoints, "_MOST_BYTES", 100)
-    checkpoints.judged(judged(-4.0, 2.0))
-    start = RaceCheckpoints(tmp_path, terms(), 60.0).start
-    assert (start.incumbent.mean, start.state) == (-4.0, None)
 
 
 @pytest.fixture

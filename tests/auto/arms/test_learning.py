@@ -1,6 +1,5 @@
 """How the arm that learns a value goes on, and what it gives up, by a clock that does not wait."""
 
-import json
 import math
 
 import numpy as np
@@ -9,7 +8,6 @@ from helpers.learners import compiled_arm, taken, ticking_arena
 from helpers.problems import assert_same_bits
 
 from mdpo_rddl.auto.common.span import Span
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 
@@ -29,7 +27,7 @@ def make(arena):
 
 def shown(mean: float, is_finite: bool = True) -> Shown:
     """What an iteration may have shown."""
-    return Shown(*2 * [np.full(2, mean, np.float32)], np.array(is_finite))
+    return Shown(np.full(2, mean, np.float32), np.array(is_finite))
 
 
 def showing(monkeypatch, arm, *each) -> None:
@@ -47,10 +45,6 @@ def begun(arm, arena):
     arm.work(arena.clock.now + 30.0)
     taken(arm, arena.judge)
     return arm
-
-
-def through_json(state: State) -> State:
-    return State(dict(state.tensors), json.loads(json.dumps(dict(state.values))))
 
 
 def test_it_is_the_same_at_each_repetition(arena, make):
@@ -98,57 +92,6 @@ def test_an_iteration_that_would_end_late_is_not_begun(arena, make, monkeypatch)
     assert until - 10.0 < arena.clock.now <= until + 2.0
     # they take less, and that is known
     assert 0.0 < arm._judging_seconds < 7.0
-
-
-def test_another_process_goes_on_with_the_learner_and_its_span(arena, make):
-    arm = make()
-    assert arm.state() is None
-    arm.work(arena.clock.now + 5.0)
-    left = through_json(arm.state())
-    assert set(left.values) == {"began", "ends", "parents"}
-    assert set(left.tensors) == {f"learner/{number}" for number in range(len(left.tensors))}
-    later = make()
-    later.restore(left)
-    assert later.state() is left  # before its program is compiled
-    later._compile()
-    restored = later.state()
-    assert restored is not left
-    assert_same_bits(restored.tensors, left.tensors)
-    assert restored.values == left.values
-    later.take_over(arm.log, False)
-    later.work(arena.clock.now + 5.0)
-    assert later.log.iterations > arm.log.iterations
-    # it has gone on with the span, and begun none
-    assert later.state().values == left.values
-
-
-MISFITS = [
-    lambda tensors, values: tensors.update({"learner/0": np.zeros(99)}),
-    lambda tensors, values: tensors.update(
-        {"learner/0": np.full_like(tensors["learner/0"], np.nan)}
-    ),
-    lambda tensors, values: tensors.pop("learner/3"),
-    lambda tensors, values: values.update(ends=math.inf),
-    lambda tensors, values: values.pop("began"),
-    lambda tensors, values: values.update(parents=None),
-]
-
-
-@pytest.mark.parametrize("change", MISFITS)
-def test_a_state_that_does_not_fit_is_left_out(arena, make, change, caplog):
-    caplog.set_level("INFO")
-    arm = make()
-    arm.work(arena.clock.now + 1.0)
-    left = arm.state()
-    tensors, values = dict(left.tensors), dict(left.values)
-    change(tensors, values)
-    later = make()
-    later._try(later.restore, State(tensors, values))
-    later._compile()
-    assert f"{later.name}: its state is left out: " in caplog.text
-    assert later._learner is None
-    later.work(arena.clock.now + 1.0)
-    assert later.log.iterations > 0
 
 
 @pytest.mark.parametrize(("mean", "is_finite"), [(np.nan, True), (1.0, False)])

@@ -72,19 +72,8 @@ def test_where_another_policy_is_better_for_long_another_adaptation_begins_there
     worked(arm, is_kept=False)
     assert [each.iterations for each in adaptations] == [3 * GENERATIONS, GENERATIONS]
     # with other samples
-    states = [each.state().tensors["words"] for each in adaptations]
-    assert not np.array_equal(*states)
-
-
-def test_between_slices_the_state_is_that_of_the_adaptation_and_where_it_has_led(arm, adaptations):
-    worked(arm, is_kept=True)
-    state, (adaptation,) = arm.state(), adaptations
-    other = OwnWeightsArm("polishing the weights", arm._arena, Around(sigma=0.01))
-    other.restore(state)
-    worked(other, is_kept=True)
-    assert adaptations[1].iterations == 2 * GENERATIONS
-    worked(arm, is_kept=False)
-    assert adaptation.iterations == GENERATIONS
+    first, second = (each._sampling.seed for each in adaptations)
+    assert first != second
 
 
 def with_net(arena):

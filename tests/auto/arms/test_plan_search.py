@@ -19,7 +19,7 @@ def test_a_slice_has_its_time_beside_the_compilation(tmp_path, monkeypatch, seco
     def compile_slowly(plans, params):
         clock.now += seconds
 
-    def evolved(plans, params, goal, elites=None):
+    def evolved(plans, params, goal):
         ends.append(goal.until)
         return params
 

@@ -11,7 +11,6 @@ from helpers.problems import assert_same_bits
 from mdpo_rddl.auto.arms import policy_iteration
 from mdpo_rddl.auto.arms.policy_iteration import GREEDY, PolicyIterationArm
 from mdpo_rddl.auto.common.span import Span
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.planner.policy_iteration.learner import Shown
 from mdpo_rddl.policy.file import load_policy
 from mdpo_rddl.policy.kinds import restored
@@ -76,16 +75,6 @@ def test_it_begins_with_the_best_policy_so_far(arena, make):
     assert arm._parents == ("other",)
 
 
-def test_another_process_does_without_the_rollouts_that_it_was_fitted_to(arena, make):
-    arm, later = make(), make()
-    arm.work(arena.clock.now + 5.0)
-    later.restore(arm.state())
-    later._compile()
-    assert_same_bits(later._learner.weights, arm._learner.weights)
-    assert np.any(arm._learner.kept.counts)
-    assert not np.any(later._learner.kept.counts)
-
-
 def test_the_guide_is_known_by_the_first_iteration(arena, make):
     arena.judge.record(replace(known(arena), mean=10.0 * BEST, error=0.0))
     make().work(arena.clock.now + 1.0)
@@ -96,7 +85,7 @@ def test_the_guide_is_known_by_the_first_iteration(arena, make):
 
 
 def test_where_nothing_was_learnt_nothing_is_offered(arena, make, monkeypatch):
-    arm, broken = make(), Shown(*2 * [np.full(2, np.nan, np.float32)], np.array(True))
+    arm, broken = make(), Shown(np.full(2, np.nan, np.float32), np.array(True))
     monkeypatch.setattr(arm, "_iterated", lambda learner, *_, **__: (learner, broken))
     arm.work(arena.clock.now + 100.0)
     assert arm.is_exhausted
@@ -114,17 +103,15 @@ def test_what_would_take_too_long_is_not_compiled(arena):
     assert arm.take_candidates() == []
 
 
-@pytest.mark.parametrize(("batch", "resumed"), [(0.01, None), (1000.0, State({}))])
-def test_what_may_be_in_time_is_compiled(arena, monkeypatch, batch, resumed):
-    arm = PolicyIterationArm(arena, 120.0, batch_seconds=batch)
-    arm._resumed = resumed
+def test_what_may_be_in_time_is_compiled(arena, monkeypatch):
+    arm = PolicyIterationArm(arena, 120.0, batch_seconds=0.01)
     monkeypatch.setattr(policy_iteration, "PolicyIteration", lambda *_: pytest.fail("it is"))
     with pytest.raises(pytest.fail.Exception, match="it is"):
-        arm._build()
+        arm._compile()
 
 
 def test_the_first_iteration_that_takes_too_long_ends_it(arena, make, monkeypatch):
-    arm, shown = make(), Shown(*2 * [np.ones(2, np.float32)], np.array(True))
+    arm, shown = make(), Shown(np.ones(2, np.float32), np.array(True))
 
     def slow(learner, *_, **__):
         arena.clock.now += 25.0

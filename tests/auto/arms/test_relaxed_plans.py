@@ -15,7 +15,6 @@ from mdpo_rddl.auto.arms.relaxed_plans import RELAXED_PLANS, RelaxedPlansArm
 from mdpo_rddl.auto.outcome.outcome import policy_of
 from mdpo_rddl.auto.race.ground_arms import GroundSlices
 from mdpo_rddl.auto.race.options import RaceOptions
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.errors import Cancelled
 from mdpo_rddl.planner.config.search_section import Search
@@ -287,10 +286,9 @@ def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
     options = RaceOptions(clock=Stopped())
     shares = Search(without=["dynamic programming", "trials", *without])
     ground = GroundSlices(problem, preset(100.0), 0, options, shares)
-    resumption = Resumption(lambda: 0.0, None)
     stages = []
-    ground.enumerate(resumption, 100.0)
-    ground.search(resumption, 100.0, stages.append)
+    ground.enumerate(100.0)
+    ground.search(100.0, stages.append)
     assert ground.arms.exact.grounded.opened is not None
     assert ground.arms.trials is None
     names = [arm.name for arm in ground.arms.all]
@@ -299,12 +297,6 @@ def test_it_works_before_the_trials_unless_it_is_left_out(problem, without):
     if not without:
         (found,) = ground.arms.plans.take_candidates()
         assert found.relaxed is not None
-        again = GroundSlices(problem, preset(100.0), 0, options, shares)
-        later = Resumption(lambda: 0.0, resumption.snapshot())
-        again.enumerate(later, 100.0)
-        again.search(later, 100.0, stages.append)
-        # an earlier process has played all that there was to play
-        assert not again.arms.plans.take_candidates()
 
 
 def test_what_a_state_would_pay_after_the_end_does_not_count():

@@ -13,7 +13,6 @@ from mdpo_rddl.auto import RaceOptions
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import shooting
 from mdpo_rddl.auto.arms.shooting import ShootingArm
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.race import race
 from mdpo_rddl.errors import Cancelled
 
@@ -106,32 +105,6 @@ def test_phases_become_longer_with_smaller_steps_and_begin_again():
     assert paces == sorted(set(paces), reverse=True)
     assert phases[10] == phases[0]
     assert phases[0].spread > phases[1].spread == phases[9].spread > 0.0
-
-
-def test_it_goes_on_in_another_process(arena):
-    first = begun(ShootingArm(arena))
-    first.work(time.monotonic() + 0.2)
-    first._number = 3
-    state = first.state()
-    second = ShootingArm(arena)
-    second.restore(State({n: t.copy() for n, t in state.tensors.items()}, dict(state.values)))
-    assert second.state().values == {"phase": 3}
-    begun(second)
-    assert second._number == 3
-    assert second.reached >= first.reached
-    # the best plan is where the phase begins
-    assert np.max(second._shooting.returns(second._climb.best)) >= first._estimate - 1e-4
-
-
-@pytest.mark.parametrize("damaged", [{"pull": np.zeros((3, 2))}, {"pull": np.full((4, 2), np.nan)}])
-def test_a_state_that_does_not_fit_is_left_out(arena, caplog, damaged):
-    caplog.set_level("INFO")
-    arm = ShootingArm(arena)
-    arm.restore(State({**damaged, "steer": np.zeros(4)}, {"phase": 2}))
-    begun(arm)
-    assert "shooting: its state is left out: " in caplog.text
-    assert arm._number == 0
-    assert arm.log.iterations > 0
 
 
 def test_an_arm_of_a_race_that_goes_on_begins_with_its_policy(arena):

@@ -1,6 +1,5 @@
 """The arm that searches by trials: what it offers, and when it gives up."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +11,7 @@ from helpers.toys import toy
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms import trials
 from mdpo_rddl.auto.arms.trials import TRIALS, TrialsArm
-from mdpo_rddl.auto.common.state import UNFIT, State
 from mdpo_rddl.auto.outcome.outcome import policy_of
-from mdpo_rddl.auto.race.resumption import Resumption
 from mdpo_rddl.auto.search.optimum import find_optimum
 from mdpo_rddl.auto.search.trials.trials import TrialSearch
 from mdpo_rddl.policy.table_policy import TablePolicy
@@ -41,8 +38,8 @@ def arm(problem, model):
     return made(problem, model)
 
 
-def made(problem, model, now=0.0, pulse=lambda: None):
-    return TrialsArm(problem, preset(1.0), 0, Ticking(1.0, now), model, pulse)
+def made(problem, model, pulse=lambda: None):
+    return TrialsArm(problem, preset(1.0), 0, Ticking(), model, pulse)
 
 
 def test_it_offers_a_table_with_its_simulated_return(arm, problem):
@@ -138,128 +135,13 @@ def test_a_judge_takes_the_better_table_of_one_arm(arm):
     assert judge.incumbent.label == TRIALS
 
 
-def judged(arm):
-    """The means of its candidates, once it was told of them."""
-    found = arm.take_candidates()
-    for candidate in found:
-        arm.judged(candidate)
-    return [candidate.mean for candidate in found]
-
-
-def read(state):
-    return State(dict(state.tensors), json.loads(json.dumps(dict(state.values))))
-
-
-def gone_on_with(arm, problem, model, state=None, pulse=lambda: None):
-    """One in another process, which the same time has passed for."""
-    other = made(problem, model, arm._clock.now, pulse)
-    other.take_over(arm.log, arm.is_over)
-    other.restore(read(arm.state()) if state is None else state)
-    return other
-
-
-@pytest.fixture
-def _few_trials(monkeypatch):
+def test_it_has_a_pulse_between_two_batches(problem, model, monkeypatch):
     monkeypatch.setattr("mdpo_rddl.auto.search.trials.trials._TRIALS", 4)
-
-
-@pytest.mark.usefixtures("_few_trials")
-def test_it_goes_on_in_another_process_as_it_would_have(arm, problem, model):
-    assert arm.state() is None
-    arm.work(100.0)
-    before = judged(arm)
-    other = gone_on_with(arm, problem, model)
-    # until it is asked to work it has what it was given
-    assert other.state().values == arm.state().values
-    # restoring takes time, which is not the search's
-    assert other._begun(1e9, 0.0) is not None
-    other.prepare()
-    other._clock.now = arm._clock.now
-    for each in (arm, other):
-        each.work(250.0)
-    after = judged(arm)
-    assert judged(other) == after
-    assert not after or min(after) > max(before)
-    assert other.log.iterations == arm.log.iterations > 1
-    assert other.log.details == arm.log.details
-    one, same = arm.state().part("search"), other.state().part("search")
-    np.testing.assert_array_equal(one.tensors["explored/tried"], same.tensors["explored/tried"])
-
-
-@pytest.mark.usefixtures("_few_trials")
-def test_what_was_not_judged_is_found_again_by_one_that_had_given_up(
-    arm, problem, model, monkeypatch
-):
-    monkeypatch.setattr(trials, "_MOST_MISSED", -1.0)
-    resumption = Resumption(lambda: 0.0)
-    resumption.enter(arm)
-    arm.work(100.0)
-    assert arm.is_exhausted
-    left = resumption.snapshot()
-    assert left.exhausted == frozenset()
-    other = gone_on_with(arm, problem, model)
-    means = judged(arm)
-    # now there is nothing that could be lost
-    assert arm.state() is None
-    assert resumption.snapshot().exhausted == {TRIALS}
-    other.work(other._clock.now + 100.0)
-    assert judged(other)[-1] >= means[-1]
-
-
-@pytest.mark.usefixtures("_few_trials")
-def test_what_takes_longer_than_a_slice_is_restored_in_several(arm, problem, model, monkeypatch):
-    monkeypatch.setattr("mdpo_rddl.auto.search.trials.explored._ROWS_TOGETHER", 1)
-    arm.work(100.0)
-    judged(arm)
-    pulses = []
-    other = gone_on_with(arm, problem, model, pulse=lambda: pulses.append(other.state()))
-    given = other.state()
-    parts = len(given.tensors["search/explored/batches"]) - 1
-    before = other.log.iterations
-    for _ in range(100):
-        other.work(other._clock.now + 30.0)
-        if other.state() is not given:
-            break
-        assert other.log.iterations == before
-    assert other.log.slices > arm.log.slices + 1
-    assert [each is given for each in pulses[:parts]] == [True] * parts
-    assert not other.is_exhausted
-
-
-@pytest.mark.parametrize("name", ["search/explored/visits", "search/policy/choices"])
-@pytest.mark.usefixtures("_few_trials")
-def test_a_state_that_does_not_fit_costs_the_state_only(arm, problem, model, name, caplog):
-    caplog.set_level("INFO")
-    arm.work(100.0)
-    judged(arm)
-    state = read(arm.state())
-    state.tensors[name] = state.tensors[name][:1]
-    other = gone_on_with(arm, problem, model, state)
-    other.work(other._clock.now + 500.0)
-    assert f"{TRIALS}: its state is left out: " in caplog.text
-    assert not other.is_exhausted
-    assert other.take_candidates()
-
-
-@pytest.mark.parametrize(
-    "values", [{"closing": -1.0}, {"closing": "?"}, {"without_gain": 0.5}, {"search": None}]
-)
-@pytest.mark.usefixtures("_few_trials")
-def test_a_place_that_is_none_is_refused_at_once(arm, problem, model, values):
-    arm.work(100.0)
-    state = arm.state()
-    with pytest.raises(UNFIT):
-        made(problem, model).restore(State(state.tensors, {**state.values, **values}))
-
-
-@pytest.mark.usefixtures("_few_trials")
-def test_its_state_can_be_asked_for_between_two_batches(problem, model):
-    states = []
-    arm = made(problem, model, pulse=lambda: states.append(arm.state()))
+    batches = []
+    arm = made(problem, model, pulse=lambda: batches.append(arm._search.batches))
     arm.work(200.0)
-    batches = [state.part("search").values["batches"] for state in states]
-    assert batches == list(range(len(states)))
-    assert len(states) > 3
+    assert batches == list(range(len(batches)))
+    assert len(batches) > 3
 
 
 def test_what_takes_too_long_to_look_at_costs_the_slice_only(arm, monkeypatch):
@@ -272,12 +154,12 @@ def test_what_takes_too_long_to_look_at_costs_the_slice_only(arm, monkeypatch):
         arm.work(100.0)
     assert not arm.take_candidates()
     assert not arm.is_exhausted
-    first = arm.state().values["closing"]
+    first = arm._closing
     arm.work(arm._clock.now + 200.0)
     (candidate,) = arm.take_candidates()
     # fewer episodes than the 512 tell its return
     assert candidate.table[1].episodes == 128
-    assert arm.state().values["closing"] < first
+    assert arm._closing < first
 
 
 def test_a_law_that_is_none_ends_the_arm_with_its_cause_however_late_it_is_met(arm, monkeypatch):
@@ -309,16 +191,6 @@ def test_the_return_that_is_told_is_of_episodes_that_it_was_not_chosen_by(arm, m
     assert fresh[1] is chosen[1]
     assert candidate.mean == fresh[2].returns.mean() == candidate.table[1].value
     assert not np.array_equal(fresh[2].returns, chosen[2].returns)
-
-
-def test_a_known_value_that_is_no_number_is_refused(arm, problem, model):
-    arm.work(200.0)
-    state = arm.state()
-    other = made(problem, model)
-    with pytest.raises(ValueError, match="is known"):
-        other.restore(replace(state, values={**state.values, "known": float("nan")}))
-    other.restore(state)
-    assert other.progress == arm.progress > 0.0
 
 
 def test_a_slice_too_short_to_make_its_model_is_not_the_last(arm, monkeypatch):

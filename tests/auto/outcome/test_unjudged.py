@@ -63,6 +63,17 @@ def test_the_noop_is_the_result_if_nothing_is_compiled_in_time(
     assert caplog.messages == [f"{CAUSE}: the result is 'no-op', which nobody has judged"]
 
 
+def test_what_an_earlier_race_has_left_is_the_result_if_nothing_is_compiled_in_time(
+    lake, endless_compilation, clock
+):
+    earlier = earlier_race(-30.0)
+    options = RaceOptions(clock=clock, earlier=earlier)
+    outcome = plan_automatically(lake, preset(earlier.seconds + SECONDS), 0, options)
+    assert not endless_compilation.is_set()
+    assert (outcome.chosen.label, outcome.chosen.mean) == ("a plan", -30.0)
+    assert not outcome.interrupted
+
+
 @pytest.mark.parametrize(
     ("seconds", "latest", "deadline"),
     [

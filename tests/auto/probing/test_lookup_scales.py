@@ -8,7 +8,6 @@ from helpers.vans import vans
 
 from mdpo_rddl.auto.probing.fitting import greedy, scaled, without_scales
 from mdpo_rddl.auto.probing.lookup_scales import lookup_scales
-from mdpo_rddl.auto.probing.probing import Probe
 from mdpo_rddl.planner.build import build_planner
 
 PLACES = np.array([[0, 1], [1, 2], [2, 0], [0, 0]])
@@ -67,8 +66,6 @@ def test_there_are_at_most_so_many(bare, monkeypatch):
 def test_the_preset_reads_what_probing_has_found(bare):
     found = probed(bare, seed=0)
     assert "waits(at(?van))" in found.lookup_scales
-    assert found.fits(bare)
-    assert Probe.of(found.state()).lookup_scales == found.lookup_scales
     config = scaled(preset(1.0), found)
     assert config.policy_arguments["lookups"] == list(found.lookup_scales)
     planner = build_planner(vans(), config.without_section("Search")).planner
@@ -81,12 +78,6 @@ def test_what_a_configuration_says_is_kept(bare, lookups):
     config = scaled(preset(1.0).with_policy_arguments(lookups=lookups), found)
     assert config.policy_arguments.get("lookups", []) == lookups
     assert set(config.policy_arguments["state_scales"]) <= {*found.state_scales, *lookups}
-
-
-def test_a_probe_of_an_earlier_version_looks_nothing_up(bare):
-    state = probed(bare, seed=0).state()
-    del state.values["lookup_scales"]
-    assert Probe.of(state).lookup_scales == {}
 
 
 def test_what_learns_a_value_reads_the_state_alone(bare):

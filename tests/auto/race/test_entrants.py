@@ -101,14 +101,6 @@ def test_what_sees_the_states_has_no_prospect_where_the_best_plan_leads():
     assert entrants().has_rival(SimpleNamespace(arm="plan"))
 
 
-def test_an_arm_that_trains_is_found_by_its_name():
-    def name_of(wanted):
-        arm = entrants().trained(wanted, 60.0)
-        return None if arm is None else arm.name
-
-    assert [name_of(name) for name in ("shooting", "plan")] == ["shooting", None]
-
-
 @pytest.mark.parametrize(
     ("case", "comes"),
     [

@@ -101,7 +101,7 @@ def test_what_cannot_be_judged_costs_nobody_else_a_slice(monkeypatch, caplog):
         Candidate("arm", label, preset(1.0), None, None, mean=mean)
         for label, mean in (("first", 0.0), ("broken", None), ("better", 1.0))
     )
-    slices = Slices(arena, lambda name: None, None)
+    slices = Slices(arena, lambda name: None)
     with pytest.raises(ValueError, match="no planner"):
         slices.give(Offering("early", clock, [broken]), 1.0)
     assert slices.give(Offering("arm", clock, [first, broken, better]), 1.0)
@@ -128,7 +128,7 @@ def test_a_stop_while_candidates_are_judged_loses_none_that_are_known(monkeypatc
 
     monkeypatch.setattr(judge, "record", stopped)
     with pytest.raises(type(stop)):
-        Slices(arena, lambda name: None, None).give(Offering("arm", clock, found), 1.0)
+        Slices(arena, lambda name: None).give(Offering("arm", clock, found), 1.0)
     assert judge.incumbent.label == "better"
 
 

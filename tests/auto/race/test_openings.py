@@ -154,7 +154,7 @@ def test_who_leads_goes_on_alone_where_others_would_come_too_late(
 ):
     assert openings._knows_by_probing()
     openings._affording = SimpleNamespace(others=lambda share: needed <= share)
-    openings._marks.decide("plan stalled", has_stalled)
+    openings._has_stalled = has_stalled
     openings._judge.incumbent = replace(openings._best, arm=leader)
     assert openings._open_alone() is expected
 
@@ -241,14 +241,6 @@ def test_where_all_are_bools_it_has_most_of_the_time_in_any_case(openings):
     found_by_greedy(openings, 3.0)
     openings._entrants.has_numbers = False
     assert not openings._open_alone()
-
-
-def test_that_it_leads_by_far_is_decided_once(openings):
-    found_by_greedy(openings, 3.0)
-    assert openings._open_alone()
-    near = replace(openings._best, arm="shared weights", mean=openings._best.mean - 1e-3)
-    openings._judge.record(near)
-    assert openings._is_greedy_far_ahead()
 
 
 def test_an_exhausted_greedy_leaves_the_time_to_others(openings):

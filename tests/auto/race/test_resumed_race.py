@@ -1,8 +1,7 @@
-"""A race that was stopped goes on where it was, by a clock that does not wait."""
+"""A race that was stopped goes on with its candidates and its seconds, by a clock of its own."""
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +11,11 @@ from helpers.lakes import preset, write_lake
 from mdpo_rddl.auto import RaceOptions, plan_automatically
 from mdpo_rddl.auto.arena.judge import Judge
 from mdpo_rddl.auto.arms.gradient import Training
-from mdpo_rddl.auto.common.state import State
 from mdpo_rddl.auto.race import affording, race
 from mdpo_rddl.auto.resuming.earlier import EarlierPolicy, EarlierRace
-from mdpo_rddl.auto.resuming.race_state import RaceState
 from mdpo_rddl.errors import InputError
 from mdpo_rddl.planner.config.jaxplan_configs import jaxplan_config
+from mdpo_rddl.session.race_checkpoints import RaceCheckpoints
 
 CLOCK = Ticking()
 TICKS = 600.0
@@ -40,7 +38,7 @@ def _in_one_arena(compiled, monkeypatch):
     def refuse(training):
         raise InputError("this model has no gradient")
 
-    def as_new(problem, config, seed, began, options, resumption):
+    def as_new(problem, config, seed, began, options):
         judge = Judge(128, seed, CLOCK, began, options.on_judged)
         judge._players = compiled.judge._players
         deadline = began + config.section("Optimize")["train_seconds"]
@@ -48,43 +46,38 @@ def _in_one_arena(compiled, monkeypatch):
         arena = replace(compiled, judge=judge, deadline=deadline, began=began, pulse=pulse)
         arena.__dict__.update(population=compiled.population, plans=compiled.plans)
         compiled.plans.on_generation = pulse
-        seen.append(resumption.probe)
-        resumption.probe = compiled.probe
         return arena
 
-    seen: list[object] = []
     monkeypatch.setattr(race, "_arena", as_new)
     monkeypatch.setattr(Training, "compile", refuse)
     monkeypatch.setattr(affording, "usable_cores", lambda: 1)
 
 
-def stopped(lake, when: Callable[[RaceState], bool], earlier: EarlierRace | None = None):
-    """What a race leaves that is interrupted in a slice, as it comes out of a file."""
-    begun, kept = [], []
+def stopped(lake, folder, stage: str) -> EarlierRace:
+    """What a race leaves that goes on with what is in a folder, and is interrupted in a stage."""
+    terms = SimpleNamespace(problem=lake, seed=0, config=preset(TICKS))
+    checkpoints = RaceCheckpoints(folder, terms, 1e9)
+    stages, left = [], iter(range(9))
 
     def pulse() -> None:
-        state = begun[0]()
-        if when(state) and not kept:
-            flat = state.flat()
-            kept.append(State(dict(flat.tensors), json.loads(json.dumps(dict(flat.values)))))
+        checkpoints.pulse()
+        if stages[-1] == stage and next(left, None) is None:
             raise KeyboardInterrupt
 
-    options = RaceOptions(clock=CLOCK, earlier=earlier, on_begun=begun.append, on_pulse=pulse)
-    outcome = plan_automatically(lake, preset(TICKS), 0, options)
-    assert outcome.interrupted
-    state, best = RaceState.of(kept[0]), outcome.chosen
-    policy = EarlierPolicy(
-        config=best.config,
-        params=best.params,
-        policy_hyperparams=best.policy_hyperparams,
-        arm=best.arm,
-        label=best.label,
-        parents=best.parents,
-        uses_noise=best.uses_noise,
-        mean=best.mean,
-        error=best.error,
+    options = RaceOptions(
+        clock=CLOCK,
+        earlier=checkpoints.start,
+        on_stage=stages.append,
+        on_judged=checkpoints.judged,
+        on_begun=checkpoints.begun,
+        on_pulse=pulse,
     )
-    return EarlierRace(state.seconds, policy, (), state, outcome.curve)
+    outcome = plan_automatically(lake, terms.config, 0, options)
+    assert outcome.interrupted
+    checkpoints.stopped(outcome.seconds)
+    start = RaceCheckpoints(folder, terms, 1e9).start
+    assert start.seconds == outcome.seconds
+    return start
 
 
 def resumed(lake, earlier: EarlierRace):
@@ -99,7 +92,7 @@ def resumed(lake, earlier: EarlierRace):
     assert seconds == sorted(seconds)
     assert after[0]["seconds"] > earlier.seconds
     assert list(outcome.policy.candidates) == figures["candidates"]
-    return figures["arms"]
+    return outcome
 
 
 def test_a_policy_of_a_race_with_another_time_is_of_the_planner(compiled):
@@ -110,42 +103,20 @@ def test_a_policy_of_a_race_with_another_time_is_of_the_planner(compiled):
         assert (earlier.candidate(compiled).planner is compiled.planner) is fits
 
 
-def in_rounds(state: RaceState) -> bool:
-    return state.contenders.get("polishing the weights", {}).get("slices", 0) >= 2
-
-
-def test_a_race_that_was_stopped_in_an_adaptation_goes_on_with_it(lake):
-    def is_adapting(state: RaceState) -> bool:
-        return "adaptation" in getattr(state.states.get("shared weights"), "values", {})
-
-    earlier = stopped(lake, is_adapting)
-    log = earlier.state.logs["shared weights"]
-    assert log.slices == 1
-    assert earlier.state.marks["over"] == ["rules"]
-    arms = resumed(lake, earlier)
-    assert arms["shared weights"]["slices"] >= 2
-    assert arms["shared weights"]["iterations"] > log.iterations
-    # the no-op and the constants, and no rules again
-    assert arms["constants and rules"]["slices"] == 3
-    assert arms["constants and rules"]["iterations"] == (
-        earlier.state.logs["constants and rules"].iterations
-    )
-
-
-def test_a_race_that_was_stopped_in_its_rounds_goes_on_with_them(lake):
-    earlier = stopped(lake, in_rounds)
-    over = set(earlier.state.marks["over"])
-    assert {"rules", "shared weights"} < over
-    logs = earlier.state.logs
-    arms = resumed(lake, earlier)
-    # it has slices in the rounds, too
-    assert arms["shared weights"]["slices"] >= logs["shared weights"].slices
-    for name in ("plan", "own weights"):
-        assert (name in arms) is (name in logs)
-        if name in arms:
-            assert arms[name]["slices"] == logs[name].slices
-            assert arms[name]["iterations"] == logs[name].iterations
-    assert arms["polishing the weights"]["slices"] > logs["polishing the weights"].slices
+@pytest.mark.parametrize("stage", ["searching", "racing"])
+def test_a_race_goes_on_with_its_candidates_and_its_seconds(lake, tmp_path, stage):
+    earlier = stopped(lake, tmp_path, stage)
+    known = [earlier.incumbent, *earlier.others]
+    assert len(known) > 1
+    outcome = resumed(lake, earlier)
+    # they are judged again before any other
+    judged = [each.candidate for each in outcome.judged[: len(known)]]
+    assert [(each.arm, each.label) for each in judged] == [(each.arm, each.label) for each in known]
+    assert [each.known_mean for each in judged] == pytest.approx([each.mean for each in known])
+    # the arms begin anew
+    arms = outcome.diagnostics()["arms"]
+    assert arms["constants and rules"]["iterations"] > 0
+    assert arms["shared weights"]["slices"] > 0
 
 
 def test_an_incumbent_of_another_planner_stays_unless_something_is_better(lake):
@@ -160,20 +131,11 @@ def test_an_incumbent_of_another_planner_stays_unless_something_is_better(lake):
     resumed(lake, EarlierRace(0.0, best))
 
 
-def test_a_race_can_be_stopped_twice(lake):
-    earlier = stopped(lake, lambda state: "rules" in state.marks["over"])
-    seconds, curve = earlier.seconds, earlier.curve
-    assert curve
-    earlier = stopped(lake, in_rounds, earlier)
-    assert earlier.seconds > seconds
-    assert earlier.curve[: len(curve)] == curve
-    arms = resumed(lake, earlier)
-    assert arms["constants and rules"]["slices"] == 4
-
-
-def test_what_probing_has_found_is_known(compiled):
-    found = type(compiled.probe).of(compiled.probe.state())
-    assert found.fits(compiled.planner)
-    assert not replace(found, start={"pump": np.zeros(3)}).fits(compiled.planner)
-    assert not replace(found, state_scales={"height": (0.0, 1.0)}).fits(compiled.planner)
-    assert not replace(found, units={"sluice": 1.0}).fits(compiled.planner)
+def test_a_race_can_be_stopped_twice(lake, tmp_path):
+    first = stopped(lake, tmp_path, "searching")
+    second = stopped(lake, tmp_path, "racing")
+    assert second.seconds > first.seconds
+    assert second.incumbent.mean >= first.incumbent.mean
+    assert first.curve
+    assert second.curve[: len(first.curve)] == first.curve
+    resumed(lake, second)

@@ -158,7 +158,7 @@ def test_a_reward_is_rare_where_few_rules_alone_find_it(monkeypatch, label, paid
 def test_where_exploring_finds_nothing_feedback_is_tried(corridor, monkeypatch):
     monkeypatch.setattr(
         "mdpo_rddl.auto.search.plan_population.PlanPopulation.evolved",
-        lambda self, params, goal, archive=None, elites=None: params,
+        lambda self, params, goal, archive=None: params,
     )
     # a random rule that has all weights would find the reward
     starts = shared_weights._Start.RULE, shared_weights._Start.NOOP

@@ -98,23 +98,3 @@ def test_it_is_not_left_while_it_gains():
     made = adapted(rising, iterations=100, separable=True, least_gain=0.01)
     assert made.iterations == 100
     assert not made.converged
-
-
-def test_one_that_goes_on_is_left_at_the_same_iteration():
-    at_once = adapted(least_gain=0.01)
-    first = adapted(iterations=40, least_gain=0.01)
-    again, until = adaptation(least_gain=0.01)
-    again.restore(first.state())
-    again.run(distance, until)
-    assert again.iterations == at_once.iterations > 40
-
-
-@pytest.mark.parametrize("separable", [False, True])
-def test_a_state_holds_nothing_that_was_in_memory_before(separable, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(np, "empty", lambda *shape: np.full(*shape, np.nan))
-        first, until = adaptation(iterations=3, separable=separable)
-    first.run(distance, until)
-    second, _ = adaptation(separable=separable)
-    second.restore(first.state())
-    assert second.iterations == first.iterations == 3

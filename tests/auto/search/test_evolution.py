@@ -82,3 +82,15 @@ def test_evolution_ends_where_nothing_more_is_gained_if_it_shall(until_converged
     assert result.converged is until_converged
     assert result.best == 5.0
     assert (result.iterations < 300) is until_converged
+
+
+def test_it_says_after_each_iteration_which_plans_are_the_best():
+    seen: list[np.ndarray] = []
+
+    def evaluate(iteration, plans):
+        return Evaluation(-np.sum((plans - 0.3) ** 2, axis=(1, 2)), dict)
+
+    breeding = Breeding(LAYOUT, 16, generator(), clock=Ticking(), on_generation=seen.append)
+    result = evolve(evaluate, np.zeros((1, HORIZON, 10)), breeding, Goal(12.0, -np.inf))
+    assert len(seen) == result.iterations > 3
+    np.testing.assert_array_equal(seen[-1], result.elites)

@@ -7,7 +7,6 @@ import pytest
 from helpers.toys import problem_from
 
 from mdpo_rddl.auto.search.optimum import find_optimum
-from mdpo_rddl.auto.search.trials.explored import Explored
 from mdpo_rddl.problem.enumeration import afterstates, levels
 from mdpo_rddl.problem.enumeration.factored import enumerate_factored
 from mdpo_rddl.problem.enumeration.graph import Graph, Kind
@@ -158,16 +157,6 @@ def test_samples_are_drawn_as_the_list_of_successors_says(model):
     for state, count in Counter(map(tuple, states)).items():
         assert abs(count / 4000 - known[state]) < 5 * np.sqrt(known[state] / 4000)
     np.testing.assert_allclose([known[tuple(state)] for state in states], probability)
-
-
-def test_what_was_seen_is_restored_with_its_groups(model):
-    explored = Explored(model, limits())
-    explored.draw(np.arange(2), np.zeros(2, int), np.random.default_rng(0))
-    again = Explored(model, limits())
-    for _ in again.restoring(explored.state(), 4096):
-        pass
-    np.testing.assert_array_equal(again.index.states, explored.index.states)
-    np.testing.assert_array_equal(again.afterstate.values, explored.afterstate.values)
 
 
 def test_a_leaf_that_reads_another_one_is_drawn_after_it():
