@@ -47,7 +47,7 @@ class DynamicProgrammingArm(Arm):
         self.grounded = Grounded(problem)
 
     def ground(self, until: float) -> None:
-        """Makes the models once more, for others: an earlier process has given up the rest.
+        """Makes the models for others, where no optimum is looked for.
 
         Args:
           until: when to end, by the clock.
