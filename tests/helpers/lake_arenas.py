@@ -34,8 +34,3 @@ def in_arena(compiled: Arena, pulse: Callable[[], None] = lambda: None) -> Arena
 
 def shared(arena: Arena) -> SharedWeightsArm:
     return SharedWeightsArm(arena, NOOP)
-
-
-def begun(arm):
-    arm.begin(time.monotonic() + FOREVER)
-    return arm
