@@ -63,6 +63,39 @@ def test_an_interrupt_before_that_leaves_nothing(
     assert contents(workplace) == before
 
 
+def test_an_interrupt_of_the_evaluation_keeps_its_episodes_so_far(
+    workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(bar: ProgressBar, done: int, of: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProgressBar, "episode", interrupt)
+    outcome = run(f"{TANKS} --seconds 0.5 --out run --quiet --json", capsys)
+    assert outcome.status == 130
+    assert outcome.summary["status"] == "interrupted"
+    assert len(outcome.summary["returns"]) == outcome.summary["episodes"] == 2
+    assert (workplace / "run" / "report.html").exists()
+
+
+def test_a_race_that_is_interrupted_at_once_leaves_the_no_op(
+    workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(bar: ProgressBar, name: str) -> None:
+        if name == "probing":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProgressBar, "stage", interrupt)
+    monkeypatch.setattr(ProgressBar, "episode", lambda bar, done, of: None)
+    outcome = run(f"{TANKS} --seconds 600 --out run --quiet --json", capsys)
+    assert outcome.status == 130
+    assert (outcome.summary["status"], outcome.summary["auto"]["chosen"]) == (
+        "interrupted",
+        "no-op",
+    )
+    assert (workplace / "run" / POLICY).exists()
+
+
 def test_an_interrupt_while_the_movie_is_drawn_leaves_the_run(
     workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
