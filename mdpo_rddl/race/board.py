@@ -44,12 +44,16 @@ class Board:
         Ties go to whoever led before, but a proven optimum leads at once.
 
         Raises:
-          DeadlineError: if the race's time is over before; only the first candidate is judged in
-            any case.
+          DeadlineError: if the race's time is over before; the first candidate leads in any case.
         """
         play, returns = candidate.policy.replicated(), candidate.returns
         if not len(returns):
-            returns = self._context.evaluator.more(play, returns, self._check)
+            try:
+                returns = self._context.evaluator.more(play, returns, self._context.on_iteration)
+            except DeadlineError:
+                if self.leader is not None:
+                    raise
+                returns = np.full(1, -np.inf)
         judged, leads = Judged(candidate, returns), True
         if not is_proven(judged):
             judged, leads = self._compared(judged, play)
@@ -113,7 +117,7 @@ class Board:
         while True:
             count = len(judged.returns)
             while len(leader.returns) < count:
-                more = context.evaluator.more(rival, leader.returns, self._check)
+                more = context.evaluator.more(rival, leader.returns, self._context.on_iteration)
                 leader = self.leader = leader._replace(returns=more)
             with np.errstate(invalid="ignore"):
                 gain, error = mean_and_error(judged.returns - leader.returns[:count])
@@ -122,12 +126,8 @@ class Board:
             if is_clear or count >= _MOST:
                 return judged, bool(gain > 0.0)
             judged = judged._replace(
-                returns=context.evaluator.more(play, judged.returns, self._check)
+                returns=context.evaluator.more(play, judged.returns, self._context.on_iteration)
             )
-
-    def _check(self) -> None:
-        if self.leader is not None:
-            self._context.on_iteration()
 
     def _is_of_family(self, policy: Any) -> bool:
         is_formula = isinstance(policy, Policy) and not policy.votes

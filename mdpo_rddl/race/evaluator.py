@@ -7,7 +7,7 @@ import numpy as np
 
 from mdpo_rddl.problem.evaluation import lost_worth
 from mdpo_rddl.simulator.common import CommonNumbers
-from mdpo_rddl.simulator.rollouts import rollout
+from mdpo_rddl.simulator.rollouts import Rollouts, rollout
 from mdpo_rddl.simulator.simulator import Simulator, State, Step
 
 Check = Callable[[], None]
@@ -85,9 +85,19 @@ def worth(
             told(actions)
         return actions
 
-    played = simulator if groups == 1 else _InCommon(simulator, groups)
-    found = rollout(played, play, episodes, seed)
-    horizon = simulator.problem.horizon
+    found = episodes_of(simulator, play, episodes, seed, groups)
+    return worth_of(found, simulator.problem.horizon)
+
+
+def episodes_of(
+    simulator: Simulator, play: Any, episodes: int | State, seed: Any, groups: int
+) -> Rollouts:
+    """Episodes, of which groups side by side have the same random numbers; see `worth`."""
+    return rollout(simulator if groups == 1 else _InCommon(simulator, groups), play, episodes, seed)
+
+
+def worth_of(found: Rollouts, horizon: int) -> np.ndarray:
+    """The worth [B] of episodes of at most so many steps; see `Evaluator`."""
     # a policy proposes what is not legal only where nothing is
     missing = np.where(found.errors, 1.0 - found.lengths / horizon, found.illegal / horizon)
     returns = np.where(np.isfinite(found.returns), found.returns, -np.inf)

@@ -1,7 +1,9 @@
 """What constant actions say about a problem: its units and scales, and which constant is good."""
 
+import contextlib
 import logging
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +13,8 @@ from mdpo_rddl.problem.boxes import action_boxes
 from mdpo_rddl.problem.chance import has_draws
 from mdpo_rddl.problem.evaluation import LOST
 from mdpo_rddl.problem.load import Problem
-from mdpo_rddl.race.evaluator import worth
+from mdpo_rddl.race.budget import DeadlineError
+from mdpo_rddl.race.evaluator import Check, episodes_of, worth_of
 from mdpo_rddl.simulator.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -45,6 +48,7 @@ class Probe(NamedTuple):
       constants: that were played, per action fluent [*shape, P], the no-op first.
       means: of their returns [P].
       is_certain: whether chance plays no part.
+      raises: whether the environment raised an error in some episode.
     """
 
     units: Mapping[str, float]
@@ -53,96 +57,103 @@ class Probe(NamedTuple):
     constants: Mapping[str, np.ndarray]
     means: np.ndarray
     is_certain: bool
+    raises: bool = False
 
 
-def probe(problem: Problem, simulator: Simulator, seed: int) -> Probe:
+def _no_check() -> None:
+    """There is time for all."""
+
+
+def probe(problem: Problem, simulator: Simulator, seed: int, check: Check = _no_check) -> Probe:
     """Plays constant actions.
 
     Args:
       problem: the problem.
       simulator: of it.
       seed: of the actions and the episodes.
+      check: called at each step; where it raises `DeadlineError`, what was seen by then counts.
     """
     random = np.random.default_rng(seed)
     bounds = action_boxes(problem.model)
-    units = _units(problem, simulator, bounds, seed)
+    play = _Constants(simulator, check)
+    units = _units(problem, play, bounds, seed)
     drawn = [_drawn(problem, simulator, bounds, units, random) for _ in range(_CONSTANTS - 1)]
     noop = dict(simulator.noop)
     constants = {
         name: np.stack([value, *(each[name] for each in drawn)], axis=-1)
         for name, value in noop.items()
     }
-    seen: list[dict[str, np.ndarray]] = []
-    returns = played(simulator, constants, _EPISODES, seed, seen)
-    certain = not has_draws(problem.model) or _is_certain(simulator, constants, returns, seed)
+    play.seen.clear()
+    returns = play(constants, _EPISODES, seed)
+    seen = list(play.seen)
+    certain = not has_draws(problem.model) or _is_certain(play, constants, returns, seed)
     scales = _state_scales(problem, seen)
-    return Probe(
-        units,
-        scales,
-        _lookup_scales(problem, simulator, seen, scales),
-        constants,
-        returns.mean(axis=1),
-        certain,
-    )
+    lookup = _lookup_scales(problem, simulator, seen, scales)
+    means = returns.mean(axis=1)
+    return Probe(units, scales, lookup, constants, means, certain, play.raises)
 
 
-def played(
-    simulator: Simulator,
-    constants: Mapping[str, np.ndarray],
-    episodes: int,
-    seed: Any,
-    seen: list[dict[str, np.ndarray]] | None = None,
-) -> np.ndarray:
-    """The worth of episodes [P, N] of constant actions, where they are legal; else of the no-op.
+class _Constants:
+    """Plays constant actions until it is late.
 
-    Args:
-      simulator: of the problem.
-      constants: per action fluent [*shape, P].
-      episodes: of each constant, N.
-      seed: of the episodes.
-      seen: is given some of the states on the way, per fluent [*shape, b].
+    Attributes:
+      seen: some of the states on the way, per fluent [*shape, b].
+      raises: whether the environment would have raised an error in some episode.
     """
-    count = next(iter(constants.values())).shape[-1]
-    at_once = max(1, simulator.block // episodes)
-    parts = []
-    for first in range(0, count, at_once):
-        some = {
-            name: np.repeat(value[..., first : first + at_once], episodes, axis=-1)
-            for name, value in constants.items()
-        }
-        size = next(iter(some.values())).shape[-1]
 
-        def play(step: int, observation: Any, some: Any = some) -> Any:
-            # of one constant fewer may be played at once than episodes were asked for
-            count = next(iter(observation.values())).shape[-1]
-            if seen is not None:
-                places = np.linspace(0, count - 1, min(count, _SEEN)).astype(int)
-                seen.append({name: value[..., places] for name, value in observation.items()})
-            return {name: value[..., :count] for name, value in some.items()}
+    def __init__(self, simulator: Simulator, check: Check) -> None:
+        self.simulator, self._check = simulator, check
+        self.seen: list[dict[str, np.ndarray]] = []
+        self.raises = False
 
-        parts.append(
-            worth(simulator, play, size, seed, _no_check, size // episodes).reshape(-1, episodes)
-        )
-    return np.concatenate(parts)
+    def __call__(self, constants: Mapping[str, np.ndarray], episodes: int, seed: Any) -> np.ndarray:
+        """The worth of episodes [P, N]; minus infinity of those that there was no time for.
 
+        Args:
+          constants: per action fluent [*shape, P].
+          episodes: of each constant, N.
+          seed: of the episodes.
+        """
+        count = next(iter(constants.values())).shape[-1]
+        at_once = max(1, self.simulator.block // episodes)
+        found = np.full((count, episodes), -np.inf)
+        with contextlib.suppress(DeadlineError):
+            for first in range(0, count, at_once):
+                some = {
+                    name: np.repeat(value[..., first : first + at_once], episodes, axis=-1)
+                    for name, value in constants.items()
+                }
+                size = next(iter(some.values())).shape[-1]
+                played = episodes_of(
+                    self.simulator, partial(self._play, some), size, seed, size // episodes
+                )
+                self.raises |= bool(played.errors.any())
+                worth = worth_of(played, self.simulator.problem.horizon)
+                found[first : first + at_once] = worth.reshape(-1, episodes)
+        return found
 
-def _no_check() -> None:
-    """Constants take no time to speak of."""
+    def _play(self, some: Mapping[str, np.ndarray], step: int, observation: Any) -> Any:
+        self._check()
+        # of one constant fewer may be played at once than episodes were asked for
+        count = next(iter(observation.values())).shape[-1]
+        places = np.linspace(0, count - 1, min(count, _SEEN)).astype(int)
+        self.seen.append({name: value[..., places] for name, value in observation.items()})
+        return {name: value[..., :count] for name, value in some.items()}
 
 
 def _is_certain(
-    simulator: Simulator, constants: Mapping[str, np.ndarray], returns: np.ndarray, seed: int
+    play: _Constants, constants: Mapping[str, np.ndarray], returns: np.ndarray, seed: int
 ) -> bool:
     """Whether constants of several returns have the same in every episode, also in many more."""
     means = returns.mean(axis=1)
     if np.any(returns != returns[:, :1]) or len(np.unique(means[means > LOST])) < 2:
         return False
     best = {name: value[..., [int(np.argmax(means))]] for name, value in constants.items()}
-    return bool(np.ptp(played(simulator, best, _CONFIRMING, seed + 1)) == 0.0)
+    return bool(np.ptp(play(best, _CONFIRMING, seed + 1)) == 0.0)
 
 
 def _units(
-    problem: Problem, simulator: Simulator, bounds: Mapping[str, Any], seed: int
+    problem: Problem, play: _Constants, bounds: Mapping[str, Any], seed: int
 ) -> dict[str, float]:
     """The size at which the return answers to each number without a box.
 
@@ -151,6 +162,7 @@ def _units(
     the best; else the largest that does little harm, and 1 where nothing answers.
     """
     ranges, found = problem.model.variable_ranges, dict[str, float]()
+    simulator = play.simulator
     sizes = np.concatenate([[0.0], _SIZES, -_SIZES])
     for name, (lower, upper) in bounds.items():
         if ranges[name] not in ("real", "int") or np.any(np.isfinite(upper - lower)):
@@ -164,9 +176,9 @@ def _units(
             ends = lower[..., np.newaxis], upper[..., np.newaxis]
             moved = simulator.noop[name][..., np.newaxis] + sizes
             scan[name] = np.clip(moved, *ends).astype(scan[name].dtype)
-            rows.append(played(simulator, scan, 1, seed)[:, 0])
+            rows.append(play(scan, 1, seed)[:, 0])
         returns = np.stack(rows)
-        none = returns[:, :1]
+        none = np.maximum(returns[:, :1], LOST)
         margin = np.where(none > LOST, np.abs(none), 0.0)
         answers = np.abs(returns - none) > _ANSWER * margin
         harmless = np.any(answers & (returns >= none - _LOSS * margin), axis=0)

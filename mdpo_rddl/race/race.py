@@ -1,6 +1,7 @@
 """From a problem to the best policy that the arms find within a budget."""
 
 import contextlib
+import dataclasses
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ SIMPLE = "constants"
 
 # of the time: the result's own episodes
 _CONFIRMING_SHARE = 0.03
+# of the time, at most: the constants by which units and scales are found
+_PROBING_SHARE = 0.1
 
 
 def _ignore(*_: Any) -> None:
@@ -93,7 +96,9 @@ def _race(
 ) -> Outcome:
     simulator = Simulator(problem)
     options.on_stage("probing")
-    seen = probe(problem, simulator, seed)
+    seen = probe(problem, simulator, seed, budget.share(_PROBING_SHARE).check)
+    if seen.raises:
+        problem = dataclasses.replace(problem, raises=True)
     left_out = (read_search(config.sections) or Search()).without
     fitted = with_memory(scaled(config.without_section(SEARCH), seen), problem)
     confirming = _CONFIRMING_SHARE * budget.seconds
