@@ -13,8 +13,8 @@ time, the evaluation among it, which takes longer than the training: what is loo
 can be resumed and finished, with no fewer iterations than the checkpoint had.
 
 Of races, what is looked at after each kill is the checkpoint: neither the incumbent's return nor
-the seconds, the slices of the arms and the parts that are over may be less than after the kill
-before; and the result of the race is not worse than the last incumbent.
+the seconds may be less than after the kill before; and the result of the race is not worse than
+the last incumbent.
 """
 
 import argparse
@@ -117,14 +117,10 @@ class Left(NamedTuple):
 
     mean: float
     seconds: float
-    slices: dict[str, int]
-    over: frozenset[str]
 
     def lost_since(self, before: "Left") -> list[str]:
         """What there was less of than before."""
-        lost = [name for name in ("mean", "seconds") if getattr(self, name) < getattr(before, name)]
-        fewer = [name for name, count in before.slices.items() if self.slices.get(name, 0) < count]
-        return lost + fewer + sorted(before.over - self.over)
+        return [name for name in self._fields if getattr(self, name) < getattr(before, name)]
 
 
 def left(folder: Path) -> Left | None:
@@ -133,11 +129,7 @@ def left(folder: Path) -> Left | None:
     for path in sorted(folder.glob("incumbent-?.safetensors")):
         with contextlib.suppress(InputError):
             text, _ = read_container(path, ("mdpo-rddl race 4",))
-            race = json.loads(text["state"])["race"]
-            slices = {name: log["slices"] for name, log in race["logs"].items()}
-            about = json.loads(text["about"])[0]
-            over = frozenset(race["marks"]["over"])
-            one = Left(about["mean"], float(text["seconds"]), slices, over)
+            one = Left(json.loads(text["about"])[0]["mean"], float(text["seconds"]))
             found.append((int(text["number"]), one))
     return max(found, key=lambda pair: pair[0])[1] if found else None
 

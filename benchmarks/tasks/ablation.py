@@ -78,9 +78,10 @@ def ablation_table(records: Records) -> str:
     for row in records.rows:
         tasks.setdefault(_task(row), {}).setdefault(row["planner"], []).append(row)
     whole = {task: rows[WHOLE] for task, rows in tasks.items() if WHOLE in rows}
-    shown = {without(arm): arm for arm in OPTIONAL_ARMS} | {WITHOUT_NOISE: NOISE}
+    known = {without(arm): arm for arm in OPTIONAL_ARMS} | {WITHOUT_NOISE: NOISE}
     # rows may be of arms that have gone since
     left_out = {row["planner"] for row in records.rows if row["planner"].startswith(without(""))}
+    shown = {name: arm for name, arm in known.items() if name in left_out}
     shown |= {name: name.removeprefix(without("")) for name in sorted(left_out - {*shown})}
     verdicts: dict[str, list[str]] = {arm: [] for arm in shown.values()}
     details = []

@@ -31,9 +31,9 @@ episode are side by side."""
 
 PARTICLES = 256
 """Of an episode: on five problems eight times as many return no more (64 return less on one)."""
-# of these, that say what to play; where each change of the no-op is tried in each of them, that is
-# so many times the work
-_VOTERS, _GAINING = 64, 16
+# of these, that say what to play; where a plan is made in each of them, which takes milliseconds;
+# where each change of the no-op is tried
+_VOTERS, _PLANNING, _GAINING = 64, 8, 16
 # actions of a table that are tried in a belief, and steps of the model for all of them together:
 # the more actions, the fewer particles
 _MOST_ACTIONS, _MOST_STEPS = 64, 1024
@@ -146,7 +146,7 @@ def resampled(uniform: float, logs: np.ndarray) -> np.ndarray:
     points = (np.arange(count) + uniform) / count
     # episode b's sums and points lie between b and b + 1
     of_all = np.arange(episodes)[:, np.newaxis]
-    return np.searchsorted((sums + of_all).ravel(), (points + of_all).ravel())
+    return np.searchsorted((sums + of_all).ravel(), (points + of_all).ravel(), "right")
 
 
 def stepped(
@@ -189,7 +189,7 @@ def stepped(
     return Step(joined([each.state for each in parts]), *rest)
 
 
-def voting(simulator: Simulator, play: Replicated) -> Elect:
+def voting(simulator: Simulator, play: Replicated, by_plans: bool = False) -> Elect:
     """Elects what most particles would play.
 
     Where an action may lie between others, that is the action nearest to the median of each
@@ -198,14 +198,16 @@ def voting(simulator: Simulator, play: Replicated) -> Elect:
     Args:
       simulator: of the problem whose state is hidden.
       play: the underlying MDP's policy.
+      by_plans: whether it makes plans, which takes long.
     """
     model = simulator.problem.model
+    most = _PLANNING if by_plans else _VOTERS
     kinds = {model.variable_ranges[name] for name in simulator.actions}
     is_single = model.max_allowed_actions == 1 and kinds == {"bool"}
     is_joint = is_single or not kinds <= {"bool", "int", "real"}
 
     def elect(step: int, particles: State, episodes: int) -> Arrays:
-        some = _spread_out(particles, episodes, _VOTERS)
+        some = _spread_out(particles, episodes, most)
         chosen = play(step, some)
         count = next(iter(some.values())).shape[-1]
         full = {
@@ -312,9 +314,11 @@ def elected(votes: np.ndarray, is_joint: bool) -> np.ndarray:
         weights = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
         away = np.abs(votes - np.median(votes, axis=-1, keepdims=True))
         return np.argmin((weights * away).sum(axis=0), axis=-1)
-    _, episodes, count = votes.shape
-    _, numbers = np.unique(votes.reshape(len(votes), -1), axis=1, return_inverse=True)
-    numbers = numbers.reshape(episodes, count)
+    components, episodes, count = votes.shape
+    # equal votes have equal codes, and others hardly ever: wrapping sums of their bits
+    factors = np.random.default_rng(0).integers(2**62, size=(components, 1, 1)) * 2 + 1
+    codes = (np.ascontiguousarray(votes).view(np.int64) * factors).sum(axis=0)
+    numbers = np.unique(codes.ravel(), return_inverse=True)[1].reshape(episodes, count)
     kinds = numbers.max() + 1
     offset = np.arange(episodes)[:, np.newaxis] * kinds
     tally = np.bincount((numbers + offset).ravel(), minlength=episodes * kinds)

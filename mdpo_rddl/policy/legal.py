@@ -5,9 +5,12 @@ near it:
 
 1. integers are clipped to the whole numbers in their box;
 2. bools that an implication forbids are false, and the limits on groups choose among the others;
-3. where that is still illegal, the no-op takes its changes one by one, the most probable first,
-   each only if the action stays legal; of a real's change it takes a legal share, by bisection;
-   where the no-op itself is illegal, the most probable legal change of it comes first.
+3. where that is still illegal, numbers go to the nearest point that keeps the preconditions that
+   are linear in them (`mdpo_rddl.policy.linear`);
+4. where that is no legal action, the no-op takes its changes one by one, the most probable first,
+   each only if the action stays legal; of a number's change it takes a legal share, found by
+   bisection; where the no-op itself is illegal, the most probable legal change of it comes first.
+   Integers that a projection has rounded take what is left like that, too.
 
 Where no legal action is found like that, the proposal stands.
 """
@@ -19,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.planner.plans.limits import choose_within_limits
+from mdpo_rddl.policy.linear import LinearLimits
 from mdpo_rddl.problem.boxes import action_boxes
 from mdpo_rddl.problem.implications import Implication, read_rules
 from mdpo_rddl.problem.limits import GroupLimit, group_limits
@@ -67,7 +71,7 @@ class LegalActions:
             for rule in self._implications
             for expression in (*rule.given, rule.condition)
         ]
-        self._conditions = simulator.conditions(expressions) if expressions else None
+        self._conditions = simulator.values_of(expressions) if expressions else None
         # the groups' limits are kept as they are, unless something is to be done everywhere
         unread = len(rules.others) - len(group_limits(model)[0])
         self._is_checked = unread > 0 or any(limit.exact for limit in self._limits)
@@ -80,12 +84,24 @@ class LegalActions:
         is_bool = [kind == "bool" for kind in self._kinds.values()]
         if model.max_allowed_actions < size:
             self._is_checked |= not all(is_bool) or bool(np.any(self._noop))
-        self._widths = np.ones(size)
-        for name, (lower, upper) in boxes.items():
+        self._is_bool, self._is_real, is_integer = map(self._of_kind, ("bool", "real", "int"))
+        self._is_number = self._is_real | is_integer
+        self._widths, lowest, highest = np.ones(size), np.full(size, -np.inf), np.full(size, np.inf)
+        for name, (lower, upper) in {**boxes, **self._integers}.items():
             if self._kinds[name] in ("int", "real"):
                 width = np.ravel(upper - lower)
                 finite = np.isfinite(width) & (width > 0.0)
-                self._widths[self._places[name]] = np.where(finite, width, 1.0)
+                place = self._places[name]
+                self._widths[place] = np.where(finite, width, 1.0)
+                lowest[place], highest[place] = np.ravel(lower), np.ravel(upper)
+        numbers = self._is_number
+        self._linear = LinearLimits(
+            simulator,
+            [model.preconditions[place] for place in rules.others],
+            (lowest[numbers], highest[numbers]),
+            is_integer[numbers],
+            [name for name, kind in self._kinds.items() if kind in ("int", "real")],
+        )
         self.is_needed = bool(self._integers or self._implications or self._is_checked)
 
     def __call__(
@@ -122,7 +138,7 @@ class LegalActions:
         allowed: Actions = {}
         if self._conditions is None:
             return allowed
-        parts = iter(self._conditions(state))
+        parts = (value != 0 for value in self._conditions(state, {}))
         for rule in self._implications:
             mask = _holds(rule, parts)
             allowed[rule.action] = allowed[rule.action] & mask if rule.action in allowed else mask
@@ -178,10 +194,12 @@ class LegalActions:
             place = self._places[name]
             true = np.reshape(likely, (-1, count))
             scores[place] = np.where(noop[place] > 0.5, 1.0 - true, true)
-        base, found = noop.copy(), self._is_legal(noop, actions, state)
+        near, is_near = self._projected(proposed, actions, state)
+        base, found = np.where(is_near, near, noop), is_near | self._is_legal(noop, actions, state)
         if not found.all():
             self._start(base, found, proposed, (scores, actions, state))
-        wanted = (proposed != base) & found
+        # a real that was projected has taken its share
+        wanted = (proposed != base) & found & ~(is_near & self._is_real[:, np.newaxis])
         order = np.argsort(np.where(wanted, -scores, 1.0), axis=0, kind="stable")
         everyone = np.arange(count)
         for number in range(int(wanted.sum(axis=0).max(initial=0))):
@@ -191,11 +209,28 @@ class LegalActions:
             asked = wanted[place, everyone]
             legal = asked & self._is_legal(tried, actions, state)
             base[:, legal] = tried[:, legal]
-            reals = asked & ~legal & self._is_real[place]
-            if reals.any():
-                self._approach(base, tried, place, (reals, actions, state))
+            numbers = asked & ~legal & self._is_number[place]
+            if numbers.any():
+                self._approach(base, tried, place, (numbers, actions, state))
         base[:, ~found] = proposed[:, ~found]
         return self._tree(base, actions)
+
+    def _projected(
+        self, proposed: np.ndarray, actions: Actions, state: State
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Proposals with their numbers projected, and of which replicas these are legal [b]."""
+        if not self._linear.is_needed:
+            return proposed, np.zeros(proposed.shape[1], bool)
+        like = {name: value[..., :0] for name, value in actions.items()}
+
+        def of(numbers: np.ndarray, which: np.ndarray) -> Actions:
+            flat = proposed[:, which]
+            flat[self._is_number] = numbers
+            return self._tree(flat, like)
+
+        near = proposed.copy()
+        near[self._is_number] = self._linear(proposed[self._is_number], of, state)
+        return near, self._is_legal(near, actions, state)
 
     def _approach(
         self, base: np.ndarray, tried: np.ndarray, place: np.ndarray, given: tuple[Any, ...]
@@ -205,13 +240,18 @@ class LegalActions:
         everyone = np.arange(base.shape[1])
         start, end = base[place, everyone].copy(), tried[place, everyone].copy()
         share, step = np.zeros(len(everyone)), 0.5
+
+        def moved(share: np.ndarray) -> np.ndarray:
+            way = share * (end - start)
+            return start + np.where(self._is_real[place], way, np.trunc(way))
+
         for _ in range(_BISECTIONS):
             nearer = base.copy()
-            nearer[place, everyone] = start + (share + step) * (end - start)
+            nearer[place, everyone] = moved(share + step)
             legal = moving & self._is_legal(nearer, actions, state)
             share = np.where(legal, share + step, share)
             step /= 2.0
-        base[place[moving], everyone[moving]] = (start + share * (end - start))[moving]
+        base[place[moving], everyone[moving]] = moved(share)[moving]
 
     def _start(
         self, base: np.ndarray, found: np.ndarray, proposed: np.ndarray, given: tuple[Any, ...]
@@ -260,14 +300,6 @@ class LegalActions:
             return ()
         return [float(value) for value in np.arange(lower, upper + 1.0)]
 
-    @property
-    def _is_real(self) -> np.ndarray:
-        return self._of_kind("real")
-
-    @property
-    def _is_bool(self) -> np.ndarray:
-        return self._of_kind("bool")
-
     def _of_kind(self, kind: str) -> np.ndarray:
         found = np.zeros(len(self._noop), bool)
         for name, place in self._places.items():
@@ -287,7 +319,7 @@ class LegalActions:
 
     def _tree(self, flat: np.ndarray, like: Actions) -> Actions:
         return {
-            name: flat[place].reshape(like[name].shape).astype(like[name].dtype)
+            name: flat[place].reshape(*like[name].shape[:-1], -1).astype(like[name].dtype)
             for name, place in self._places.items()
         }
 

@@ -356,7 +356,7 @@ class Policy(PolicyAgent):
         else:
             play = underlying.replicated()
             assert play is not None
-            elect = voting(simulator, play)
+            elect = voting(simulator, play, isinstance(underlying, RelaxedPlanPolicy))
         return BeliefReplicas(simulator, elect, self.seed)
 
     @cached_property

@@ -64,6 +64,8 @@ class Context(NamedTuple):
       on_iteration: called between two iterations of whichever arm works, and at each step of
         rollouts; what it raises passes through the arm: `DeadlineError` when the time is over,
         `Cancelled`, `KeyboardInterrupt`.
+      race: has another problem planned by a race; its arguments are the problem, a configuration, a
+        budget, a seed, `on_judged` and `on_iteration`.
     """
 
     problem: Problem
@@ -74,6 +76,7 @@ class Context(NamedTuple):
     family: Family
     certain: bool
     on_iteration: Callable[[], None]
+    race: Callable[..., object] | None = None
 
     def generator(self, arm: str, *numbers: int) -> np.random.Generator:
         """Random numbers of an arm's own."""

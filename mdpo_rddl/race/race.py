@@ -4,6 +4,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,7 @@ def _race(
         family=family,
         certain=seen.is_certain,
         on_iteration=on_iteration,
+        race=subordinate,
     )
     board = Board(context, options.on_judged)
     noop = Candidate(SIMPLE, NOOP, family.policy(family.noop))
@@ -153,6 +155,20 @@ def _race(
         interrupted=interrupted,
         earlier=options.earlier,
     )
+
+
+def subordinate(
+    problem: Problem,
+    config: PlannerConfig,
+    budget: Budget,
+    seed: int,
+    on_judged: Callable[[Point], None],
+    on_iteration: Callable[[], None],
+) -> Outcome:
+    """A race for an arm of another one; its optimum comes with the states' values."""
+    arms = partial(portfolio, keeps_values=True)
+    options = RaceOptions(on_judged=on_judged, on_iteration=on_iteration, arms=arms)
+    return race(problem, config, budget, seed, options)
 
 
 def _constant(family: Family, seen: Any) -> dict[str, Any]:

@@ -222,17 +222,17 @@ class Simulator:
         after = {name: values[name].reshape(shape) for name, shape in self._kept.items()}
         return Step(after, rewards, terminated, broken, frame.lost)
 
-    def conditions(
+    def values_of(
         self, expressions: Sequence[tuple[Any, Sequence[tuple[str, int]]]]
-    ) -> Callable[[State], list[np.ndarray]]:
-        """Bool expressions of states, for each tuple of the objects of some variables.
+    ) -> Callable[[State, Mapping[str, Any]], list[np.ndarray]]:
+        """Expressions without draws, for each tuple of the objects of some variables.
 
         Args:
           expressions: of pyRDDLGym's model, each with its variables and their numbers of objects.
 
         Returns:
-          A function of a state of B replicas, at most `block` of them: of each expression its
-          values [*numbers of objects, B].
+          A function of a state of B replicas, at most `block` of them, and of actions as `step`
+          takes them: of each expression its values [*numbers of objects, B].
 
         Raises:
           InputError: for an expression that the simulator cannot evaluate.
@@ -245,14 +245,14 @@ class Simulator:
         closures, slots = [compiler.link(node) for node in nodes], compiler.slots
         sizes = [tuple(size for _, size in names) for _, names in expressions]
 
-        def values(state: State) -> list[np.ndarray]:
+        def values(state: State, actions: Mapping[str, Any]) -> list[np.ndarray]:
             replicas = next(iter(state.values())).shape[-1]
-            frame = self._frame(state, {}, None, replicas)
+            frame = self._frame(state, actions, None, replicas)
             frame.memo = [None] * slots
             found = []
             with np.errstate(all="ignore"):
                 for closure, shape in zip(closures, sizes, strict=True):
-                    flat = np.broadcast_to(closure(frame) != 0, (math.prod(shape), replicas))
+                    flat = np.broadcast_to(closure(frame), (math.prod(shape), replicas))
                     found.append(flat.reshape(*shape, replicas))
             return found
 

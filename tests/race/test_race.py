@@ -58,7 +58,7 @@ class Counting(NamedTuple):
     iterations: int = 0
     is_ready: bool = True
     is_exhausted: bool = False
-    details: Any = {}
+    details: Any = None
 
 
 def counting(name: str, claims: Any, ready_after: int = 0) -> Arm:
@@ -252,8 +252,6 @@ def test_a_rule_is_found_and_confirmed_by_other_episodes(lake):
     assert outcome.confirmed.mean() > -1100.0
     assert outcome.noop_return == pytest.approx(-2400.0, rel=0.1)
     assert outcome.late_gain is not None
-    points = [point for point in outcome.points if point.became_incumbent]
-    assert [point.mean for point in points[1:]] == sorted(point.mean for point in points[1:])
     figures = outcome.diagnostics()
     assert figures["arms"].keys() == {"random rules", "shared weights", "own weights"}
 

@@ -74,13 +74,12 @@ class Checkpoints:
 
     Attributes:
       seconds: from one to the next.
-      save: is given the state now and then, and when the training is interrupted; None where the
-        state is only asked for.
+      save: is given the state now and then, and when the training is interrupted.
       resumed: what an earlier training has left.
     """
 
     seconds: float
-    save: Callable[[TrainingState], None] | None
+    save: Callable[[TrainingState], None]
     resumed: TrainingState | None = None
 
 
@@ -97,9 +96,6 @@ class PlainLoop:
 
     def save(self) -> None:
         """Keeps nothing."""
-
-    def latest(self) -> None:
-        """Has no state."""
 
 
 class CheckpointedLoop:
@@ -125,7 +121,6 @@ class CheckpointedLoop:
             self.found = Found.resumed(planner.in_calls, found, structure, shape)
         self._loop = WatchedLoop(planner, built.arguments.get("stopping_rule"), loop)
         self._latest: Callable[[], TrainingState] | None = None
-        self._saved = state
         self._saved_at = self._began = time.monotonic()
 
     def callbacks(self, key: Any, budget: Budget) -> Iterator[dict[str, Any]]:
@@ -178,18 +173,12 @@ class CheckpointedLoop:
         if now - self._saved_at >= self._checkpoints.seconds:
             self.save()
 
-    def latest(self) -> TrainingState | None:
-        """The state after the last iteration, or the one that it begins with; None if neither."""
-        return self._saved if self._latest is None else self._latest()
-
     def save(self) -> None:
         """Leaves a checkpoint of the last iteration, unless it was the last one of all."""
-        save = self._checkpoints.save
-        if save is not None and self._latest is not None:
-            latest = self._latest()
-            save(latest)
+        if self._latest is not None:
+            self._checkpoints.save(self._latest())
             # an interrupt in between leaves it to be saved
-            self._saved, self._latest = latest, None
+            self._latest = None
         self._saved_at = time.monotonic()
 
 

@@ -19,7 +19,6 @@ from mdpo_rddl.planner.training.checkpoints import (
     CheckpointedLoop,
     Checkpoints,
     PlainLoop,
-    TrainingState,
 )
 from mdpo_rddl.planner.training.diagnosis import what_to_try
 from mdpo_rddl.planner.training.first_iteration import force_compilation
@@ -213,13 +212,6 @@ class Training:
             self._status, self.has_ended = "interrupted", True
             self._loop.save()
         self.train_seconds = before + time.perf_counter() - started
-
-    def state(self) -> TrainingState | None:
-        """With which another training goes on, asked for between two iterations.
-
-        None of a training without `checkpoints`, and before the first iteration.
-        """
-        return self._loop.latest()
 
     def close(self) -> None:
         """Ends the loop, whose planner another training may then use."""

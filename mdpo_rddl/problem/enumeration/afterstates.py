@@ -6,7 +6,7 @@ other one with the number of its distribution, its level; of a group of variable
 together the first one stands for all.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -82,31 +82,6 @@ class Afterstates:
         self.packing: Packing = pack(
             [self._size(number) for number in range(len(model.packing.places))]
         )
-
-    def levels(self) -> list[list[tuple[float, ...]]]:
-        """Of each variable its distributions so far, in the order of their numbers."""
-        return [levels.rows for levels in self._levels]
-
-    def know(self, levels: Iterable[tuple[int, tuple[float, ...]]]) -> None:
-        """Numbers distributions as they were numbered before.
-
-        Args:
-          levels: pairs of a variable and a distribution of it, those of one variable in the order
-            of their numbers.
-
-        Raises:
-          NotEnumerableError: if they are too many, or have values that do not fit.
-          ValueError: if they are not those of such variables.
-        """
-        counts = [0] * len(self._levels)
-        for variable, row in levels:
-            if variable not in self._random:
-                raise ValueError(f"its variable {variable} is not random")
-            self._levels[variable].know(counts[variable], row)
-            counts[variable] += 1
-        for variable, count in enumerate(counts):
-            if count:
-                self._table(variable)
 
     def _size(self, number: int) -> int:
         """How many values a variable's place in an afterstate has."""

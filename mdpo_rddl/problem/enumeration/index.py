@@ -52,22 +52,6 @@ class StateIndex:
         self._settled = self._recent = _NONE
         self.count = 0
 
-    @classmethod
-    def of(cls, states: np.ndarray) -> "StateIndex":
-        """One that has numbered states [N, words] in their order.
-
-        Raises:
-          ValueError: if two of them are equal.
-        """
-        index = cls(states.shape[1])
-        index._append(states)
-        of_states = keys(states)
-        order = np.argsort(of_states, kind="stable")
-        index._settled = _Sorted(of_states[order], order)
-        if np.any(index._settled.keys[1:] == index._settled.keys[:-1]):
-            raise ValueError("two of its states are equal")
-        return index
-
     @property
     def states(self) -> np.ndarray:
         """All of them [count, words], in the order of their numbers."""

@@ -45,20 +45,6 @@ class Levels:
         unique, inverse = np.unique(distributions, axis=0, return_inverse=True)
         return np.array([self._add(row) for row in unique])[inverse.ravel()]
 
-    @property
-    def rows(self) -> list[tuple[float, ...]]:
-        """All of them, in the order of their numbers."""
-        return list(self._numbers)
-
-    def know(self, number: int, row: tuple[float, ...]) -> None:
-        """Gives a distribution the number that it has had before.
-
-        Raises:
-          ValueError: if it is none, or not the next one.
-        """
-        if not row or len(row) % self._parts or self._add(row) != number:
-            raise ValueError(f"its distribution {number} is none, or another one")
-
     def _add(self, row: Iterable[float]) -> int:
         given = tuple(map(float, row))
         known = self._numbers.get(given, self._joined.get(given))

@@ -79,12 +79,7 @@ def feedback_gradient() -> Arm:
         start = context.family.noop
         return _begun(context, context.family.config, start, (_STEPS, _NOISE))
 
-    def start(context: Context, turn: Turn) -> tuple[Params, Candidate]:
-        assert turn.best_feedback is not None  # the no-op is one
-        candidate = turn.best_feedback.candidate
-        return candidate.policy.params, candidate
-
-    return _arm(FEEDBACK, init, start)
+    return _arm(FEEDBACK, init, best_feedback)
 
 
 def plan_gradient() -> Arm:
@@ -104,20 +99,30 @@ def plan_gradient() -> Arm:
         start = _plan_alone(context, context.family.noop["plan"])
         return _begun(context, config, start, (_PLAN_STEPS, _PLAN_NOISE))
 
-    def start(context: Context, turn: Turn) -> tuple[Params, Candidate]:
-        play = turn.leader.candidate.policy.replicated()
-        kept = rollout(context.simulator, play, 1, context.seed, keep=True).trajectories
-        assert kept is not None
-        played = {n: np.moveaxis(each[..., 0], 0, -1) for n, each in kept.actions.items()}
-        plan = {}
-        for name, raw in context.family.raw(played).items():
-            raw = np.moveaxis(raw, -1, 0)
-            whole = context.family.noop["plan"][name]
-            # after an episode's early end nothing is played
-            plan[name] = np.concatenate([raw, whole[len(raw) :]]).astype(whole.dtype)
-        return _plan_alone(context, plan), turn.leader.candidate
+    return _arm(PLAN, init, played_plan)
 
-    return _arm(PLAN, init, start)
+
+def best_feedback(context: Context, turn: Turn) -> tuple[Params, Candidate]:
+    """The parameters of the best feedback policy, and whose they are."""
+    assert turn.best_feedback is not None  # the no-op is one
+    candidate = turn.best_feedback.candidate
+    return candidate.policy.params, candidate
+
+
+def played_plan(context: Context, turn: Turn) -> tuple[Params, Candidate]:
+    """What the leader plays as the parameters of a straight-line plan, and whose that is."""
+    play = turn.leader.candidate.policy.replicated()
+    assert play is not None  # else it could not lead
+    kept = rollout(context.simulator, play, 1, context.seed, keep=True).trajectories
+    assert kept is not None
+    played = {n: np.moveaxis(each[..., 0], 0, -1) for n, each in kept.actions.items()}
+    plan = {}
+    for name, raw in context.family.raw(played).items():
+        raw = np.moveaxis(raw, -1, 0)
+        whole = context.family.noop["plan"][name]
+        # after an episode's early end nothing is played
+        plan[name] = np.concatenate([raw, whole[len(raw) :]]).astype(whole.dtype)
+    return _plan_alone(context, plan), turn.leader.candidate
 
 
 def serve(messages: Messages) -> None:

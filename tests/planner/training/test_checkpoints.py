@@ -231,24 +231,6 @@ def test_a_loop_that_begins_in_another_thread_has_its_own_averages():
     assert planner.RollingMean is plain
 
 
-def test_an_interrupt_asks_for_no_state_that_is_kept_nowhere(built, monkeypatch):
-    def broken(loop, callback):
-        def make():
-            raise ValueError("no state")
-
-        return make
-
-    def interrupt(progress):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(WatchedLoop, "state", broken)
-    training = Training(built, KEY, BUDGET, interrupt, Checkpoints(math.inf, None))
-    training.compile()
-    training.advance()
-    training.close()
-    assert training.result().status == "interrupted"
-
-
 def test_an_interrupt_while_a_checkpoint_is_left_leaves_it_all_the_same(built):
     saved = []
 
