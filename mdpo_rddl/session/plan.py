@@ -219,8 +219,7 @@ def _raced(request: PlanRequest, reporter: Reporter, unfinished: Path) -> RaceRe
         kept.start.candidates, kept.start.curve, kept.start.seconds, kept.judged, kept.pulse
     )
     result = find_by_race(_without_choice(request), reporter, hooks)
-    if result.interrupted:
-        kept.save(result.seconds)
+    kept.save(result.seconds)  # who is stopped while the result is played need not race again
     return result
 
 

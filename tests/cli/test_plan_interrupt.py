@@ -73,8 +73,11 @@ def test_an_interrupt_of_the_evaluation_keeps_its_episodes_so_far(
     monkeypatch.setattr(ProgressBar, "episode", interrupt)
     outcome = run(f"{TANKS} --seconds 0.5 --out run --quiet --json", capsys)
     assert outcome.status == 130
-    assert outcome.summary["status"] == "interrupted"
-    assert len(outcome.summary["returns"]) == outcome.summary["episodes"] == 2
+    summary = json.loads(outcome.out)
+    assert summary["status"] == "interrupted"
+    assert len(summary["returns"]) == summary["episodes"] == 2
+    # the race is not run again
+    assert outcome.err.endswith("--resume\n")
     assert (workplace / "run" / "report.html").exists()
 
 
@@ -89,10 +92,8 @@ def test_a_race_that_is_interrupted_at_once_leaves_the_no_op(
     monkeypatch.setattr(ProgressBar, "episode", lambda bar, done, of: None)
     outcome = run(f"{TANKS} --seconds 600 --out run --quiet --json", capsys)
     assert outcome.status == 130
-    assert (outcome.summary["status"], outcome.summary["auto"]["chosen"]) == (
-        "interrupted",
-        "no-op",
-    )
+    summary = json.loads(outcome.out)
+    assert (summary["status"], summary["auto"]["chosen"]) == ("interrupted", "no-op")
     assert (workplace / "run" / POLICY).exists()
 
 
