@@ -101,11 +101,11 @@ class Changes(NamedTuple):
             own = [*range(start, start + len(row))]
             table.append(own + [len(places)] * (most - len(row)))
             start += len(row)
-        noop = [np.ravel(simulator.noop[name]).astype(float) for name in simulator.actions]
+        idle = [np.ravel(simulator.noop[name]).astype(float) for name in simulator.actions]
         numbers = {n for n in simulator.actions if model.variable_ranges[n] != "bool"}
         return cls(
             simulator.actions,
-            np.concatenate(noop),
+            np.concatenate(idle),
             np.array(places),
             np.array([value for row in rows for value in row]),
             np.array(table),

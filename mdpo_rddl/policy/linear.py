@@ -203,7 +203,7 @@ class LinearLimits:
         """Rows in blocks that have no numbers in common, of which rows read [R, D]."""
         blocks: list[list[int]] = []
         taken: list[np.ndarray] = []
-        for row in np.flatnonzero(reads.any(axis=1)):
+        for row in np.flatnonzero(reads.any(axis=1)).tolist():
             fits = [n for n, each in enumerate(taken) if not np.any(each & reads[row])]
             if fits:
                 blocks[fits[0]].append(row)

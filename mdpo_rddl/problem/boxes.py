@@ -37,11 +37,12 @@ def boxes(simulator: RDDLSimulator) -> dict[str, Box]:
 def action_boxes(model: RDDLLiftedModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Lower and upper bound [*shape], infinite where there is none, of each action fluent."""
     found = boxes(RDDLSimulator(model))
-    shapes = {n: model.object_counts(model.variable_params[n]) for n in model.action_fluents}
-    return {
-        name: tuple(np.broadcast_to(np.asarray(end, float), tuple(shape)) for end in found[name])
-        for name, shape in shapes.items()
-    }
+
+    def bound(name: str, side: int) -> np.ndarray:
+        shape = tuple(model.object_counts(model.variable_params[name]))
+        return np.broadcast_to(np.asarray(found[name][side], float), shape)
+
+    return {name: (bound(name, 0), bound(name, 1)) for name in model.action_fluents}
 
 
 def box_width(lower: Any, upper: Any) -> float | None:

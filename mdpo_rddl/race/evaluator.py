@@ -111,7 +111,9 @@ class _InCommon(Simulator):
         vars(self).update(vars(simulator))
         self._groups = groups
 
-    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
+    def step(
+        self, state: State, actions: Mapping[str, Any], generator: Any, chances: Any = None
+    ) -> Step:
         count = next(iter(state.values())).shape[-1]
         episodes = np.tile(np.arange(count // self._groups), self._groups)
-        return super().step(state, actions, CommonNumbers(generator, episodes))
+        return super().step(state, actions, CommonNumbers(generator, episodes), chances)

@@ -217,7 +217,7 @@ def _drawn(
     """A constant: each fluent at its no-op, at one place for all objects, or at one for each."""
     model, drawn = problem.model, {}
     for name, noop in simulator.noop.items():
-        kind, place = model.variable_ranges[name], random.random(noop.shape)
+        kind, place = model.variable_ranges[name], np.asarray(random.random(noop.shape))
         if random.random() < 0.5:
             place = np.full(noop.shape, random.random())
         if random.random() < 0.25:
@@ -297,7 +297,9 @@ def _is_same(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether one [*shape, B] changes as the other does."""
     if one.shape != other.shape:
         return False
-    changes = [np.ravel(each - each.mean(axis=-1, keepdims=True)) for each in (one, other)]
+    changes = np.stack(
+        [np.ravel(each - each.mean(axis=-1, keepdims=True)) for each in (one, other)]
+    )
     if not all(map(np.any, changes)):
         return False
-    return bool(abs(np.corrcoef(*changes)[0, 1]) > _SAME)
+    return bool(abs(np.corrcoef(changes)[0, 1]) > _SAME)

@@ -51,7 +51,7 @@ class Weights:
         return tree
 
 
-def completed(params: Params, full: Params) -> Params:
+def completed(params: Mapping[str, Any], full: Mapping[str, Any]) -> Params:
     """The parameters with what they leave out as another policy has it, which plays the no-op."""
     return {
         name: completed(params.get(name, {}), value)

@@ -127,8 +127,10 @@ class _RefereedSimulator(Simulator):
     def observation(self, state: State) -> dict[str, np.ndarray]:
         return dict(state)
 
-    def step(self, state: State, actions: Mapping[str, Any], generator: Any) -> Step:
-        after = super().step(state, actions, generator)
+    def step(
+        self, state: State, actions: Mapping[str, Any], generator: Any, chances: Any = None
+    ) -> Step:
+        after = super().step(state, actions, generator, chances)
         return after._replace(rewards=self._refereed.paid(after.rewards))
 
 

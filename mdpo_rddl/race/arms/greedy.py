@@ -152,8 +152,8 @@ def _step(context: Context, state: GreedyState, turn: Turn) -> GreedyState:
 
 def _policy(context: Context, state: GreedyState, params: Params) -> Policy:
     config = greedy_config(context.family.config)
-    own = context.problem, config, params, {}, context.seed
-    return Policy(*own, compiled=Compiled(greedy=state.formula))
+    compiled = Compiled(greedy=state.formula)
+    return Policy(context.problem, config, params, {}, context.seed, compiled=compiled)
 
 
 def _in_units(state: GreedyState) -> Params:
@@ -252,9 +252,11 @@ def _played(
         current = after.state
     inputs, rewards, living, tries = (np.stack(each) for each in zip(*rows, strict=True))
     missing = horizon - len(rows)
-    padded = [np.pad(each, ((0, missing), (0, 0))) for each in (rewards, living, tries)]
+    rewards, living, tries = (
+        np.pad(each, ((0, missing), (0, 0))) for each in (rewards, living, tries)
+    )
     whole = np.pad(inputs, ((0, missing), (0, 0), (0, 0)))
-    return _Rollouts(whole, *padded, returns)
+    return _Rollouts(whole, rewards, living, tries, returns)
 
 
 def _forced(gains: np.ndarray, place: np.ndarray, leaves: np.ndarray) -> np.ndarray:

@@ -157,7 +157,8 @@ def own_weights() -> Arm:
         def begin(context: Context, state: WeightsState, turn: Turn) -> WeightsState:
             base = _varied(params)
             full = {**base, "own": params["own"]}
-            varies = {part: _all(full[part]) for part in ("shared", "own") if part in full}
+            parts: tuple[str, ...] = "shared", "own"
+            varies = {part: _all(full[part]) for part in parts}
             weights = Weights(full, varies)
             if weights.start.size > _MOST:
                 weights = Weights(base, {"shared": varies["shared"]})
