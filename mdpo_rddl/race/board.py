@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdpo_rddl.policy.policy import Policy
-from mdpo_rddl.problem.evaluation import mean_and_error
+from mdpo_rddl.problem.evaluation import LOST, mean_and_error
 from mdpo_rddl.race.arm import Candidate, Context, Judged
 from mdpo_rddl.race.budget import Budget, DeadlineError
 from mdpo_rddl.race.evaluator import CONFIRMATION
@@ -103,7 +103,7 @@ class Board:
             return self.leader
         best = 0
         for number in range(1, len(chosen)):
-            gain, error = mean_and_error(found[number] - found[best])
+            gain, error = _difference(found[number], found[best])
             if gain > error and np.isfinite(gain):
                 best = number
         return Judged(chosen[best].candidate, found[best])
@@ -119,8 +119,7 @@ class Board:
             while len(leader.returns) < count:
                 more = context.evaluator.more(rival, leader.returns, self._context.on_iteration)
                 leader = self.leader = leader._replace(returns=more)
-            with np.errstate(invalid="ignore"):
-                gain, error = mean_and_error(judged.returns - leader.returns[:count])
+            gain, error = _difference(judged.returns, leader.returns[:count])
             is_same = gain == 0.0 and error == 0.0
             is_clear = is_same or context.certain or not abs(gain) <= _ERRORS * error
             if is_clear or count >= _MOST:
@@ -137,3 +136,16 @@ class Board:
 def is_proven(judged: Judged | None) -> bool:
     """Whether a candidate is the best that there can be."""
     return judged is not None and getattr(judged.candidate.policy, "optimum", None) is not None
+
+
+def _difference(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """The mean of what one returns more than another [N], and its standard error.
+
+    The error is that of episodes which both have played to their end: how many one has lost decides
+    by itself.
+    """
+    whole = (one > LOST) & (other > LOST)
+    with np.errstate(invalid="ignore"):
+        gain = float(np.mean(one - other))
+        error = mean_and_error((one - other)[whole])[1] if whole.sum() > 1 else 0.0
+    return gain, error
