@@ -57,10 +57,11 @@ class _Entry:
         own = board.feedback.mean if begins and board.feedback else self.state.claim
         return own if np.isfinite(own) else board.points[0].mean
 
-    def promise(self, board: Board) -> float:
-        """What it may reach: as much again as the latest half of its seconds has gained."""
-        half = [gain for seconds, gain in self.gains if seconds <= self.seconds / 2.0][-1]
-        return self.reached(board) + self.gains[-1][1] - half
+    def promise(self, board: Board, left: float) -> float:
+        """What it may reach in the seconds left, at the pace of the latest half of its own."""
+        seconds, gained = [each for each in self.gains if each[0] <= self.seconds / 2.0][-1]
+        pace = (self.gains[-1][1] - gained) / max(self.seconds - seconds, _SHORTEST)
+        return self.reached(board) + pace * left
 
 
 class Schedule:
@@ -114,7 +115,8 @@ def _next(context: Context, able: Sequence[_Entry], board: Board, number: int) -
         able = improving or able
     if number % _WAITING == _WAITING - 1:
         return min(able, key=lambda one: one.last)
-    return max(able, key=lambda one: (one.promise(board), -one.last))
+    left = context.budget.left
+    return max(able, key=lambda one: (one.promise(board, left), -one.last))
 
 
 def _improves(one: _Entry, board: Board) -> bool:
