@@ -68,8 +68,8 @@ class FeedbackFormula:
         bounds = action_boxes(model)
         for name, kind in model.variable_ranges.items():
             if name in bounds and kind in model.type_to_objects:
-                ends = np.zeros(simulator.shapes[name]), len(model.type_to_objects[kind]) - 1.0
-                bounds[name] = np.broadcast_arrays(*ends)
+                last = len(model.type_to_objects[kind]) - 1.0
+                bounds[name] = tuple(np.full(simulator.shapes[name], end) for end in (0.0, last))
         kinds = np.float32, np.int32
         self.actions = FeedbackActions.of(feedback, model, simulator.values, units, bounds, kinds)
         keeps = config.section("MDPO").get("keep_group_limits", True)

@@ -17,6 +17,7 @@ Where no legal action is found like that, the proposal stands.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -125,8 +126,8 @@ class LegalActions:
         known = preferences()
         for first in range(0, replicas, block):
             which = slice(first, first + block)
-            some = {n: v[..., which] for n, v in known.items()}
-            parts.append(self._made(_of(proposal, which), lambda s=some: s, _of(state, which)))
+            likely = partial(_of, known, which)
+            parts.append(self._made(_of(proposal, which), likely, _of(state, which)))
         return {n: np.concatenate([part[n] for part in parts], axis=-1) for n in parts[0]}
 
     def allowed(self, state: State) -> Actions:

@@ -1,7 +1,7 @@
 """Bool actions that keep the limits on their groups, relaxed and exact."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,8 +36,8 @@ def scale_to_limits(
 
 
 def choose_within_limits(
-    probabilities: Mapping[str, "Array"], limits: Sequence[GroupLimit]
-) -> dict[str, "Array"]:
+    probabilities: Mapping[str, Any], limits: Sequence[GroupLimit]
+) -> dict[str, Any]:
     """Bool actions [*shape] that keep every limit: the likeliest of each group.
 
     A component is true if its probability is above 0.5 and it is among the group's
