@@ -3,9 +3,10 @@
     (sum_{?a : asset} PRICE(?a) * buy(?a)) <= cash
 
 Numbers that break one go to the nearest point of their box that keeps it, as they do under JAX
-(`mdpo_rddl.planner.plans.linear_limits`); comparisons that have numbers in common are kept in turn,
-until nothing moves. In 64 bit, since the environment compares so; of an equality one number takes
-the last bits. Integers go back to whole numbers.
+(`mdpo_rddl.planner.plans.linear_limits`). Comparisons about a single number narrow the box; those
+that have numbers in common are kept in turn, until nothing moves. All is in 64 bit, since the
+environment compares so: of an equality one number takes the last bits. Integers go back to whole
+numbers.
 
 The coefficients are read off the simulator in each state, since prices change. What is not linear
 is left alone.
@@ -22,6 +23,9 @@ from mdpo_rddl.simulator.simulator import Simulator, State
 
 ActionsOf = Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]]
 """Of numbers [D, K] and which replica each of K is of [K]: all action fluents [*shape, K]."""
+
+Box = tuple[np.ndarray, np.ndarray]
+"""The least and the largest values of numbers."""
 
 # rounds of projections where comparisons have numbers in common, and of Newton's steps in each,
 # which are at most as many as there are numbers and mostly three
@@ -47,7 +51,7 @@ class LinearLimits:
         self,
         simulator: Simulator,
         preconditions: Sequence[Any],
-        box: tuple[np.ndarray, np.ndarray],
+        box: Box,
         is_integer: np.ndarray,
         names: Sequence[str],
     ) -> None:
@@ -92,7 +96,8 @@ class LinearLimits:
         """
         size = len(numbers)
         lower, upper = (end[:, np.newaxis] for end in self._box)
-        first = np.clip(numbers, lower, upper)
+        # what is read off numbers with few bits is exact, if the coefficients have few
+        first = _on_grid(np.clip(numbers, lower, upper), (lower, upper))
         # one more of each number by itself, and of all together, by unequal amounts
         together = 1.0 + np.arange(size)[:, np.newaxis] % 3
         moves = np.concatenate([np.zeros((size, 1)), np.eye(size), together], axis=1)
@@ -107,15 +112,16 @@ class LinearLimits:
         counts &= np.abs(excess[:, -1] - predicted) <= _LINEAR * weight[:, -1]
         slopes = np.where(counts[:, np.newaxis], slopes, 0.0)
         constant = np.where(counts, excess[:, 0] - np.einsum("rdb,db->rb", slopes, first), 0.0)
+        box = self._narrowed(slopes, constant)
         inside = np.where(self._is_exact, 0.0, _INSIDE * weight[:, 0])
-        nearest = self._projected(first, slopes, constant + inside, weight[:, 0])
-        nearest = self._on_grid(nearest, slopes)
+        rows = slopes, constant + inside, weight[:, 0]
+        nearest = self._rounded(self._projected(np.clip(first, *box), *rows, box), slopes, box)
         for _ in range(_CLOSINGS):
             left = self._rows(nearest[:, np.newaxis, :], actions, state)[0][:, 0]
             left = np.where(counts & self._is_exact, left, 0.0)
             if not left.any():
                 break
-            nearest = self._closed(nearest, slopes, left)
+            nearest = self._closed(nearest, slopes, left, box)
         return nearest
 
     def _rows(
@@ -153,13 +159,48 @@ class LinearLimits:
             rows.append([np.reshape(value, (-1, left.shape[-1])) for value in each])
         return tuple(np.concatenate(each) for each in zip(*rows, strict=True))
 
+    def _narrowed(self, slopes: np.ndarray, constant: np.ndarray) -> Box:
+        """The box that comparisons of a single number leave [D, B]."""
+        shape = slopes.shape[1:]
+        lower, upper = (np.repeat(end[:, np.newaxis], shape[1], axis=1) for end in self._box)
+        widest = lower.copy(), upper.copy()
+        for row in np.flatnonzero(self._are_single(slopes)):
+            place = int(np.argmax(np.any(slopes[row], axis=1)))
+            slope, is_exact = slopes[row, place], self._is_exact[row, 0]
+            end = -constant[row] / np.where(slope == 0.0, 1.0, slope)
+            least = np.where((slope < 0.0) | ((slope != 0.0) & is_exact), end, -np.inf)
+            most = np.where((slope > 0.0) | ((slope != 0.0) & is_exact), end, np.inf)
+            lower[place] = np.maximum(lower[place], least)
+            upper[place] = np.minimum(upper[place], most)
+        whole = self._is_integer[:, np.newaxis]
+        # reals keep away from what is only computed, if there is room
+        margin = _INSIDE * (1.0 + np.minimum(np.abs(lower), np.abs(upper)))
+        margin = np.where(whole | (upper - lower < 2.0 * margin), 0.0, margin)
+        lower = np.where(lower > widest[0], lower + margin, lower)
+        upper = np.where(upper < widest[1], upper - margin, upper)
+        return (
+            np.where(whole, np.ceil(lower - _LINEAR), lower),
+            np.where(whole, np.floor(upper + _LINEAR), upper),
+        )
+
+    @staticmethod
+    def _are_single(slopes: np.ndarray) -> np.ndarray:
+        """Which rows are about one number [R]."""
+        return np.count_nonzero(np.any(slopes, axis=2), axis=1) == 1
+
     def _projected(
-        self, numbers: np.ndarray, slopes: np.ndarray, constant: np.ndarray, weight: np.ndarray
+        self,
+        numbers: np.ndarray,
+        slopes: np.ndarray,
+        constant: np.ndarray,
+        weight: np.ndarray,
+        box: Box,
     ) -> np.ndarray:
         """Numbers in the box with slopes . x + constant <= 0, or == 0 [D, B]."""
+        reads = np.any(slopes, axis=2) & ~self._are_single(slopes)[:, np.newaxis]
         blocks = [
-            (slopes[rows], constant[rows], self._is_exact[rows], weight[rows])
-            for rows in self._apart(np.any(slopes, axis=2))
+            (slopes[rows], constant[rows], self._is_exact[rows], weight[rows], box)
+            for rows in self._apart(reads)
         ]
         x = numbers
         for _ in range(_ROUNDS if len(blocks) > 1 else 1):
@@ -177,13 +218,14 @@ class LinearLimits:
         constant: np.ndarray,
         is_exact: np.ndarray,
         weight: np.ndarray,
+        box: Box,
     ) -> np.ndarray:
         """The nearest numbers in the box that keep rows which have none in common [D, B].
 
         Each row's numbers go by a multiple of their coefficients. Seen from the box, what is too
         much is a convex function of the multiple, which Newton's steps therefore do not overshoot.
         """
-        lower, upper = (end[:, np.newaxis] for end in self._box)
+        lower, upper = box
         x, multiple = start, np.zeros(constant.shape)
         for _ in range(_STEPS):
             over = np.einsum("rdb,db->rb", slopes, x) + constant
@@ -213,27 +255,18 @@ class LinearLimits:
                 taken.append(reads[row].copy())
         return [np.array(block) for block in blocks]
 
-    def _on_grid(self, numbers: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """Reals as multiples of a power of two, inside their box, and whole integers [D, B].
-
-        An integer goes where it takes less of what is limited.
-        """
-        lower, upper = (end[:, np.newaxis] for end in self._box)
-        largest = np.max(np.abs(numbers), axis=0, initial=1.0)
-        unit = 2.0 ** (np.ceil(np.log2(largest)) - _GRID_BITS)
-        rounded = np.rint(numbers / unit) * unit
-        is_inside = (rounded > lower) & (rounded < upper)
+    def _rounded(self, numbers: np.ndarray, slopes: np.ndarray, box: Box) -> np.ndarray:
+        """Reals with few bits, and whole integers, which take less of what is limited [D, B]."""
         # what the projection has left off a whole number is none
         down, up = np.floor(numbers + _LINEAR), np.ceil(numbers - _LINEAR)
-        whole = np.where(slopes.sum(axis=0) > 0.0, down, up)
-        whole = np.clip(whole, lower, upper)
-        return np.where(
-            self._is_integer[:, np.newaxis], whole, np.where(is_inside, rounded, numbers)
-        )
+        whole = np.clip(np.where(slopes.sum(axis=0) > 0.0, down, up), *box)
+        return np.where(self._is_integer[:, np.newaxis], whole, _on_grid(numbers, box))
 
-    def _closed(self, numbers: np.ndarray, slopes: np.ndarray, left: np.ndarray) -> np.ndarray:
+    def _closed(
+        self, numbers: np.ndarray, slopes: np.ndarray, left: np.ndarray, box: Box
+    ) -> np.ndarray:
         """The numbers [D, B], of which for each equality the one with most room takes the rest."""
-        lower, upper = (end[:, np.newaxis] for end in self._box)
+        lower, upper = box
         each, used = np.arange(numbers.shape[1]), np.zeros(numbers.shape, bool)
         for row in np.flatnonzero(left.any(axis=1)):
             own = slopes[row]
@@ -250,3 +283,12 @@ class LinearLimits:
             numbers[place[moving], each[moving]] = wanted[place[moving], each[moving]]
             used |= own != 0.0
         return numbers
+
+
+def _on_grid(numbers: np.ndarray, box: Box) -> np.ndarray:
+    """Numbers inside their box as multiples of a power of two, of each replica's largest [D, B]."""
+    lower, upper = box
+    largest = np.max(np.abs(numbers), axis=0, initial=1.0)
+    unit = 2.0 ** (np.ceil(np.log2(largest)) - _GRID_BITS)
+    rounded = np.rint(numbers / unit) * unit
+    return np.where((rounded > lower) & (rounded < upper), rounded, numbers)

@@ -4,8 +4,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.choices import (
+    AHEAD,
+    ALL_OR_STAY,
+    CHEAP,
+    EXACTLY_ONE,
+    IS_FREE,
+    SHARED,
+    SQUARES,
+    picks,
+    pushes,
+    takes,
+)
 from helpers.problems import make_plan, make_planner
-from helpers.toys import problem_from
 
 from mdpo_rddl.noise import NoNoise
 from mdpo_rddl.planner.exact.exact import compile_exact_returns
@@ -17,47 +28,7 @@ from mdpo_rddl.policy.playable import playable
 from mdpo_rddl.problem.evaluation import evaluate
 from mdpo_rddl.problem.legality import Referee
 from mdpo_rddl.problem.limits import group_limits
-from mdpo_rddl.problem.load import load_problem, make_environment
-
-DOMAIN = """
-domain picks {
-    types { item : object; };
-    pvariables {
-        PRICE(item) : { non-fluent, real, default = 1.0 };
-        free(item) : { state-fluent, bool, default = true };
-        bag : { state-fluent, real, default = 0.0 };
-        pick(item) : { action-fluent, bool, default = false };
-        stay : { action-fluent, bool, default = false };
-        gear : { action-fluent, int, default = 0 };
-    };
-    cpfs {
-        free'(?i) = if (stay) then free(?i) else free(?i) ^ ~pick(?i);
-        bag' = bag + (sum_{?i : item} [PRICE(?i) * pick(?i)]) + gear;
-    };
-    reward = bag - stay;
-    action-preconditions { RULES };
-}
-"""
-INSTANCE = """
-non-fluents nf {
-    domain = picks; objects { item : {a, b, c}; };
-    non-fluents { PRICE(a) = 1.0; PRICE(b) = 2.0; PRICE(c) = 4.0; };
-}
-instance one {
-    domain = picks; non-fluents = nf; max-nondef-actions = MOST; horizon = 4; discount = 1.0;
-}
-"""
-IS_FREE = "forall_{?i : item} [pick(?i) => free(?i)];"
-EXACTLY_ONE = "stay + (sum_{?i : item} [pick(?i)]) == 1;"
-CHEAP = "(sum_{?i : item} [PRICE(?i) * pick(?i)]) <= 4;"
-# where nobody stays everything is picked, which no single change does
-ALL_OR_STAY = "~stay => forall_{?i : item} [pick(?i)];"
-
-
-def problem(folder, rules, most="pos-inf"):
-    (folder / "d.rddl").write_text(DOMAIN.replace("RULES", rules))
-    (folder / "i.rddl").write_text(INSTANCE.replace("MOST", most))
-    return load_problem(str(folder / "d.rddl"), str(folder / "i.rddl"))
+from mdpo_rddl.problem.load import make_environment
 
 
 def make(problem):
@@ -101,59 +72,36 @@ def legalised(planner, pick, free=(1, 1, 1), stay=0.0, gear=0):
         (CHEAP + IS_FREE, [0.9, 0.9, 0.2], [1, 1, 1], [1, 1, 0]),
     ],
 )
-def test_a_legal_action_near_the_proposal(tmp_path, rules, pick, free, picked):
-    assert legalised(make(problem(tmp_path, rules)), pick, free)[0] == picked
+def test_a_legal_action_near_the_proposal(rules, pick, free, picked):
+    assert legalised(make(picks(rules)), pick, free)[0] == picked
 
 
-def test_all_bools_of_a_fluent_where_no_single_change_is_legal(tmp_path):
-    planner = make(problem(tmp_path, ALL_OR_STAY + "~stay;"))
+def test_all_bools_of_a_fluent_where_no_single_change_is_legal():
+    planner = make(picks(ALL_OR_STAY + "~stay;"))
     assert legalised(planner, [0.9, 0.2, 0.2]) == ([1, 1, 1], False, 0)
 
 
-def test_where_nothing_legal_is_found_the_proposal_stands(tmp_path):
-    planner = make(problem(tmp_path, "(sum_{?i : item} [PRICE(?i) * pick(?i)]) == 3;"))
+def test_where_nothing_legal_is_found_the_proposal_stands():
+    planner = make(picks("(sum_{?i : item} [PRICE(?i) * pick(?i)]) == 3;"))
     assert legalised(planner, [0.1, 0.2, 0.9])[0] == [0, 0, 1]
 
 
-def test_whole_numbers_keep_their_box_and_count(tmp_path):
+def test_whole_numbers_keep_their_box_and_count():
     rules = "gear >= -0.5; gear <= 2.5;"
-    assert legalised(make(problem(tmp_path, rules)), [0.9, 0.9, 0.1], gear=3) == (
+    assert legalised(make(picks(rules)), [0.9, 0.9, 0.1], gear=3) == (
         [1, 1, 0],
         False,
         2,
     )
-    assert legalised(make(problem(tmp_path, rules, "1")), [0.9, 0.8, 0.1], gear=2) == (
+    assert legalised(make(picks(rules, "1")), [0.9, 0.8, 0.1], gear=2) == (
         [0, 0, 0],
         False,
         2,
     )
 
 
-TAKES = """
-domain takes {
-    types { item : object; };
-    pvariables {
-        CAP(item) : { non-fluent, int, default = 2 };
-        taken(item) : { state-fluent, int, default = 0 };
-        take(item) : { action-fluent, int, default = 0 };
-    };
-    cpfs { taken'(?i) = take(?i); };
-    reward = sum_{?i : item} [take(?i)];
-    action-preconditions {
-        forall_{?i : item} [take(?i) >= 0]; forall_{?i : item} [take(?i) <= CAP(?i)]; RULES
-    };
-}
-non-fluents nf {
-    domain = takes; objects { item : {a, b}; }; non-fluents { CAP(b) = 5; };
-}
-instance one {
-    domain = takes; non-fluents = nf; max-nondef-actions = pos-inf; horizon = 4; discount = 1.0;
-}
-"""
-
-
 def test_each_whole_number_has_its_own_box():
-    problem = problem_from(TAKES.replace("RULES", ""))
+    problem = takes("")
     legal, referee = LegalActions(make(problem).test_compiled, []), Referee(started(problem))
     for take in ([2, 5], [5, 5], [0, 6], [-1, 0], [0, 0]):
         expected = not referee.rule({"take": np.array(take)}).illegal
@@ -161,40 +109,11 @@ def test_each_whole_number_has_its_own_box():
 
 
 def test_a_repair_stays_in_the_box_of_each_whole_number():
-    problem = problem_from(TAKES.replace("RULES", "(sum_{?i : item} [take(?i)]) == 4;"))
+    problem = takes("(sum_{?i : item} [take(?i)]) == 4;")
     # the first one has no more than two
     repaired = LegalActions(make(problem).test_compiled, [])({"take": jnp.array([5, 0])}, {}, {})
     assert repaired["take"].tolist() == [2, 2]
     assert not Referee(started(problem)).rule({"take": np.asarray(repaired["take"])}).illegal
-
-
-PUSHES = """
-domain pushes {
-    types { unit : object; };
-    pvariables {
-        x(unit) : { state-fluent, real, default = 0.0 };
-        push(unit) : { action-fluent, real, default = 0.0 };
-        light : { action-fluent, bool, default = false };
-    };
-    cpfs { x'(?u) = x(?u) + push(?u); };
-    reward = -(sum_{?u : unit} [pow[x(?u) - 0.5, 2]]);
-    action-preconditions {
-        forall_{?u : unit} [push(?u) >= -1.0]; forall_{?u : unit} [push(?u) <= 1.0]; RULES
-    };
-}
-non-fluents nf { domain = pushes; objects { unit : {u1, u2}; }; }
-instance one {
-    domain = pushes; non-fluents = nf; max-nondef-actions = MOST; horizon = 4; discount = 1.0;
-}
-"""
-AHEAD = "forall_{?u : unit} [push(?u) <= 0.2 + x(?u)];"
-SHARED = "(sum_{?u : unit} [push(?u)]) <= 0.3 + (sum_{?u : unit} [x(?u)]);"
-
-SQUARES = "(sum_{?u : unit} [pow[push(?u), 2]]) <= 0.2601;"
-
-
-def pushes(rules=AHEAD, most="pos-inf"):
-    return problem_from(PUSHES.replace("RULES", rules).replace("MOST", most))
 
 
 @pytest.mark.parametrize(
@@ -241,9 +160,9 @@ def test_a_planner_without_noise_plays_the_bound():
     np.testing.assert_allclose(action["push"], [0.2, 0.2], atol=1.0 / 128.0)
 
 
-def test_nothing_is_computed_where_the_policy_is_legal_as_it_is(tmp_path):
+def test_nothing_is_computed_where_the_policy_is_legal_as_it_is():
     limit = "(sum_{?i : item} [pick(?i)]) <= 1;"
-    compiled = make(problem(tmp_path, limit)).test_compiled
+    compiled = make(picks(limit)).test_compiled
     assert not LegalActions(compiled, group_limits(compiled.rddl)[0]).is_needed
 
 
@@ -271,8 +190,8 @@ COMBINED = IS_FREE + EXACTLY_ONE
         ),
     ],
 )
-def test_judged_as_played(tmp_path, rules, most):
-    loaded = problem(tmp_path, rules, most)
+def test_judged_as_played(rules, most):
+    loaded = picks(rules, most)
     planner = make(loaded)
     random, count = np.random.default_rng(0), 6
     params = planner.plan.initializer(jax.random.PRNGKey(0), {}, None)
