@@ -1,14 +1,11 @@
 """Our planner and JaxPlan's in a run: trained within the time, kept, taken up again."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers import toy_mdps as toys
-from helpers.clocks import Stopped
 from helpers.toy_contest import tiny_instance
 
-from mdpo_rddl.ipc import mdpo
 from mdpo_rddl.ipc.jaxplan import JaxPlanPlanner
 from mdpo_rddl.ipc.mdpo import MDPO
 from mdpo_rddl.ipc.planner import Restorable
@@ -79,32 +76,6 @@ def test_a_proven_optimum_is_kept_and_played_without_an_illegal_action(tmp_path)
         second, _ = play(env, again, seed, rng, lenient=False)
         assert first == second
         assert (first.status, first.violations) == ("ok", 0)
-
-
-@pytest.mark.parametrize("probe", [None, 2.0, 4.0])
-@pytest.mark.parametrize("is_table", [False, True])
-def test_a_policy_is_compiled_where_the_time_reaches(monkeypatch, tmp_path, probe, is_table):
-    problem, clock, played = toys.gambler(tmp_path, 5), Stopped(), []
-
-    def called(self, step, state):
-        played.append(step)
-        return {}
-
-    kind = TablePolicy if is_table else object
-    policy = object.__new__(type("Played", (kind,), {"__call__": called, "problem": problem}))
-
-    def plan(problem, config, seed):
-        clock.now += config.budget().seconds
-        seen = None if probe is None else SimpleNamespace(compile_seconds=probe)
-        chosen = SimpleNamespace(parents=(), arm="arm")
-        return SimpleNamespace(policy=policy, chosen=chosen, probe=seen)
-
-    monkeypatch.setattr(mdpo, "plan_automatically", plan)
-    # 5 of 60 s are left, and another program may be compiled beside it
-    MDPO(clock=clock).prepare(problem, 60.0, 0)
-    is_short = probe is not None and probe < 2.5
-    assert clock.now == 55.0
-    assert played == ([0] if is_table or is_short else [])
 
 
 def test_ours_plays_a_legal_action_where_its_policys_is_not(tmp_path, monkeypatch):
