@@ -1,6 +1,5 @@
 """Our planner and JaxPlan's in a run: trained within the time, kept, taken up again."""
 
-
 import numpy as np
 import pytest
 from helpers import toy_mdps as toys
