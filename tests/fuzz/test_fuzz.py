@@ -14,10 +14,9 @@ COUNTS = {
     "command line": 600,
     "policy file": 400,
     "policy contents": 100,
-    "race checkpoint": 100,
     "run of mdpo-ipc": 100,
     "RDDL": 100,
-    "run folder": 8,
+    "run folder": 108,
 }
 
 

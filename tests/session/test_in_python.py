@@ -122,7 +122,8 @@ def test_a_race_cancelled_from_the_first_has_a_policy_all_the_same(files, monkey
     # nobody waits for the choice of how to think
     monkeypatch.setattr("mdpo_rddl.policy.lookahead.choice.choose", None)
     policy = mdpo_rddl.plan(*files, seconds=300, cancel=cancel, decision_seconds=1.0)
-    assert policy.candidates
+    # nothing was judged yet: the no-op
+    assert isinstance(policy, mdpo_rddl.Policy)
     assert policy.evaluate(episodes=1).returns.shape == (1,)
 
 

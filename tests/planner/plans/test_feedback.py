@@ -37,7 +37,7 @@ def make(shape: FeedbackShape = SHAPE) -> Feedback:
             **model.action_fluents,
         }.items()
     }
-    return Feedback(model, values, shape, HORIZON, jnp.float32)
+    return Feedback(model, values, shape, HORIZON, jnp.float32, jnp)
 
 
 @pytest.fixture(scope="module")

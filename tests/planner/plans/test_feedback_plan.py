@@ -174,8 +174,6 @@ def test_a_configuration_names_the_plan_and_the_optimiser(tmp_path):
             "lifted: must be a whole number from 0 to 1024",
         ),
         ("normalized_adam", "abnormal_adam", "optax has no function 'abnormal_adam'"),
-        ("[Optimize]", "[Search]\nshared_until=2\n[Optimize]", "shared_until <= own_until"),
-        ("[Optimize]", "[Search]\noptimum_until=1\n[Optimize]", "0 <= optimum_until < 1"),
         ("[Optimize]", "[Search]\nuntil=2\n[Optimize]", "unexpected keyword argument 'until'"),
         ("[Optimize]", "[Search]\nwithout=['drp']\n[Optimize]", "'drp' is none of dynamic prog"),
         ("[Optimize]", "[Search]\nwithout=['slq']\n[Optimize]", "'slq' is none of dynamic prog"),
@@ -190,7 +188,7 @@ def test_a_search_needs_the_feedback_plan():
     text = CONFIG.replace("FeedbackPlan", "JaxStraightLinePlan")
     lines = [line for line in text.splitlines() if not line.startswith("method_kwargs")]
     with pytest.raises(InputError, match="needs method='FeedbackPlan'"):
-        PlannerConfig.from_text("\n".join([*lines, "[Search]", "shared_until=0.3"]))
+        PlannerConfig.from_text("\n".join([*lines, "[Search]", "without=[]"]))
 
 
 @pytest.mark.long

@@ -135,7 +135,7 @@ def test_training_takes_a_gradient_through_noisy_rollouts_with_a_memory(planner)
 )
 def test_what_cannot_be_remembered_is_refused_by_name(memory, message):
     with pytest.raises(InputError, match=rf"\[Planner\] method_kwargs: {message}"):
-        preset(1.0).with_policy_arguments(memory=memory)
+        preset(1.0).with_policy_arguments(memory=memory).checked()
 
 
 def test_nothing_is_remembered_unless_it_is_said():
