@@ -15,8 +15,8 @@ COUNTS = {
     "policy file": 400,
     "policy contents": 100,
     "run of mdpo-ipc": 100,
-    "RDDL": 100,
-    "run folder": 108,
+    "RDDL": 200,
+    "run folder": 8,
 }
 
 
