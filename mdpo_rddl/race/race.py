@@ -15,6 +15,7 @@ from mdpo_rddl.errors import Cancelled, note_heard
 from mdpo_rddl.planner.config.config import PlannerConfig
 from mdpo_rddl.planner.config.fitting import scaled, with_memory
 from mdpo_rddl.planner.config.search_section import SEARCH, Search, read_search
+from mdpo_rddl.problem.enumeration.model import require_actions, require_legal_start
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Arm, Candidate, Context
 from mdpo_rddl.race.arms import portfolio
@@ -82,9 +83,12 @@ def race(
       options: see `RaceOptions`.
 
     Raises:
-      InputError: if the problem has something that the simulator does not know.
+      InputError: if there is no action, or none that is legal at the start, or the problem has
+        something that the simulator does not know.
       KeyboardInterrupt, Cancelled: if interrupted before there was any policy.
     """
+    require_actions(problem)
+    require_legal_start(problem)
     options = RaceOptions() if options is None else options
     # the arrays are small: threads of a linear algebra library would wait for each other
     with threadpool_limits(1, user_api="blas"):

@@ -19,7 +19,6 @@ from mdpo_rddl.policy.plannerless import PlannerlessPolicy
 from mdpo_rddl.policy.policy import Compiled, Policy
 from mdpo_rddl.policy.relaxed_plan_policy import RelaxedPlanPolicy
 from mdpo_rddl.policy.transfer import transferred
-from mdpo_rddl.problem.enumeration.model import require_actions, require_legal_start
 from mdpo_rddl.problem.evaluation import Evaluation, mean_and_error
 from mdpo_rddl.problem.load import Problem
 from mdpo_rddl.race.arm import Candidate
@@ -119,8 +118,6 @@ def find_by_race(
     """
     from mdpo_rddl.race.race import RaceOptions, race  # with all arms, which others do not need
 
-    require_actions(terms.problem)
-    require_legal_start(terms.problem)
     hooks = RaceHooks() if hooks is None else hooks
     now, whole = time.monotonic(), terms.config.budget().seconds
     # what an earlier process has found is judged even if that has used all the time
